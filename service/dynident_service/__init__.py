@@ -1,0 +1,1 @@
+"""The HTTP service: routes, jobs, storage. It holds no science."""

@@ -1,0 +1,1 @@
+"""The dynamic model of a robot, identified from measurements."""

@@ -1,0 +1,122 @@
+"""What the machine is: joints on a tree, their limits and their drive chains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
+"""The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""
+
+JointKind = Literal["revolute", "prismatic"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N. `None` where none is known."""
+
+    position: tuple[float, float] | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
+    jerk: float | None = None
+    effort: float | None = None
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The drive chain of one joint, [12.17]: joint torque = drive_gain x recorded current."""
+
+    drive_gain: float | None = None
+    gear_ratio: float | None = None
+    torque_constant: float | None = None
+    amplifier_gain: float | None = None
+
+    @property
+    def gain(self) -> float | None:
+        """G_T = N K_a K_T of [12.17b] in N m per unit of current; `None` while a factor is missing."""
+        if self.drive_gain is not None:
+            return self.drive_gain
+        if self.gear_ratio is None or self.torque_constant is None:
+            return None
+        return self.gear_ratio * self.torque_constant * (1.0 if self.amplifier_gain is None else self.amplifier_gain)
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """One joint and the link that it moves.
+
+    `parent` is the index of the antecedent joint (-1: the base). `placement` (4, 4) takes coordinates of the joint's
+    frame at q = 0 to the antecedent's frame; the joint then turns about, or slides along, `axis` (3,), a unit vector
+    in its own frame.
+    """
+
+    name: str
+    kind: JointKind
+    parent: int
+    placement: FloatArray
+    axis: FloatArray
+    limits: Limits = field(default_factory=Limits)
+    link: str = ""
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of this joint's torque or force."""
+        return "N m" if self.kind == "revolute" else "N"
+
+
+@dataclass(frozen=True)
+class Description:
+    """The text a robot was made from, kept as it came."""
+
+    format: Literal["urdf", "modified_dh"]
+    content: str
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A tree of joints on a fixed base.
+
+    Joints stand in an order in which every antecedent precedes its successors. `gravity` (3,) is the acceleration of
+    gravity in the base frame (m/s²). `inertias` (n, 10) are the inertial parameters of the description in the order
+    of `INERTIAL_NAMES`, or `None` where it gives none.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    gravity: FloatArray
+    drives: tuple[Drive, ...]
+    description: Description
+    inertias: FloatArray | None = None
+    locked_joints: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def n(self) -> int:
+        """Number of moving joints."""
+        return len(self.joints)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the moving joints in the robot's order."""
+        return tuple(joint.name for joint in self.joints)
+
+    def subtree(self, joint: int) -> tuple[int, ...]:
+        """Indices of the joints that move with `joint`, itself first."""
+        moved = {joint}
+        for index in range(joint + 1, self.n):
+            if self.joints[index].parent in moved:
+                moved.add(index)
+        return tuple(sorted(moved))
+
+    def ancestors(self, joint: int) -> tuple[int, ...]:
+        """Indices of the joints that move `joint`, itself last."""
+        chain = []
+        while joint >= 0:
+            chain.append(joint)
+            joint = self.joints[joint].parent
+        return tuple(reversed(chain))
