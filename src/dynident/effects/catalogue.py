@@ -1,0 +1,109 @@
+"""Every effect that the product knows, one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+
+from dynident.effects.effect import Column, Effect, EffectChoice
+from dynident.effects.friction import (
+    Coulomb,
+    LoadDependentFriction,
+    PositionDependentFriction,
+    Stribeck,
+    Viscous,
+    ViscousAsymmetric,
+    ViscousNonlinear,
+)
+from dynident.effects.presliding import Presliding
+from dynident.effects.rigid_body import RigidBody, RotorInertia
+from dynident.effects.signals import Signals
+from dynident.effects.structure import BaseTilt, JointSpring, Offset, TorqueRipple, TransmissionCoupling
+from dynident.errors import DynidentError
+from dynident.robot.model import Robot
+
+_ALL: tuple[Effect, ...] = (
+    RigidBody(),
+    RotorInertia(),
+    Coulomb(),
+    Viscous(),
+    Offset(),
+    ViscousAsymmetric(),
+    Stribeck(),
+    ViscousNonlinear(),
+    LoadDependentFriction(),
+    PositionDependentFriction(),
+    Presliding(),
+    JointSpring(),
+    TorqueRipple(),
+    BaseTilt(),
+    TransmissionCoupling(),
+)
+
+CATALOGUE: Mapping[str, Effect] = MappingProxyType({effect.id: effect for effect in _ALL})
+
+DEFAULT_EFFECTS: tuple[EffectChoice, ...] = tuple(
+    EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous")
+)
+
+
+class UnknownEffectError(DynidentError):
+    """An effect, joint or shape constant that does not exist, or an effect where it cannot sit."""
+
+
+def effect_by_id(identifier: str, pointer: str = "") -> Effect:
+    """The effect of that id; `UnknownEffectError` names those there are."""
+    try:
+        return CATALOGUE[identifier]
+    except KeyError:
+        known = ", ".join(CATALOGUE)
+        raise UnknownEffectError(
+            f"there is no effect {identifier!r}; the catalogue has: {known}", pointer=pointer, title="Unknown effect"
+        ) from None
+
+
+def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[int, ...]:
+    """Indices of the joints that a choice sits on; all it may sit on where none is named."""
+    effect = effect_by_id(choice.effect, pointer)
+    possible = effect.applicable(robot)
+    if not possible:
+        raise UnknownEffectError(f"{choice.effect} can sit on no joint of {robot.name}", pointer=pointer)
+    if not choice.joints or effect.scope == "robot":
+        return possible
+    indices = []
+    for name in choice.joints:
+        if name not in robot.joint_names:
+            known = ", ".join(robot.joint_names)
+            raise UnknownEffectError(
+                f"there is no joint {name!r}; {robot.name} has: {known}", pointer=pointer, title="Unknown joint"
+            )
+        index = robot.joint_names.index(name)
+        if index not in possible:
+            fitting = ", ".join(robot.joint_names[j] for j in possible)
+            raise UnknownEffectError(
+                f"{choice.effect} cannot sit on {name}; it can on: {fitting}", pointer=pointer, title="Unfit joint"
+            )
+        indices.append(index)
+    return tuple(sorted(set(indices)))
+
+
+def check_shape(choice: EffectChoice, pointer: str = "") -> None:
+    """Raise where a choice gives a shape constant that its effect does not have."""
+    effect = effect_by_id(choice.effect, pointer)
+    known = [spec.name for spec in effect.shapes]
+    for name, _ in choice.shape:
+        if name not in known:
+            raise UnknownEffectError(
+                f"{choice.effect} has no shape constant {name!r}; it has: {', '.join(known) or 'none'}", pointer=pointer
+            )
+
+
+def columns_of(choices: Iterable[EffectChoice], signals: Signals) -> list[Column]:
+    """Columns of all choices on one robot, in their order."""
+    columns: list[Column] = []
+    for index, choice in enumerate(choices):
+        pointer = f"/effects/{index}"
+        check_shape(choice, pointer)
+        joints = joints_of(choice, signals.robot, pointer)
+        columns += effect_by_id(choice.effect).columns(signals, joints, choice.shape_values)
+    return columns

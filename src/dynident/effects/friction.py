@@ -1,0 +1,184 @@
+"""Friction that depends on the present velocity and load alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import casadi as ca
+
+from dynident.effects.effect import Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
+from dynident.effects.signals import Signals
+from dynident.robot.model import Robot
+
+_KHALIL = "Khalil and Dombre 2002, chapter 12, [12.11]"
+# Where a description gives no velocity limit: the order of magnitude of an arm's joints, rad/s or m/s.
+_VELOCITY_WHERE_UNKNOWN = 2.0
+
+
+def velocity_scale(robot: Robot, joint: int) -> float:
+    """The joint's velocity limit, or an arm's usual one: what grids of velocities are relative to."""
+    limit = robot.joints[joint].limits.velocity
+    return limit if limit is not None and limit > 0 else _VELOCITY_WHERE_UNKNOWN
+
+
+class _OneColumnFriction(Effect):
+    """Friction with one parameter and one expression a joint."""
+
+    is_friction: ClassVar[bool] = True
+
+    def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
+        """The torque (1, 1) for a unit parameter."""
+        raise TypeError(f"{type(self).__name__} gives no expression")
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """One column a joint."""
+        constants = self.shape_with_defaults(shape)
+        return [
+            self._column(signals, self.parameters[0], j, self.expression(signals, j, constants), constants)
+            for j in joints
+        ]
+
+
+class Coulomb(_OneColumnFriction):
+    """Dry friction of constant size."""
+
+    id = "coulomb"
+    title = "Coulomb friction"
+    formula = r"F_c\,\mathrm{sign}(\dot q)"
+    parameters = (ParameterSpec("Fc", "N m", "Coulomb friction", prismatic_unit="N"),)
+    signature = "a step wherever the velocity changes sign"
+    sources = (_KHALIL,)
+
+    def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
+        """sign(q̇)."""
+        return signals.sign[joint]
+
+
+class Viscous(_OneColumnFriction):
+    """Friction proportional to velocity."""
+
+    id = "viscous"
+    title = "Viscous friction"
+    formula = r"F_v\,\dot q"
+    parameters = (ParameterSpec("Fv", "N m s/rad", "viscous friction", prismatic_unit="N s/m"),)
+    signature = "a straight line over velocity"
+    sources = (_KHALIL,)
+
+    def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
+        """q̇."""
+        return signals.dq[joint]
+
+
+class ViscousAsymmetric(_OneColumnFriction):
+    """Viscous friction that differs between the directions."""
+
+    id = "viscous_asymmetric"
+    title = "Asymmetric viscous friction"
+    formula = r"c\,|\dot q|"
+    parameters = (
+        ParameterSpec("Fva", "N m s/rad", "half the difference of viscous friction forward and backward", "N s/m"),
+    )
+    signature = "even in the velocity: the same sign in both directions, growing with speed"
+    sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
+
+    def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
+        """|q̇|."""
+        return ca.fabs(signals.dq[joint])
+
+
+class Stribeck(_OneColumnFriction):
+    """Friction that falls as a lubricant film builds up."""
+
+    id = "stribeck"
+    title = "Stribeck friction"
+    formula = r"(F_s - F_c)\,e^{-|\dot q / v_s|^2}\,\mathrm{sign}(\dot q)"
+    parameters = (ParameterSpec("Fst", "N m", "excess of friction at low speed over Coulomb friction", "N"),)
+    shapes = (ShapeSpec("vs", "rad/s", "Stribeck velocity", 0.05, relative_to_velocity=True),)
+    signature = "odd in the velocity, with peaks at low speed on both sides"
+    confused_with = ("viscous_nonlinear", "presliding")
+    sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
+
+    def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
+        """exp(-(q̇/vs)²) sign(q̇)."""
+        ratio = signals.dq[joint] / shape["vs"]
+        return ca.exp(-ratio * ratio) * signals.sign[joint]
+
+    def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
+        """Stribeck velocities from 0.4 % to 13 % of the joint's velocity limit."""
+        scale = velocity_scale(robot, joint)
+        return [{"vs": v} for v in geometric_grid(0.004 * scale, 0.13 * scale, 2.0)]
+
+
+class ViscousNonlinear(_OneColumnFriction):
+    """Viscous friction that bends: a power of the velocity."""
+
+    id = "viscous_nonlinear"
+    title = "Nonlinear viscous friction"
+    formula = r"a\,|\dot q|^p\,\mathrm{sign}(\dot q)"
+    parameters = (ParameterSpec("Fvn", "N m (s/rad)^p", "coefficient of the power of the velocity", "N (s/m)^p"),)
+    shapes = (ShapeSpec("p", "-", "exponent of the velocity", 2.0),)
+    signature = "odd in the velocity, bending upward or saturating"
+    confused_with = ("stribeck",)
+    sources = ("Gaz, Cognetti, Oliva, Robuffo Giordano and De Luca 2019",)
+
+    def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
+        """|q̇|^p sign(q̇)."""
+        magnitude = ca.fabs(signals.dq[joint])
+        return magnitude ** shape["p"] * signals.sign[joint]
+
+    def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
+        """Exponents below and above one."""
+        return [{"p": p} for p in (2.0, 0.5, 3.0, 0.25)]
+
+
+class LoadDependentFriction(_OneColumnFriction):
+    """Gear friction that grows with the transmitted torque."""
+
+    id = "load_dependent_friction"
+    title = "Load-dependent Coulomb friction"
+    formula = r"c\,|\hat\tau_l|\,\mathrm{sign}(\dot q)"
+    parameters = (ParameterSpec("cl", "-", "friction per unit of load torque"),)
+    signature = "jumps at reversals whose height follows the load"
+    confused_with = ("position_dependent_friction", "coulomb")
+    sources = ("Hamon, Gautier and Garrec 2010",)
+    needs_load = True
+
+    def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
+        """|τl| sign(q̇)."""
+        return ca.fabs(signals.load[joint]) * signals.sign[joint]
+
+
+class PositionDependentFriction(Effect):
+    """Coulomb friction that varies once or twice a turn."""
+
+    id = "position_dependent_friction"
+    title = "Position-dependent Coulomb friction"
+    formula = r"(a_c \cos kq + a_s \sin kq)\,\mathrm{sign}(\dot q)"
+    parameters = (
+        ParameterSpec("Fpc", "N m", "cosine part", "N"),
+        ParameterSpec("Fps", "N m", "sine part", "N"),
+    )
+    shapes = (ShapeSpec("k", "1/rad", "cycles per turn of the joint", 1.0),)
+    signature = "flips with the direction and depends on the joint's position"
+    confused_with = ("load_dependent_friction",)
+    sources = ("Bittencourt and Gunnarsson 2012",)
+    is_friction = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """A cosine and a sine column a joint."""
+        constants = self.shape_with_defaults(shape)
+        made = []
+        for j in joints:
+            angle = constants["k"] * signals.q[j]
+            for spec, wave in zip(self.parameters, (ca.cos(angle), ca.sin(angle)), strict=True):
+                made.append(self._column(signals, spec, j, wave * signals.sign[j], constants))
+        return made
+
+    def applicable(self, robot: Robot) -> tuple[int, ...]:
+        """Revolute joints."""
+        return tuple(j for j, joint in enumerate(robot.joints) if joint.kind == "revolute")
+
+    def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
+        """One and two cycles a turn."""
+        return [{"k": 1.0}, {"k": 2.0}]

@@ -1,0 +1,43 @@
+"""Friction with memory: the rounded corner after each reversal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+
+from dynident.effects.effect import Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
+from dynident.effects.signals import MemorySignal, Signals
+from dynident.robot.model import Robot
+
+
+class Presliding(Effect):
+    """Teeth and bearings that bend before they slide, with a part proportional to the load."""
+
+    id = "presliding"
+    title = "Presliding hysteresis"
+    formula = r"(F_z + c_z |\hat\tau_l|)\,z,\qquad z \leftarrow \mathrm{sat}(z + \Delta q / d_0)"
+    parameters = (
+        ParameterSpec("Fz", "N m", "friction reached after the slip distance", "N"),
+        ParameterSpec("cz", "-", "friction reached after the slip distance, per unit of load torque"),
+    )
+    shapes = (ShapeSpec("d0", "rad", "slip distance", 2e-3),)
+    signature = "a rounded corner after each reversal instead of a step"
+    confused_with = ("stribeck",)
+    sources = ("Al-Bender, Lampaert and Swevers 2005", "Dahl 1968")
+    is_friction = True
+    needs_load = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """A constant and a load-proportional column a joint."""
+        constants = self.shape_with_defaults(shape)
+        made = []
+        for j in joints:
+            z = signals.memory(MemorySignal("stop", j, constants["d0"]))
+            for spec, torque in zip(self.parameters, (z, ca.fabs(signals.load[j]) * z), strict=True):
+                made.append(self._column(signals, spec, j, torque, constants))
+        return made
+
+    def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
+        """Slip distances from 0.25 to 64 mrad (or mm) in factors of two."""
+        return [{"d0": d} for d in geometric_grid(0.25e-3, 64e-3, 2.0)]

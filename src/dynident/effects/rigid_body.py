@@ -1,0 +1,78 @@
+"""The links and the rotors: what the chapter identifies first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+
+from dynident.effects.effect import Column, Effect, ParameterSpec
+from dynident.effects.signals import Signals
+from dynident.robot.model import INERTIAL_NAMES
+
+_UNITS = ("kg m²",) * 6 + ("kg m",) * 3 + ("kg",)
+_MEANING = (
+    "moment of inertia about x", "product of inertia xy", "product of inertia xz", "moment of inertia about y",
+    "product of inertia yz", "moment of inertia about z", "first moment along x", "first moment along y",
+    "first moment along z", "mass",
+)  # fmt: skip
+
+
+class RigidBody(Effect):
+    """Ten inertial parameters a link, about the origin of the link's joint frame."""
+
+    id = "rigid_body"
+    title = "Inertia, centrifugal, Coriolis and gravity torques of the links"
+    formula = r"\Gamma = A(q)\,\ddot q + H(q, \dot q)"
+    parameters = tuple(
+        ParameterSpec(name, unit, f"{meaning} of the link, about its joint frame")
+        for name, unit, meaning in zip(INERTIAL_NAMES, _UNITS, _MEANING, strict=True)
+    )
+    signature = "smooth torque in phase with acceleration, velocity products and gravity"
+    sources = ("Khalil and Dombre 2002, chapter 12, [12.18]-[12.21]",)
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """Ten columns for every link in `joints`."""
+        kinetic, potential = signals.mechanics.energies
+        energy = kinetic + potential
+        rows = signals.mechanics.rows
+        return [
+            Column(
+                effect=self.id,
+                parameter=spec.name,
+                name=f"{spec.name}{link + 1}",
+                link=signals.robot.joints[link].name,
+                unit=spec.unit,
+                torque=rows[:, 10 * link + k],
+                energy=energy[10 * link + k],
+            )
+            for link in joints
+            for k, spec in enumerate(self.parameters)
+        ]
+
+
+class RotorInertia(Effect):
+    """The rotor and the fast side of the gear, seen at the joint."""
+
+    id = "rotor_inertia"
+    title = "Rotor inertia"
+    formula = r"I_a\,\ddot q"
+    parameters = (
+        ParameterSpec("Ia", "kg m²", "inertia of the rotor and gear, referred to the joint side", prismatic_unit="kg"),
+    )
+    signature = "torque in phase with the joint's own acceleration, whatever the posture"
+    confused_with = ("rigid_body",)
+    sources = ("Khalil and Dombre 2002, chapter 12, [12.1] and [12.33]",)
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """One column a joint."""
+        return [
+            self._column(
+                signals,
+                self.parameters[0],
+                j,
+                signals.ddq[j],
+                energy=ca.SX(0.5) * signals.dq[j] * signals.dq[j],
+            )
+            for j in joints
+        ]

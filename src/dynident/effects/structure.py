@@ -1,0 +1,184 @@
+"""Torque that depends on position: offsets, springs, gears, a base that is not level, joints that share a motor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+import numpy as np
+
+from dynident.effects.effect import Column, Effect, ParameterSpec, ShapeSpec
+from dynident.effects.signals import Signals
+from dynident.robot.model import FloatArray, Robot
+
+
+class Offset(Effect):
+    """A constant torque: current sensor offset, or friction that differs between the directions."""
+
+    id = "offset"
+    title = "Torque offset"
+    formula = r"b"
+    parameters = (ParameterSpec("b", "N m", "constant torque", prismatic_unit="N"),)
+    signature = "a constant"
+    confused_with = ("coulomb_asymmetric", "joint_spring")
+    sources = ("Khalil and Dombre 2002, chapter 12",)
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """One column of ones a joint."""
+        return [self._column(signals, self.parameters[0], j, ca.SX(1.0)) for j in joints]
+
+
+class JointSpring(Effect):
+    """A cable, hose or balancing spring that pulls the joint to a rest position."""
+
+    id = "joint_spring"
+    title = "Joint spring"
+    formula = r"k\,(q - q_0)"
+    parameters = (
+        ParameterSpec("ks", "N m/rad", "stiffness", "N/m"),
+        ParameterSpec("bs", "N m", "torque at q = 0, -k q0", "N"),
+    )
+    signature = "a straight line over the joint's position"
+    confused_with = ("offset", "torque_ripple")
+    sources = ("Khalil and Dombre 2002, chapter 9",)
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """The position and a constant: the rest position is part of the effect."""
+        made = []
+        for j in joints:
+            half_square = 0.5 * signals.q[j] * signals.q[j]
+            made.append(self._column(signals, self.parameters[0], j, signals.q[j], energy=half_square))
+            made.append(self._column(signals, self.parameters[1], j, ca.SX(1.0), energy=signals.q[j]))
+        return made
+
+
+class TorqueRipple(Effect):
+    """Gear eccentricity, cogging, harmonic-drive error: torque periodic in the joint angle."""
+
+    id = "torque_ripple"
+    title = "Torque ripple"
+    formula = r"A_c \cos kq + A_s \sin kq"
+    parameters = (
+        ParameterSpec("Ac", "N m", "cosine amplitude", "N"),
+        ParameterSpec("As", "N m", "sine amplitude", "N"),
+    )
+    shapes = (ShapeSpec("k", "1/rad", "cycles per radian of the joint", 30.0, proposal="angle_spectrum"),)
+    signature = "a line in the spectrum of the residual over the joint's angle"
+    confused_with = ("joint_spring",)
+    sources = ("Kircanski and Goldenberg 1997",)
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """A cosine and a sine column a joint."""
+        constants = self.shape_with_defaults(shape)
+        made = []
+        for j in joints:
+            angle = constants["k"] * signals.q[j]
+            for spec, wave in zip(self.parameters, (ca.cos(angle), ca.sin(angle)), strict=True):
+                made.append(self._column(signals, spec, j, wave, constants))
+        return made
+
+
+class BaseTilt(Effect):
+    """Gravity that is not where the description says: the whole robot leans."""
+
+    id = "base_tilt"
+    title = "Tilted base"
+    formula = r"\delta g_x\, G_x(q) + \delta g_y\, G_y(q)"
+    parameters = (
+        ParameterSpec("gx", "m/s²", "gravity along the first direction across the nominal gravity"),
+        ParameterSpec("gy", "m/s²", "gravity along the second direction across the nominal gravity"),
+    )
+    signature = "sine and cosine of the first joint's angle, on all joints at once"
+    confused_with = ("offset",)
+    sources = ("Khalil and Dombre 2002, chapter 9",)
+    scope = "robot"
+    needs_load = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """The torque that a tilt of gravity by one m/s² adds to the model so far."""
+        return [
+            Column(
+                effect=self.id,
+                parameter=spec.name,
+                name=spec.name,
+                link="",
+                unit=spec.unit,
+                torque=ca.sparsify(ca.mtimes(signals.mechanics.gravity_rows(direction), signals.reference)),
+            )
+            for spec, direction in zip(self.parameters, across(signals.robot.gravity), strict=True)
+        ]
+
+    def applicable(self, robot: Robot) -> tuple[int, ...]:
+        """Nowhere without gravity."""
+        return tuple(range(robot.n)) if float(np.linalg.norm(robot.gravity)) > 0 else ()
+
+
+class TransmissionCoupling(Effect):
+    """One motor that turns two joints: friction and rotor inertia of v_j ± v_{j+1} on both of them."""
+
+    id = "transmission_coupling"
+    title = "Transmission coupling"
+    formula = (
+        r"\pm\left(I_m (\ddot q_j \pm \ddot q_{j+1}) + F_{vm} (\dot q_j \pm \dot q_{j+1})"
+        r" + F_{cm}\,\mathrm{sign}(\dot q_j \pm \dot q_{j+1})\right)"
+    )
+    parameters = (
+        ParameterSpec("Iam", "kg m²", "inertia of the shared motor, referred to the joints"),
+        ParameterSpec("Fvm", "N m s/rad", "viscous friction of the shared motor"),
+        ParameterSpec("Fcm", "N m", "Coulomb friction of the shared motor"),
+    )
+    shapes = (ShapeSpec("side", "-", "+1: the motor turns with the sum of the joints, -1: with the difference", 1.0),)
+    signature = "the friction of a joint depends on the velocity of the next"
+    confused_with = ("coulomb", "viscous")
+    sources = ("Khalil and Dombre 2002, chapter 9",)
+    is_friction = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """Three columns for every joint of `joints` and the one after it, each on both rows."""
+        constants = self.shape_with_defaults(shape)
+        side = 1.0 if constants["side"] >= 0 else -1.0
+        made = []
+        for j in joints:
+            velocity = signals.dq[j] + side * signals.dq[j + 1]
+            acceleration = signals.ddq[j] + side * signals.ddq[j + 1]
+            direction = signals.sign_of(velocity)
+            for spec, torque in zip(self.parameters, (acceleration, velocity, direction), strict=True):
+                rows = ca.SX(signals.robot.n, 1)
+                rows[j] = torque
+                rows[j + 1] = side * torque
+                made.append(
+                    Column(
+                        effect=self.id,
+                        parameter=spec.name,
+                        name=f"{spec.name}{j + 1}",
+                        link=signals.robot.joints[j].name,
+                        unit=spec.unit,
+                        torque=rows,
+                        shape=tuple(constants.items()),
+                    )
+                )
+        return made
+
+    def applicable(self, robot: Robot) -> tuple[int, ...]:
+        """Revolute joints whose successor in the chain is revolute too."""
+        return tuple(
+            j
+            for j in range(robot.n - 1)
+            if robot.joints[j + 1].parent == j
+            and robot.joints[j].kind == "revolute"
+            and robot.joints[j + 1].kind == "revolute"
+        )
+
+    def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
+        """Sum and difference."""
+        return [{"side": 1.0}, {"side": -1.0}]
+
+
+def across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors (3,) at right angles to gravity and each other; x and y where gravity is along z."""
+    down = gravity / np.linalg.norm(gravity)
+    least = int(np.argmin(np.abs(down)))
+    first = np.eye(3)[least] - down[least] * down
+    first /= np.linalg.norm(first)
+    second = np.cross(-down, first)
+    return first, second
