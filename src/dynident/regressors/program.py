@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -241,4 +241,4 @@ def _operation(identifier: int) -> Callable[..., Any]:
     operation = _UNARY.get(identifier) or _BINARY.get(identifier)
     if operation is None:
         raise UnsupportedOperationError(f"no ufunc for CasADi operation {identifier}")
-    return cast(Callable[..., Any], operation)
+    return operation

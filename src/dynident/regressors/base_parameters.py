@@ -1,0 +1,160 @@
+"""Base parameters: the smallest set that determines the model, and how the standard parameters group into it.
+
+Numerical method of the chapter's appendix 5 (QR on a random observation matrix): a column that depends on columns
+already kept is regrouped into them. Columns are taken from the base to the tool, so that the parameters that vanish
+are those of the distal link, regrouped into its antecedent, as in the symbolic method of Khalil.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import qr
+
+from dynident.effects import Column, Signals
+from dynident.regressors.observation import Observation
+from dynident.robot.model import FloatArray, Robot
+
+DEFAULT_TOLERANCE = 1e-6
+"""Share of a column that may be left outside the kept ones: above what rounded right angles in a URDF leave behind."""
+
+_NULL = 1e-8
+_STATES_PER_COLUMN = 2
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """Which of the columns are kept, and what the others add to them.
+
+    `kept` (b,) are indices of columns; `grouping` (b, c) has the weight of every standard parameter in every base
+    parameter, so that base = grouping @ standard; `dropped_dependent` and `without_effect` are the other columns.
+    """
+
+    names: tuple[str, ...]
+    kept: tuple[int, ...]
+    grouping: FloatArray
+    without_effect: tuple[int, ...]
+    rank: int
+
+    @property
+    def count(self) -> int:
+        """Number of base parameters."""
+        return len(self.kept)
+
+    @property
+    def kept_names(self) -> tuple[str, ...]:
+        """The base parameters' names: those of their leading standard parameter."""
+        return tuple(self.names[k] for k in self.kept)
+
+    @cached_property
+    def groupings(self) -> tuple[str, ...]:
+        """Each base parameter written out in standard parameters: "ZZ1 + Ia1 + 0.5 MX2"."""
+        return tuple(
+            _written([self.names[k] for k in _order(row, lead)], row[_order(row, lead)])
+            for row, lead in zip(self.grouping, self.kept, strict=True)
+        )
+
+
+def base_parameters(
+    robot: Robot, columns: Sequence[Column], signals: Signals, *, tolerance: float = DEFAULT_TOLERANCE, seed: int = 0
+) -> BaseParameters:
+    """Choose the base parameters of a set of columns.
+
+    Parameters
+    ----------
+    robot : Robot
+    columns : sequence of Column
+        Standard parameters in the order of preference: of dependent columns the earlier one is kept.
+    signals : Signals
+        The symbols that the columns are made of.
+    tolerance : float
+        Share of a column's norm that may be left outside the kept ones for it to count as dependent.
+    """
+    observation = Observation.of(robot, columns, signals)
+    w = random_observation(observation, _STATES_PER_COLUMN * len(columns) // robot.n + 20, seed)
+    return select_base(w, tuple(column.name for column in columns), tolerance)
+
+
+def select_base(w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:
+    """Choose independent columns of an observation matrix w (r, c), earlier columns first."""
+    norms = np.linalg.norm(w, axis=0)
+    largest = norms.max(initial=0.0)
+    # Zeroed before scaling: a column of rounding errors, scaled up, would pass for an independent one.
+    null = norms <= _NULL * largest
+    scaled = np.where(null, 0.0, w / np.where(null, 1.0, norms))
+    basis = np.empty((w.shape[0], w.shape[1]))
+    kept: list[int] = []
+    for k in np.flatnonzero(~null):
+        rest = scaled[:, k].copy()
+        for _ in range(2):  # twice is enough (Giraud, Langou and Rozložník 2005)
+            rest -= basis[:, : len(kept)] @ (basis[:, : len(kept)].T @ rest)
+        size = float(np.linalg.norm(rest))
+        if size > tolerance:
+            basis[:, len(kept)] = rest / size
+            kept.append(int(k))
+    grouping = np.zeros((len(kept), w.shape[1]))
+    if kept:
+        q = basis[:, : len(kept)]
+        in_kept = np.linalg.solve(q.T @ scaled[:, kept], q.T @ scaled)
+        grouping = in_kept * norms / norms[kept][:, None]
+        grouping[np.abs(in_kept) < 10 * tolerance] = 0.0
+        grouping[:, kept] = np.eye(len(kept))
+    return BaseParameters(
+        names=names,
+        kept=tuple(kept),
+        grouping=grouping,
+        without_effect=tuple(int(k) for k in np.flatnonzero(null)),
+        rank=_pivoted_rank(scaled, tolerance),
+    )
+
+
+def _pivoted_rank(scaled: FloatArray, tolerance: float) -> int:
+    """Numerical rank by QR with column pivoting: a second opinion on the number of base parameters."""
+    if scaled.shape[1] == 0:
+        return 0
+    diagonal = np.abs(np.diag(qr(scaled, mode="r", pivoting=True)[0]))
+    return int(np.count_nonzero(diagonal > tolerance * diagonal[0])) if diagonal[0] > 0 else 0
+
+
+def random_observation(observation: Observation, n_states: int, seed: int = 0) -> FloatArray:
+    """The observation matrix (n_states · n, c) at random states, dense: small, for structure only."""
+    rng = np.random.default_rng(seed)
+    robot = observation.robot
+    n = robot.n
+    low, high = np.full(n, -np.pi), np.full(n, np.pi)
+    for j, joint in enumerate(robot.joints):
+        if joint.kind == "prismatic":
+            low[j], high[j] = joint.limits.position or (-1.0, 1.0)
+    q = rng.uniform(low, high, (n_states, n))
+    dq, ddq = rng.uniform(-2, 2, (n_states, n)), rng.uniform(-5, 5, (n_states, n))
+    # Half the states at rest: what depends on position alone must not hide behind large accelerations.
+    dq[::4] *= 0.05
+    ddq[::4] = 0.0
+    entries = observation.evaluate(
+        q,
+        dq,
+        ddq,
+        time=rng.uniform(0, 3600, n_states),
+        temperature=rng.uniform(15, 45, (n_states, n)),
+        memory=rng.uniform(-1, 1, (n_states, observation.n_memory)),
+        reference=rng.uniform(0.5, 1.5, 10 * n),
+    )
+    dense = np.zeros((n_states, n, observation.n_columns))
+    dense[:, observation.entry_rows, observation.entry_columns] = entries
+    return dense.reshape(n_states * n, observation.n_columns)
+
+
+def _order(row: FloatArray, lead: int) -> list[int]:
+    return [lead, *(int(k) for k in np.flatnonzero(row) if k != lead)]
+
+
+def _written(names: list[str], weights: FloatArray) -> str:
+    text = names[0]
+    for name, weight in zip(names[1:], weights[1:], strict=True):
+        size = abs(float(weight))
+        factor = "" if abs(size - 1) < 1e-6 else f"{size:.4g} "
+        text += f" {'+' if weight > 0 else '-'} {factor}{name}"
+    return text

@@ -1,0 +1,102 @@
+"""The observation matrix W of [12.4] for a chosen set of columns: symbolic once, then evaluated block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.effects import Column, MemorySignal, Signals
+from dynident.regressors.program import BlockProgram
+from dynident.robot.model import FloatArray, Robot
+
+IntArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """W of one robot for `columns`, as the list of its structural non-zeros.
+
+    Entry k of an evaluation stands in row (joint) `entry_rows[k]` and column `entry_columns[k]`. `memory` are the
+    hysteresis states that must be supplied, in this order.
+    """
+
+    robot: Robot
+    columns: tuple[Column, ...]
+    memory: tuple[MemorySignal, ...]
+    entry_rows: IntArray
+    entry_columns: IntArray
+    program: BlockProgram
+
+    @classmethod
+    def of(cls, robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
+        """Build the observation matrix of columns that were made from `signals`."""
+        matrix = ca.horzcat(*(column.torque for column in columns)) if columns else ca.SX(robot.n, 0)
+        rows, cols = matrix.sparsity().get_triplet()
+        program = BlockProgram(
+            [
+                signals.q,
+                signals.dq,
+                signals.ddq,
+                signals.time,
+                signals.temperature,
+                signals.memory_symbols,
+                signals.reference,
+            ],
+            matrix,
+        )
+        return cls(
+            robot=robot,
+            columns=tuple(columns),
+            memory=signals.memory_signals,
+            entry_rows=np.array(rows, dtype=np.intp),
+            entry_columns=np.array(cols, dtype=np.intp),
+            program=program,
+        )
+
+    @property
+    def n_columns(self) -> int:
+        """Number of parameters c."""
+        return len(self.columns)
+
+    @property
+    def n_memory(self) -> int:
+        """Number of hysteresis states to be supplied."""
+        return len(self.memory)
+
+    def evaluate(
+        self,
+        q: FloatArray,
+        dq: FloatArray,
+        ddq: FloatArray,
+        *,
+        reference: FloatArray,
+        memory: FloatArray,
+        time: FloatArray | None = None,
+        temperature: FloatArray | None = None,
+    ) -> FloatArray:
+        """Entries (m, number of entries) at m samples.
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n)
+        reference : (10 n,)
+            Standard inertial parameters that the predicted load torque is computed with.
+        memory : (m, number of memory signals)
+        time : (m,), optional
+        temperature : (m, n), optional
+            Celsius.
+        """
+        n = self.robot.n
+        clock = np.zeros(1) if time is None else time[:, None]
+        heat = np.zeros(n) if temperature is None else temperature
+        return self.program(q, dq, ddq, clock, heat, memory, reference)
+
+    def joint_entries(self, joint: int) -> tuple[IntArray, IntArray]:
+        """Positions among the entries, and columns, of one joint's row; columns ascend."""
+        positions = np.flatnonzero(self.entry_rows == joint)
+        order = np.argsort(self.entry_columns[positions], kind="stable")
+        return positions[order], self.entry_columns[positions[order]]
