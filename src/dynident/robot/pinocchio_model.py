@@ -1,0 +1,117 @@
+"""The way between a Pinocchio model and the types of this room."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dynident.robot.model import Description, Drive, FloatArray, Joint, JointKind, Limits, Robot
+from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_axis, mend_placement
+from dynident.robot.settings import Settings, check_names, merged_limits
+
+PinocchioModel = Any
+"""`pinocchio.Model`, which has no type stubs."""
+
+_FROM_DYNAMIC = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]
+"""INERTIAL_NAMES as places in Pinocchio's m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
+_TO_DYNAMIC = np.argsort(_FROM_DYNAMIC)
+
+
+def dynamic_parameters(inertial: FloatArray) -> FloatArray:
+    """Reorder inertial parameters (…, 10) from `INERTIAL_NAMES` to Pinocchio's dynamic parameters."""
+    return inertial[..., _TO_DYNAMIC]
+
+
+def inertial_parameters(dynamic: FloatArray) -> FloatArray:
+    """Reorder Pinocchio's dynamic parameters (…, 10) to `INERTIAL_NAMES`."""
+    return dynamic[..., _FROM_DYNAMIC]
+
+
+def to_pinocchio(robot: Robot) -> PinocchioModel:
+    """Return the Pinocchio model of the robot: same joints, order and frames; one coordinate a joint."""
+    model = pin.Model()
+    model.name = robot.name
+    model.gravity.linear = robot.gravity
+    kinds = {"revolute": pin.JointModelRevoluteUnaligned, "prismatic": pin.JointModelPrismaticUnaligned}
+    for index, joint in enumerate(robot.joints):
+        placement = pin.SE3(joint.placement)
+        added = model.addJoint(joint.parent + 1, kinds[joint.kind](joint.axis), placement, joint.name)
+        if robot.inertias is not None:
+            inertia = pin.Inertia.FromDynamicParameters(dynamic_parameters(robot.inertias[index]))
+            model.appendBodyToJoint(added, inertia, pin.SE3.Identity())
+    return model
+
+
+def from_pinocchio(
+    model: PinocchioModel,
+    name: str,
+    description: Description,
+    settings: Settings,
+    *,
+    described_limits: Mapping[str, Limits],
+    links: Mapping[str, str],
+    fixed: tuple[str, ...] = (),
+    tolerance: float = ROUNDING_TOLERANCE,
+) -> Robot:
+    """Return the robot of a model whose joints each have one degree of freedom.
+
+    `described_limits` and `links` give the limits and the moved link of each joint by name, `fixed` the names of joints
+    that the model has merged.
+    """
+    moving = tuple(model.names)[1:]
+    check_names(settings, moving, fixed)
+    model = _locked(model, settings.locked_joints)
+    joints = tuple(
+        replace(
+            joint,
+            limits=merged_limits(described_limits.get(joint.name, Limits()), settings.limits.get(joint.name)),
+            link=links.get(joint.name, ""),
+        )
+        for joint in _joints(model, tolerance)
+    )
+    inertias = inertial_parameters(np.array([body.toDynamicParameters() for body in tuple(model.inertias)[1:]]))
+    return Robot(
+        name=name,
+        joints=joints,
+        gravity=settings.gravity,
+        drives=tuple(settings.drives.get(joint.name, Drive()) for joint in joints),
+        description=description,
+        inertias=inertias if np.any(inertias) else None,
+        locked_joints=dict(settings.locked_joints),
+    )
+
+
+def _locked(model: PinocchioModel, values: Mapping[str, float]) -> PinocchioModel:
+    if not values:
+        return model
+    configuration = pin.neutral(model)
+    indices = [model.getJointId(name) for name in values]
+    for index, value in zip(indices, values.values(), strict=True):
+        joint = model.joints[index]
+        # An unbounded revolute joint counts its angle as (cos, sin).
+        configuration[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(value), np.sin(value)) if joint.nq == 2 else value
+    return pin.buildReducedModel(model, indices, configuration)
+
+
+def _joints(model: PinocchioModel, tolerance: float) -> list[Joint]:
+    data, neutral = model.createData(), pin.neutral(model)
+    joints = []
+    for index in range(1, model.njoints):
+        # The motion subspace: linear part first, in the joint's own frame. Pinocchio drops the axis of a single column.
+        jacobian = pin.computeJointJacobian(model, data, neutral, index).reshape(6, model.nv)
+        subspace = jacobian[:, model.joints[index].idx_v]
+        kind: JointKind = "revolute" if np.any(subspace[3:]) else "prismatic"
+        joints.append(
+            Joint(
+                name=model.names[index],
+                kind=kind,
+                parent=model.parents[index] - 1,
+                placement=mend_placement(model.jointPlacements[index].homogeneous, tolerance),
+                axis=mend_axis(subspace[3:] if kind == "revolute" else subspace[:3], tolerance),
+            )
+        )
+    return joints

@@ -1,0 +1,48 @@
+"""Mends constants that were rounded when a description was written.
+
+A URDF writes a right angle as 1.57079632679, whose cosine is 5e-12 where 0 was meant. Such entries cost instructions in
+every symbolic expression and add parameters that no measurement could see. Entries within `ROUNDING_TOLERANCE` of 0,
+±1/2 and ±1 are therefore set to them. The default moves nothing by more than 1e-10, so results stay those of Pinocchio
+to ten digits. Angles written with fewer digits (1.5708) are left as they stand unless the caller raises the tolerance
+(1e-5 mends 1.5708).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.robot.model import FloatArray
+
+ROUNDING_TOLERANCE = 1e-10
+_EXACT = np.array([0.0, 0.5, -0.5, 1.0, -1.0])
+
+
+def mend_placement(placement: FloatArray, tolerance: float = ROUNDING_TOLERANCE) -> FloatArray:
+    """Return the homogeneous transform (4, 4) with rounded constants mended and a rotation that is still orthonormal.
+
+    Distances are only compared with zero: any other length is as good as 1/2 or 1.
+    """
+    mended = np.eye(4)
+    mended[:3, :3] = _orthonormal(_snap(placement[:3, :3], tolerance))
+    mended[:3, 3] = np.where(np.abs(placement[:3, 3]) <= tolerance, 0.0, placement[:3, 3])
+    return mended
+
+
+def mend_axis(axis: FloatArray, tolerance: float = ROUNDING_TOLERANCE) -> FloatArray:
+    """Return the direction (3,) with rounded constants mended, of unit length."""
+    unit = _snap(axis / np.linalg.norm(axis), tolerance)
+    mended: FloatArray = unit / np.linalg.norm(unit)
+    return mended
+
+
+def _snap(values: FloatArray, tolerance: float) -> FloatArray:
+    snapped = values.copy()
+    for exact in _EXACT:
+        snapped[np.abs(values - exact) <= tolerance] = exact
+    return snapped
+
+
+def _orthonormal(rotation: FloatArray) -> FloatArray:
+    """One Newton step towards the nearest rotation: the error squares, exact zeros and ones stay."""
+    defect = rotation.T @ rotation - np.eye(3)
+    return _snap(rotation - 0.5 * rotation @ defect, 4 * np.finfo(float).eps)

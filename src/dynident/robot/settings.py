@@ -1,0 +1,127 @@
+"""What a user states beside the description: limits, drive chains, locked joints, gravity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.robot.model import Drive, FloatArray, Limits
+from dynident.robot.pointers import listed, pointer
+
+GRAVITY = (0.0, 0.0, -9.81)
+"""Gravity in the base frame where nobody states another (m/s²)."""
+
+TITLE = "Unusable robot settings"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What overrides or completes a description. Names are those of the joints."""
+
+    limits: Mapping[str, Limits] = field(default_factory=dict)
+    drives: Mapping[str, Drive] = field(default_factory=dict)
+    locked_joints: Mapping[str, float] = field(default_factory=dict)
+    gravity: FloatArray = field(default_factory=lambda: np.array(GRAVITY))
+
+
+def settings_from(
+    limits: Mapping[str, Limits] | None,
+    drives: Mapping[str, Drive] | None,
+    locked_joints: Mapping[str, float] | None,
+    gravity: Sequence[float] | None,
+) -> Settings:
+    """Check the values (names are checked once the joints are known) and fill in the defaults."""
+    for name, limit in (limits or {}).items():
+        check_limits(limit, name, pointer("limits", name))
+    for name, drive in (drives or {}).items():
+        _check_drive(drive, name)
+    for name, value in (locked_joints or {}).items():
+        if not math.isfinite(value):
+            raise _error(f"Joint '{name}' is locked at {value}; expected a number (rad or m).", "locked_joints", name)
+    return Settings(
+        limits or {}, drives or {}, locked_joints or {}, gravity_from(GRAVITY if gravity is None else gravity)
+    )
+
+
+def gravity_from(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
+    """Return the acceleration of gravity (3,) in m/s²; zero is allowed (weightlessness)."""
+    vector = np.asarray(gravity, dtype=float)
+    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
+        raise DynidentError(f"Gravity is {list(gravity)}; expected three numbers in m/s².", pointer=at, title=TITLE)
+    return vector
+
+
+def check_limits(limits: Limits, joint: str, at: str) -> None:
+    """Raise `DynidentError` where a range is empty or a bound is not a positive number."""
+    if limits.position is not None:
+        low, high = limits.position
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise DynidentError(
+                f"The position limits of joint '{joint}' are [{low}, {high}]; expected two numbers, the lower first.",
+                pointer=pointer("position", within=at),
+                title=TITLE,
+            )
+    for item in fields(limits):
+        value = getattr(limits, item.name)
+        if item.name != "position" and value is not None and not (math.isfinite(value) and value > 0):
+            raise DynidentError(
+                f"The {item.name} limit of joint '{joint}' is {value}; expected a positive number.",
+                pointer=pointer(item.name, within=at),
+                title=TITLE,
+            )
+
+
+def merged_limits(described: Limits, stated: Limits | None) -> Limits:
+    """Return the stated limits, completed by the described ones."""
+    if stated is None:
+        return described
+    values = {
+        item.name: getattr(described if getattr(stated, item.name) is None else stated, item.name)
+        for item in fields(Limits)
+    }
+    return Limits(**values)
+
+
+def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] = ()) -> None:
+    """Raise `DynidentError` where a setting names a joint that is not there, is fixed, or is locked as well."""
+    known = set(moving)
+    for part in ("locked_joints", "limits", "drives"):
+        for name in getattr(settings, part):
+            if name in fixed:
+                raise _error(f"Joint '{name}' is fixed in the description; leave it out.", part, name)
+            if name not in known:
+                raise _error(f"There is no joint '{name}'; joints: {listed(moving)}.", part, name)
+            if part == "drives" and name in settings.locked_joints:
+                raise _error(f"Joint '{name}' is locked, so it has no drive.", part, name)
+    if moving and known <= set(settings.locked_joints):
+        raise _error("Every joint is locked; a robot needs at least one moving joint.", "locked_joints")
+
+
+def _check_drive(drive: Drive, joint: str) -> None:
+    for item in fields(drive):
+        value = getattr(drive, item.name)
+        if value is not None and not (math.isfinite(value) and value != 0):
+            raise _error(
+                f"{item.name} of joint '{joint}' is {value}; expected a number other than 0.",
+                "drives",
+                joint,
+                item.name,
+            )
+    stated = drive.drive_gain
+    factors = Drive(None, drive.gear_ratio, drive.torque_constant, drive.amplifier_gain).gain
+    if stated is not None and factors is not None and not math.isclose(stated, factors, rel_tol=1e-3):
+        raise _error(
+            f"Joint '{joint}': drive_gain is {stated}, but gear ratio, torque constant and amplifier gain "
+            f"give {factors:g} [12.17]; state one of the two.",
+            "drives",
+            joint,
+            "drive_gain",
+        )
+
+
+def _error(detail: str, *where: str) -> DynidentError:
+    return DynidentError(detail, pointer=pointer(*where), title=TITLE)

@@ -1,0 +1,86 @@
+"""Robots from URDF, read by Pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import pinocchio as pin
+
+from dynident.robot.model import Description, Drive, Limits, Robot
+from dynident.robot.pinocchio_model import from_pinocchio
+from dynident.robot.rounding import ROUNDING_TOLERANCE
+from dynident.robot.settings import settings_from
+from dynident.robot.urdf_xml import Element, checked, parse, urdf_error, write
+
+
+def robot_from_urdf(
+    name: str,
+    text: str,
+    *,
+    limits: Mapping[str, Limits] | None = None,
+    drives: Mapping[str, Drive] | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+    rounding_tolerance: float = ROUNDING_TOLERANCE,
+    pointer: str = "",
+) -> Robot:
+    """Return the robot that a URDF describes, on a fixed base.
+
+    Revolute, continuous and prismatic joints about any axis move; fixed and locked joints are merged with their
+    inertias into the link before them. Joints stand in Pinocchio's order. Inertial parameters are about the origin of
+    the joint's frame. Meshes, colours and vendor extensions are not looked at.
+
+    Parameters
+    ----------
+    name, text : str
+        Name of the robot; the URDF.
+    limits : mapping of joint name to Limits
+        They win over the URDF's, field by field. Zero limits in the URDF count as not stated.
+    drives, locked_joints, gravity
+        Drive chains by joint; positions (rad, m) to lock joints at; gravity (m/s², base frame), else (0, 0, -9.81).
+    rounding_tolerance : float
+        Constants this near to 0, ±1/2, ±1 are mended, see `dynident.robot.rounding`.
+    pointer : str
+        Where the text stands in the user's request.
+
+    Raises
+    ------
+    DynidentError
+        The XML is malformed (line and column), or the machine is not a tree of such joints on a fixed base (line,
+        joint), or a setting does not fit.
+    """
+    settings = settings_from(limits, drives, locked_joints, gravity)
+    tree = checked(parse(text, pointer), settings.locked_joints, pointer)
+    try:
+        model = pin.buildModelFromXML(write(tree))
+    except (ValueError, RuntimeError) as error:
+        raise urdf_error(f"Pinocchio cannot read the URDF: {error}", None, pointer) from error
+    joints = {element.attributes["name"]: element for element in tree.all("joint")}
+    return from_pinocchio(
+        model,
+        name,
+        Description("urdf", text),
+        settings,
+        described_limits={joint: _limits(element) for joint, element in joints.items()},
+        links={joint: _child(element) for joint, element in joints.items()},
+        fixed=tuple(joint for joint, element in joints.items() if element.attributes["type"] == "fixed"),
+        tolerance=rounding_tolerance,
+    )
+
+
+def _limits(joint: Element) -> Limits:
+    limit = joint.first("limit")
+    if limit is None:
+        return Limits()
+    lower, upper, velocity, effort = (float(limit.attributes[key]) for key in ("lower", "upper", "velocity", "effort"))
+    bounded = joint.attributes["type"] != "continuous" and lower < upper
+    return Limits(
+        position=(lower, upper) if bounded else None,
+        velocity=velocity if velocity > 0 else None,
+        effort=effort if effort > 0 else None,
+    )
+
+
+def _child(joint: Element) -> str:
+    child = joint.first("child")
+    return "" if child is None else child.attributes["link"]

@@ -1,0 +1,283 @@
+"""Reads the XML of a URDF with line numbers, names what is wrong in it, and keeps what the dynamics need."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+from dynident.errors import DynidentError
+from dynident.robot.pointers import listed
+
+TITLE = "Unusable URDF"
+MOVING = ("revolute", "continuous", "prismatic")
+_ABSENT = {"floating", "planar", "ball", "spherical"}
+
+
+@dataclass(frozen=True)
+class Element:
+    """An XML element with the line that it starts on."""
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list[Element] = field(default_factory=list)
+
+    def all(self, tag: str) -> Iterator[Element]:
+        """Children of that tag."""
+        return (child for child in self.children if child.tag == tag)
+
+    def first(self, tag: str) -> Element | None:
+        """First child of that tag."""
+        return next(self.all(tag), None)
+
+
+def urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
+    """Error that names the line."""
+    return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
+
+
+def parse(text: str, pointer: str = "") -> Element:
+    """Return the root element `<robot>`.
+
+    Raises
+    ------
+    DynidentError
+        The text is not XML (with line and column), is a xacro file, or its root is another element.
+    """
+    if not text.strip():
+        raise urdf_error("The URDF is empty; expected XML whose root is <robot>.", None, pointer)
+    root = _parse_xml(text.strip(), 1 + _lines_before(text), pointer)
+    if root.tag != "robot":
+        raise urdf_error(f"The root element is <{root.tag}>; a URDF's is <robot>.", root.line, pointer)
+    xacro = next((child for child in root.children if child.tag.startswith("xacro:")), None)
+    if xacro is not None:
+        raise urdf_error(f"<{xacro.tag}> is xacro; expand the file first (xacro robot.xacro).", xacro.line, pointer)
+    return root
+
+
+def checked(root: Element, locked: Collection[str], pointer: str = "") -> Element:
+    """Return the `<robot>` reduced to links, inertias, joints and limits, all of them checked.
+
+    Dropping looks and vendor extensions also keeps the URDF parser below from complaining on the console. A joint
+    without `<limit>` gets one of zeros, and zeros also stand for infinite limits: both say nothing. `locked` joints may
+    be mimic joints.
+    """
+
+    def fail(detail: str, line: int) -> DynidentError:
+        return urdf_error(detail, line, pointer)
+
+    links = dict(_named(root, "link", fail))
+    joints = dict(_named(root, "joint", fail))
+    if not links:
+        raise fail("The robot has no <link>.", root.line)
+    for name, joint in joints.items():
+        _check_kind(name, joint, name in locked, fail)
+    _check_tree(joints, links, fail)
+    if all(joint.attributes["type"] == "fixed" for joint in joints.values()):
+        raise fail("The robot has no moving joint; expected a revolute, continuous or prismatic one.", root.line)
+    robot = Element("robot", {"name": root.attributes.get("name", "") or "robot"}, root.line)
+    robot.children.extend(_reduced_link(name, link, fail) for name, link in links.items())
+    robot.children.extend(_reduced_joint(name, joint, fail) for name, joint in joints.items())
+    return robot
+
+
+def write(element: Element) -> str:
+    """XML text of the element."""
+    attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
+    inside = "".join(write(child) for child in element.children)
+    return f"<{element.tag}{attributes}>{inside}</{element.tag}>"
+
+
+_Fail = Callable[[str, int], DynidentError]
+
+
+def _lines_before(text: str) -> int:
+    return text[: len(text) - len(text.lstrip())].count("\n")
+
+
+def _parse_xml(text: str, first_line: int, pointer: str) -> Element:
+    document = Element("", {}, 0)
+    open_elements = [document]
+    parser = expat.ParserCreate("utf-8")  # whatever the declaration says: the text is decoded already
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, parser.CurrentLineNumber + first_line - 1)
+        open_elements[-1].children.append(element)
+        open_elements.append(element)
+
+    def end(tag: str) -> None:
+        open_elements.pop()
+
+    def doctype(*_: object) -> None:
+        raise urdf_error("A URDF has no document type declaration; remove <!DOCTYPE …>.", None, pointer)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(text.encode(errors="replace"), True)
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        raise urdf_error(
+            f"The XML is malformed at column {error.offset + 1}: {reason}.", error.lineno + first_line - 1, pointer
+        ) from None
+    return document.children[0]
+
+
+def _named(root: Element, tag: str, fail: _Fail) -> Iterator[tuple[str, Element]]:
+    seen: dict[str, int] = {}
+    for element in root.all(tag):
+        name = element.attributes.get("name", "")
+        if not name:
+            raise fail(f"A <{tag}> has no name.", element.line)
+        if name in seen:
+            raise fail(f"The {tag} name '{name}' is used twice (first on line {seen[name]}).", element.line)
+        if tag == "joint" and name == "universe":
+            raise fail("A joint cannot be called 'universe': that is the name of the fixed base.", element.line)
+        seen[name] = element.line
+        yield name, element
+
+
+def _check_kind(name: str, joint: Element, locked: bool, fail: _Fail) -> None:
+    kind = joint.attributes.get("type", "")
+    if kind == "fixed":
+        return
+    if kind in _ABSENT:
+        raise fail(
+            f"Joint '{name}' is {kind}; only a fixed base with revolute, continuous, prismatic and fixed joints is "
+            "supported. Replace it by such joints.",
+            joint.line,
+        )
+    if kind not in MOVING:
+        raise fail(f"Joint '{name}' has the type '{kind}'; expected {listed((*MOVING, 'fixed'))}.", joint.line)
+    mimic = joint.first("mimic")
+    if mimic is not None and not locked:
+        raise fail(
+            f"Joint '{name}' mimics '{mimic.attributes.get('joint', '')}'; coupled joints are not supported. Lock it "
+            "(locked_joints) or make it fixed.",
+            mimic.line,
+        )
+
+
+def _check_tree(joints: dict[str, Element], links: dict[str, Element], fail: _Fail) -> None:
+    parent_of: dict[str, tuple[str, str]] = {}
+    for name, joint in joints.items():
+        parent, child = (_linked(name, joint, end, links, fail) for end in ("parent", "child"))
+        if child in parent_of:
+            raise fail(
+                f"Link '{child}' is the child of two joints, '{parent_of[child][1]}' and '{name}'; closed loops are "
+                "not supported.",
+                joint.line,
+            )
+        parent_of[child] = (parent, name)
+    roots = [name for name in links if name not in parent_of]
+    if not roots:
+        first = next(iter(joints.values()))
+        raise fail("Every link is the child of a joint: the joints form a loop without a base.", first.line)
+    if len(roots) > 1:
+        raise fail(
+            f"{len(roots)} links have no parent ({listed(roots)}); a robot has one base. Connect them by joints.",
+            links[roots[1]].line,
+        )
+    for name, (parent, joint_name) in parent_of.items():
+        seen = {name}
+        while parent in parent_of:
+            if parent in seen:
+                raise fail(f"Link '{name}' hangs on a loop of joints, not on the base.", joints[joint_name].line)
+            seen.add(parent)
+            parent = parent_of[parent][0]
+
+
+def _linked(name: str, joint: Element, end: str, links: dict[str, Element], fail: _Fail) -> str:
+    element = joint.first(end)
+    link = element.attributes.get("link", "") if element is not None else ""
+    line = (element or joint).line
+    if not link:
+        raise fail(f"Joint '{name}' names no {end} link; expected <{end} link=\"…\"/>.", line)
+    if link not in links:
+        raise fail(f"The {end} link '{link}' of joint '{name}' does not exist; links: {listed(links)}.", line)
+    return link
+
+
+def _reduced_link(name: str, link: Element, fail: _Fail) -> Element:
+    reduced = Element("link", {"name": name}, link.line)
+    inertial = link.first("inertial")
+    if inertial is None:
+        return reduced
+    owner = f"link '{name}'"
+    mass, inertia = inertial.first("mass"), inertial.first("inertia")
+    if mass is None or inertia is None:
+        missing = "<mass>" if mass is None else "<inertia>"
+        raise fail(f"The <inertial> of {owner} has no {missing}.", inertial.line)
+    for element, names in ((mass, ("value",)), (inertia, ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))):
+        for attribute in names:
+            _number(element, attribute, owner, fail)
+    if _number(mass, "value", owner, fail) < 0:
+        raise fail(f"The mass of {owner} is negative.", mass.line)
+    kept = Element("inertial", {}, inertial.line)
+    kept.children.extend([*_origin(inertial, owner, fail), mass, inertia])
+    reduced.children.append(kept)
+    return reduced
+
+
+def _reduced_joint(name: str, joint: Element, fail: _Fail) -> Element:
+    owner, kind = f"joint '{name}'", joint.attributes["type"]
+    reduced = Element("joint", {"name": name, "type": kind}, joint.line)
+    reduced.children.extend(_origin(joint, owner, fail))
+    reduced.children.extend(child for child in joint.children if child.tag in ("parent", "child"))
+    if kind == "fixed":
+        return reduced
+    axis = joint.first("axis")
+    if axis is not None:
+        if not any(_numbers(axis, "xyz", owner, fail)):
+            raise fail(f"The axis of {owner} has no direction (xyz is zero).", axis.line)
+        reduced.children.append(axis)
+    reduced.children.append(_limit(joint, owner, fail))
+    return reduced
+
+
+def _limit(joint: Element, owner: str, fail: _Fail) -> Element:
+    given = joint.first("limit") or Element("limit", {}, joint.line)
+    values = {
+        attribute: _number(given, attribute, owner, fail) if attribute in given.attributes else 0.0
+        for attribute in ("lower", "upper", "velocity", "effort")
+    }
+    if values["lower"] > values["upper"]:
+        raise fail(f"The lower limit of {owner} is above its upper limit.", given.line)
+    stated = {name: value if math.isfinite(value) else 0.0 for name, value in values.items()}
+    if not all(math.isfinite(values[bound]) for bound in ("lower", "upper")):
+        stated["lower"] = stated["upper"] = 0.0
+    return Element("limit", {name: repr(value) for name, value in stated.items()}, given.line)
+
+
+def _origin(parent: Element, owner: str, fail: _Fail) -> list[Element]:
+    origin = parent.first("origin")
+    if origin is None:
+        return []
+    for attribute, count in (("xyz", 3), ("rpy", 3), ("quat_xyzw", 4)):
+        if attribute in origin.attributes:
+            _numbers(origin, attribute, owner, fail, count)
+    return [origin]
+
+
+def _number(element: Element, attribute: str, owner: str, fail: _Fail) -> float:
+    return _numbers(element, attribute, owner, fail, 1)[0]
+
+
+def _numbers(element: Element, attribute: str, owner: str, fail: _Fail, count: int = 3) -> tuple[float, ...]:
+    written = element.attributes.get(attribute)
+    wanted = "a number" if count == 1 else f"{count} numbers"
+    if written is None:
+        raise fail(f"The <{element.tag}> of {owner} has no {attribute}; expected {wanted}.", element.line)
+    try:
+        values = tuple(float(word) for word in written.split())
+    except ValueError:
+        values = ()
+    if len(values) != count or not (all(map(math.isfinite, values)) or element.tag == "limit"):
+        raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner}; expected {wanted}.', element.line)
+    if any(map(math.isnan, values)):
+        raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner} is not a number.', element.line)
+    return values
