@@ -1,0 +1,35 @@
+"""Measured data: read, check, filter, differentiate, decimate."""
+
+from dynident.recordings.filtering import edge_margin, filtered_blocks
+from dynident.recordings.importing import import_recording, recording_from_arrays
+from dynident.recordings.parallel import FilteredRows, ParallelFilter, low_pass
+from dynident.recordings.preprocessing import Preprocessing
+from dynident.recordings.sources import open_recording
+from dynident.recordings.types import (
+    Check,
+    JointLimits,
+    Recording,
+    RecordingError,
+    RecordingMetadata,
+    SampleBlock,
+    Segment,
+)
+
+__all__ = [
+    "Check",
+    "FilteredRows",
+    "JointLimits",
+    "ParallelFilter",
+    "Preprocessing",
+    "Recording",
+    "RecordingError",
+    "RecordingMetadata",
+    "SampleBlock",
+    "Segment",
+    "edge_margin",
+    "filtered_blocks",
+    "import_recording",
+    "low_pass",
+    "open_recording",
+    "recording_from_arrays",
+]

@@ -1,0 +1,234 @@
+"""Which column of a file is which signal of which joint, and how it becomes SI."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.recordings.types import Check, FloatArray, JointKind, JointLimits, RecordingError, RecordingMetadata
+from dynident.recordings.units import KINDS, conversion, unit_for
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of the file: ours = factor x theirs + offset."""
+
+    source: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def convert(self, values: FloatArray) -> FloatArray:
+        """Give the values in SI units (temperature in degC)."""
+        if self.factor == 1.0 and self.offset == 0.0:
+            return values
+        return values * self.factor + self.offset
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The columns that are read: one of q and tau per joint, the optional kinds for all joints or for none."""
+
+    t: Column
+    segment: Column | None
+    q: tuple[Column, ...]
+    tau: tuple[Column, ...]
+    dq: tuple[Column, ...] = ()
+    ddq: tuple[Column, ...] = ()
+    temperature: tuple[Column, ...] = ()
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of signals that are stored, in the order of their columns."""
+        optional = tuple(kind for kind in ("dq", "ddq", "temperature") if getattr(self, kind))
+        return ("q", "tau", *optional)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns of all signals, kind by kind."""
+        return tuple(column for kind in self.kinds for column in getattr(self, kind))
+
+
+def find_columns(
+    names: Sequence[str],
+    joint_names: Sequence[str],
+    gains: Sequence[float | None],
+    limits: Sequence[JointLimits],
+    metadata: RecordingMetadata,
+) -> tuple[Layout, Check]:
+    """Match a file's columns with the robot's joints.
+
+    Parameters
+    ----------
+    names : the file's columns
+    joint_names, gains, limits : one a joint
+        Joint torque = gain x current [12.17]; a gain is needed only where a joint has no torque column.
+    metadata : RecordingMetadata
+        `columns` and `units` are used.
+
+    Raises
+    ------
+    RecordingError
+        For a missing column, a missing drive gain, an unknown unit or a mapping to a column that is not there.
+    """
+    finder = _Finder(names, joint_names, limits, metadata)
+    n = len(joint_names)
+    tau, from_current, unused = [], [], []
+    for joint in range(n):
+        torque, current = finder.find("tau", joint), finder.find("current", joint)
+        if torque is not None:
+            tau.append(torque)
+            unused += [current.source] if current is not None else []
+        elif current is not None:
+            tau.append(_torque_of(current, joint_names[joint], gains[joint]))
+            from_current.append(current.source)
+        else:
+            raise finder.missing("tau", joint, f" or a current ({_or('current', joint_names[joint], joint)})")
+    time = finder.find("t", None)
+    if time is None:
+        raise finder.missing("t", None)
+    q = []
+    for joint in range(n):
+        position = finder.find("q", joint)
+        if position is None:
+            raise finder.missing("q", joint)
+        q.append(position)
+    layout = Layout(
+        t=time,
+        segment=finder.find_plain("segment"),
+        q=tuple(q),
+        tau=tuple(tau),
+        dq=finder.find_all("dq"),
+        ddq=finder.find_all("ddq"),
+        temperature=finder.find_all("temperature"),
+    )
+    return layout, _torque_source(from_current, unused)
+
+
+def _torque_of(current: Column, joint_name: str, gain: float | None) -> Column:
+    if gain is None:
+        raise RecordingError(
+            f"Column {current.source} is a current, and joint {joint_name} has no drive gain; give the robot "
+            f'"drives": {{"{joint_name}": {{"drive_gain": …}}}} in N m/A (or gear_ratio and torque_constant), or a '
+            "torque column.",
+            pointer=f"/drives/{joint_name}/drive_gain",
+            title="Missing drive gain",
+        )
+    if not (np.isfinite(gain) and gain != 0.0):
+        raise RecordingError(
+            f"The drive gain of joint {joint_name} is {gain}; it has to be a number other than 0.",
+            pointer=f"/drives/{joint_name}/drive_gain",
+            title="Missing drive gain",
+        )
+    return Column(current.source, current.factor * gain, current.offset * gain)
+
+
+def _torque_source(from_current: list[str], unused: list[str]) -> Check:
+    if from_current:
+        detail = f"Torque is drive gain x current [12.17] in {_shortened(from_current)}."
+    else:
+        detail = "Torque is read from the torque columns."
+    if unused:
+        detail += f" Both torque and current are given: the current ({_shortened(unused)}) is not used."
+    return Check("torque_source", "ok", detail)
+
+
+def _shortened(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 3 else f"{names[0]} … {names[-1]}"
+
+
+def _or(kind: str, joint_name: str, joint: int) -> str:
+    return f"{kind}_{joint_name} or {kind}{joint + 1}"
+
+
+class _Finder:
+    def __init__(
+        self,
+        names: Sequence[str],
+        joint_names: Sequence[str],
+        limits: Sequence[JointLimits],
+        metadata: RecordingMetadata,
+    ) -> None:
+        self.names = list(names)
+        self.joint_names = joint_names
+        self.limits = limits
+        self.metadata = metadata
+        self._check_mapping()
+
+    def find(self, kind: str, joint: int | None) -> Column | None:
+        """Find the column of a signal of a joint (None: of a signal that belongs to no joint)."""
+        ours = (kind,) if joint is None else (f"{kind}_{self.joint_names[joint]}", f"{kind}{joint + 1}")
+        source = self._source(ours)
+        if source is None:
+            return None
+        joint_kind: JointKind | None = None if joint is None else self.limits[joint].kind
+        unit, key = unit_for(self.metadata.units, kind, ours)
+        return Column(source, *conversion(kind, joint_kind, unit, key))
+
+    def find_plain(self, name: str) -> Column | None:
+        """Find a column that has no unit."""
+        source = self._source((name,))
+        return None if source is None else Column(source)
+
+    def find_all(self, kind: str) -> tuple[Column, ...]:
+        """Find an optional signal of every joint; nothing if one joint lacks it."""
+        found = [self.find(kind, joint) for joint in range(len(self.joint_names))]
+        present = tuple(column for column in found if column is not None)
+        return present if len(present) == len(found) else ()
+
+    def missing(self, kind: str, joint: int | None, instead: str = "") -> RecordingError:
+        """Say which column is missing and what the file holds."""
+        wanted = kind if joint is None else _or(kind, self.joint_names[joint], joint)
+        whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
+        shown = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
+        hint = ""
+        if f"{kind}0" in self.names:
+            hint = f" Joints are counted from 1 here, and the file has {kind}0: map them with columns."
+        return RecordingError(
+            f"No column {wanted} for {kind}{whose}{instead}. The file holds: {shown}. Name it by columns, "
+            f'{{"{kind if joint is None else kind + str(joint + 1)}": "…"}}'
+            + ("." if joint is None else ", or lock the joint if it does not move.")
+            + hint,
+            pointer=f"/columns/{kind if joint is None else kind + str(joint + 1)}",
+            title="Missing column",
+        )
+
+    def _source(self, ours: tuple[str, ...]) -> str | None:
+        for name in ours:
+            if name in self.metadata.columns:
+                return self.metadata.columns[name]
+        for name in ours:
+            if name in self.names:
+                return name
+        folded = {name.casefold(): name for name in reversed(self.names)}
+        return next((folded[name.casefold()] for name in ours if name.casefold() in folded), None)
+
+    def _check_mapping(self) -> None:
+        known = {"t", "segment"}
+        for kind in KINDS[1:]:
+            known |= {f"{kind}_{name}" for name in self.joint_names}
+            known |= {f"{kind}{joint + 1}" for joint in range(len(self.joint_names))}
+        for ours, theirs in self.metadata.columns.items():
+            if ours not in known:
+                raise RecordingError(
+                    f"columns maps {ours!r}, which is no column of ours; ours are t, segment, and q, dq, ddq, tau, "
+                    f"current, temperature with a joint's number (q1) or name (q_{self.joint_names[0]}).",
+                    pointer=f"/columns/{ours}",
+                    title="Unknown column",
+                )
+            if theirs not in self.names:
+                raise RecordingError(
+                    f"columns maps {ours} to {theirs!r}, which the file does not hold; it holds: "
+                    f"{', '.join(self.names[:40])}.",
+                    pointer=f"/columns/{ours}",
+                    title="Missing column",
+                )
+        for key in self.metadata.units:
+            if key not in KINDS and key not in known:
+                raise RecordingError(
+                    f"units names {key!r}, which is neither a kind of signal ({', '.join(KINDS)}) nor a column of "
+                    "ours (q1, q_<joint>, …).",
+                    pointer=f"/units/{key}",
+                    title="Unknown unit",
+                )

@@ -1,0 +1,190 @@
+"""Rows as they were measured, made into uniformly sampled segments: split at gaps, mended where that is safe."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from dynident.recordings.columns import Layout
+from dynident.recordings.raw import RawRows
+from dynident.recordings.resampling import Resampler
+from dynident.recordings.timebase import TimeBase
+from dynident.recordings.types import BoolArray, FloatArray, RecordingError, Segment, Windows, inside
+
+SHORTEST = 8
+"""A stretch of fewer samples is left out: it is shorter than any filter."""
+
+
+class GridRows(NamedTuple):
+    """Rows on the uniform grid: t (m,), the user's segment label, values (m, c)."""
+
+    t: FloatArray
+    label: int
+    values: FloatArray
+
+
+class Conditioner:
+    """Splits, mends and resamples rows that arrive in order.
+
+    A new segment begins where the user's segment changes, after a gap in time, and after rows outside the windows
+    that hold no number (inside the windows those are an error). Rows that repeat the one before are left out.
+    Temperatures hold their last value between readings.
+    """
+
+    def __init__(self, layout: Layout, base: TimeBase, windows: Windows) -> None:
+        self._layout = layout
+        self._base = base
+        self._windows = windows
+        # q and tau have to be numbers; dq and ddq are kept as they come and used by the checks alone.
+        self._needed = 2 * len(layout.q)
+        self._last: tuple[float, int, FloatArray] | None = None
+        self._temperature: FloatArray | None = None
+        self._resampler: Resampler | None = None
+        self._held: list[GridRows] = []
+        self._n_held = 0
+        self._open: Segment | None = None
+        self._closed: list[Segment] = []
+        self._n_written = 0
+
+    def push(self, rows: RawRows) -> Iterator[GridRows]:
+        """Take the next rows; give the grid rows that are ready to be stored."""
+        values = self._with_temperature(rows.values)
+        numbers: BoolArray = np.isfinite(values[:, : self._needed]).all(axis=1)
+        if not numbers.all():
+            self._refuse_missing(rows, values, numbers)
+        new = self._without_repeats(rows, values)
+        t, label = rows.t, rows.segment
+        kept = np.flatnonzero(new & numbers)
+        if not len(kept):
+            if self._last is not None and not numbers.all():
+                yield from self._end()
+                self._last = None
+            return
+        # A border stands before a kept row if its time jumps, its label changes, or a row without numbers lies between.
+        lost = np.cumsum(~numbers)
+        before_t = t[kept[:-1]]
+        border = (t[kept[1:]] - before_t > self._base.gap) | (label[kept[1:]] != label[kept[:-1]])
+        border |= lost[kept[1:]] != lost[kept[:-1]]
+        first = (
+            self._last is None
+            or t[kept[0]] - self._last[0] > self._base.gap
+            or label[kept[0]] != self._last[1]
+            or lost[kept[0]] != 0
+        )
+        edges = [0, *(np.flatnonzero(border) + 1), len(kept)]
+        for number, (start, end) in enumerate(pairwise(edges)):
+            run = kept[start:end]
+            if first or number:
+                yield from self._end()
+                self._begin(float(t[run[0]]), int(label[run[0]]))
+            whole = slice(run[0], run[-1] + 1) if run[-1] - run[0] + 1 == len(run) else run
+            yield from self._add(t[whole], values[whole])
+        if lost[-1] != lost[kept[-1]]:
+            yield from self._end()
+            self._last = None
+        else:
+            self._last = float(t[kept[-1]]), int(label[kept[-1]]), values[kept[-1]].copy()
+
+    def finish(self) -> Iterator[GridRows]:
+        """End the recording."""
+        yield from self._end()
+
+    def segments(self) -> tuple[Segment, ...]:
+        """Give the segments that were stored."""
+        return tuple(self._closed)
+
+    def _begin(self, start: float, label: int) -> None:
+        self._resampler = Resampler(self._base.period)
+        self._open = Segment(self._n_written, 0, start, label)
+        self._held, self._n_held = [], 0
+
+    def _add(self, t: FloatArray, values: FloatArray) -> Iterator[GridRows]:
+        assert self._resampler is not None
+        yield from self._store(self._resampler.push(t, values))
+
+    def _end(self) -> Iterator[GridRows]:
+        if self._resampler is None or self._open is None:
+            return
+        yield from self._store(self._resampler.finish())
+        if not self._n_held and self._open.length:
+            self._closed.append(self._open)
+        self._resampler, self._open, self._held, self._n_held = None, None, [], 0
+
+    def _store(self, values: FloatArray) -> Iterator[GridRows]:
+        """Hold rows back until their segment is long enough to be worth storing."""
+        if self._open is None or not len(values):
+            return
+        segment = self._open
+        done = segment.length + self._n_held
+        grid: FloatArray = segment.start_time + (done + np.arange(len(values))) * self._base.period
+        rows = GridRows(grid, segment.label, values)
+        if done + len(values) < SHORTEST:
+            self._held.append(rows)
+            self._n_held += len(values)
+            return
+        for ready in (*self._held, rows):
+            yield ready
+            self._n_written += len(ready.t)
+        self._open = Segment(segment.first_row, done + len(values), segment.start_time, segment.label)
+        self._held, self._n_held = [], 0
+
+    def _without_repeats(self, rows: RawRows, values: FloatArray) -> BoolArray:
+        """Mark the rows that are new; refuse a stamp that repeats with other content."""
+        t, label = rows.t, rows.segment
+        new = np.ones(len(t), dtype=bool)
+        new[1:] = (np.diff(t) != 0) | (np.diff(label) != 0)
+        if self._last is not None:
+            new[0] = t[0] != self._last[0] or label[0] != self._last[1]
+        for row in np.flatnonzero(~new):
+            other = values[row - 1] if row else (self._last[2] if self._last is not None else values[row])
+            if not np.array_equal(values[row], other, equal_nan=True):
+                column = int(np.flatnonzero(values[row] != other)[0])
+                name = self._layout.t.source
+                raise RecordingError(
+                    f"Column {name} repeats {t[row]:.9g} s in row {rows.first_row + row + 1}, while "
+                    f"{self._layout.columns[column].source} changes. Either the stamps have too few digits (write "
+                    "more of them), or two recordings are mixed.",
+                    pointer=name,
+                    title="Repeated time",
+                    row=rows.first_row + int(row) + 1,
+                    time=float(t[row]),
+                )
+        return new
+
+    def _refuse_missing(self, rows: RawRows, values: FloatArray, numbers: BoolArray) -> None:
+        bad = np.flatnonzero(~numbers & inside(rows.t, self._windows))
+        if not len(bad):
+            return
+        row = int(bad[0])
+        column = int(np.flatnonzero(~np.isfinite(values[row, : self._needed]))[0])
+        name = self._layout.columns[column].source
+        raise RecordingError(
+            f"Column {name} holds no number in row {rows.first_row + row + 1} (t = {rows.t[row]:.6g} s). Remove the "
+            "row, which leaves a gap that is filtered around, or repair the value, or choose windows without it.",
+            pointer=name,
+            title="Not a number",
+            row=rows.first_row + row + 1,
+            time=float(rows.t[row]),
+        )
+
+    def _with_temperature(self, values: FloatArray) -> FloatArray:
+        """Hold the last temperature where a slower thermometer left the rows between its readings empty."""
+        n = len(self._layout.q)
+        if not self._layout.temperature:
+            return values
+        held = values[:, -n:].copy()
+        for joint in range(n):
+            known = np.flatnonzero(np.isfinite(held[:, joint]))
+            earlier = np.nan if self._temperature is None else self._temperature[joint]
+            if not len(known):
+                held[:, joint] = earlier
+                continue
+            if np.isnan(earlier):
+                earlier = held[known[0], joint]
+            latest = np.maximum.accumulate(np.where(np.isfinite(held[:, joint]), np.arange(len(held)), -1))
+            held[:, joint] = np.where(latest >= 0, held[latest, joint], earlier)
+        self._temperature = held[-1] if len(held) else self._temperature
+        return np.concatenate([values[:, :-n], held], axis=1)

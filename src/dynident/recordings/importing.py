@@ -1,0 +1,233 @@
+"""From a user's file or arrays to a canonical recording, in one streamed pass after the time column is known."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+
+import numpy as np
+
+from dynident.progress import Progress, part, silent
+from dynident.recordings.checks import run_checks
+from dynident.recordings.columns import Column, Layout, find_columns
+from dynident.recordings.conditioning import Conditioner
+from dynident.recordings.raw import RawRows, RawSource, open_source
+from dynident.recordings.sampling import RawSample, SampleCollector
+from dynident.recordings.sinks import ArraySink, ParquetSink
+from dynident.recordings.sources import ArraySource, ParquetSource
+from dynident.recordings.timebase import TimeBase, TimeScan, time_checks
+from dynident.recordings.types import (
+    Check,
+    FloatArray,
+    IntArray,
+    JointLimits,
+    Recording,
+    RecordingError,
+    RecordingMetadata,
+    Segment,
+    Windows,
+    inside,
+)
+
+
+def import_recording(
+    source_path: Path | str,
+    destination_path: Path | str,
+    *,
+    joint_names: Sequence[str],
+    gains: Sequence[float | None] | None = None,
+    metadata: RecordingMetadata | None = None,
+    limits: Sequence[JointLimits] | None = None,
+    progress: Progress = silent,
+) -> tuple[Recording, tuple[Check, ...]]:
+    """Read a CSV or Parquet file, check it, and store it in SI units on a uniform grid as a canonical Parquet file.
+
+    The file is read twice in blocks (the time column first) and never held in memory. The result appears at
+    `destination_path` only when everything is in order; after an error nothing is left there.
+
+    Parameters
+    ----------
+    source_path, destination_path : path
+    joint_names : one a joint, in the robot's order
+    gains : drive gain [12.17] of each joint in N m per unit of current, None where it is not known
+    metadata : RecordingMetadata
+    limits : JointLimits of each joint
+
+    Returns
+    -------
+    Recording, tuple of Check
+        The checks say what was found, the doubtful as warnings.
+
+    Raises
+    ------
+    RecordingError
+        For a file that cannot be used: says the column, the row or the time, and what to do. Its `checks` hold all
+        that was found up to there.
+    """
+    metadata = metadata or RecordingMetadata()
+    n = len(joint_names)
+    limits = tuple(limits or (JointLimits(),) * n)
+    gains = tuple(gains or (None,) * n)
+    if not len(limits) == len(gains) == n:
+        raise ValueError(f"{n} joints, {len(gains)} gains, {len(limits)} limits: they have to agree")
+    source = open_source(Path(source_path), metadata.format)
+    layout, torque_source = find_columns(source.names, joint_names, gains, limits, metadata)
+    destination = Path(destination_path)
+    with NamedTemporaryFile(dir=destination.parent, prefix=f".{destination.name}.", delete=False) as unfinished:
+        temporary = Path(unfinished.name)
+    try:
+        base = scan_time(source, layout, metadata.windows, part(progress, 0.0, 0.2))
+        with ParquetSink(temporary, tuple(joint_names), layout.kinds) as sink:
+            segments, sample = _convert(source, layout, base, metadata.windows, sink, part(progress, 0.2, 0.8))
+            recording = Recording(
+                name=metadata.name,
+                joint_names=tuple(joint_names),
+                sampling_rate=1.0 / base.period,
+                segments=segments,
+                source=ParquetSource(temporary, tuple(joint_names), bool(layout.temperature)),
+                windows=metadata.windows,
+                role=metadata.role,
+                payload=metadata.payload,
+                has_temperature=bool(layout.temperature),
+                path=temporary,
+            )
+            sink.describe(recording)
+        found = [torque_source, *time_checks(base, layout.t.source)]
+        checks = run_checks(recording, sample, layout, limits, tuple(found), metadata.accept)
+        progress(1.0, "stored")
+        os.replace(temporary, destination)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    stored = ParquetSource(destination, recording.joint_names, recording.has_temperature)
+    return replace(recording, source=stored, path=destination), checks
+
+
+def recording_from_arrays(
+    t: FloatArray,
+    q: FloatArray,
+    tau: FloatArray,
+    *,
+    joint_names: Sequence[str],
+    temperature: FloatArray | None = None,
+    segment: IntArray | None = None,
+    windows: Windows = (),
+    name: str = "recording",
+) -> Recording:
+    """Make a recording of arrays in SI units, held in memory; the same way as a file, without the checks of motion.
+
+    Parameters
+    ----------
+    t : (m,) in s; q, tau : (m, n); temperature : (m, n) in degC or None; segment : (m,) integers or None
+
+    Raises
+    ------
+    RecordingError
+        For unsorted time, or what is no number inside the windows.
+    """
+    source = _Arrays(t, q, tau, temperature, segment, tuple(joint_names))
+    layout = source.layout
+    base = scan_time(source, layout, windows)
+    sink = ArraySink()
+    segments, _ = _convert(source, layout, base, windows, sink, silent, sampled=False)
+    n = len(joint_names)
+    values = sink.values()
+    held = values[:, 2 * n :] if temperature is not None else None
+    return Recording(
+        name=name,
+        joint_names=tuple(joint_names),
+        sampling_rate=1.0 / base.period,
+        segments=segments,
+        source=ArraySource(values[:, :n], values[:, n : 2 * n], held),
+        windows=windows,
+        has_temperature=temperature is not None,
+    )
+
+
+def scan_time(source: RawSource, layout: Layout, windows: Windows, progress: Progress = silent) -> TimeBase:
+    """First pass: the time column alone."""
+    scan = TimeScan(layout.t.source)
+    for rows in source.times(layout):
+        scan.feed(rows)
+        progress(0.5, "reading the time column")
+    base = scan.result()
+    for index, (start, end) in enumerate(windows):
+        if end < base.first or start > base.last:
+            raise RecordingError(
+                f"Window {index + 1} runs from {start:g} to {end:g} s, but {layout.t.source} runs from "
+                f"{base.first:.6g} to {base.last:.6g} s.",
+                pointer=f"/windows/{index}",
+                title="Empty window",
+                time=start,
+            )
+    return base
+
+
+def _convert(
+    source: RawSource,
+    layout: Layout,
+    base: TimeBase,
+    windows: Windows,
+    sink: ParquetSink | ArraySink,
+    progress: Progress,
+    *,
+    sampled: bool = True,
+) -> tuple[tuple[Segment, ...], RawSample]:
+    """Second pass: condition the rows and write them; keep a bounded sample of the raw rows for the checks."""
+    conditioner = Conditioner(layout, base, windows)
+    collector = SampleCollector(base.n_rows, len(layout.q), layout.kinds)
+    for rows in source.rows(layout):
+        if sampled:
+            collector.feed(rows, inside(rows.t, windows))
+        for values in conditioner.push(rows):
+            sink.write(values)
+        progress((rows.first_row + len(rows.t)) / base.n_rows, "reading the samples")
+    for values in conditioner.finish():
+        sink.write(values)
+    segments = conditioner.segments()
+    if not segments:
+        raise RecordingError(
+            f"No stretch of the recording holds enough consecutive samples to be filtered ({base.n_rows} rows).",
+            pointer=layout.t.source,
+            title="Too short",
+        )
+    return segments, collector.result()
+
+
+@dataclass(frozen=True, eq=False)
+class _Arrays:
+    """Arrays that look like a file to the passes."""
+
+    t: FloatArray
+    q: FloatArray
+    tau: FloatArray
+    temperature: FloatArray | None
+    segment: IntArray | None
+    joint_names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        shape = (len(self.t), len(self.joint_names))
+        for name, values in (("q", self.q), ("tau", self.tau), ("temperature", self.temperature)):
+            if values is not None and values.shape != shape:
+                raise RecordingError(f"{name} has shape {values.shape}; {shape} is needed.", pointer=name)
+
+    @property
+    def layout(self) -> Layout:
+        def of(kind: str) -> tuple[Column, ...]:
+            return tuple(Column(f"{kind}_{joint}") for joint in self.joint_names)
+
+        temperature = of("temperature") if self.temperature is not None else ()
+        return Layout(Column("t"), None, of("q"), of("tau"), temperature=temperature)
+
+    def times(self, layout: Layout) -> Iterator[RawRows]:
+        yield RawRows(0, np.asarray(self.t, dtype=np.float64), self._labels(), np.empty((len(self.t), 0)))
+
+    def rows(self, layout: Layout) -> Iterator[RawRows]:
+        parts = [self.q, self.tau, *([] if self.temperature is None else [self.temperature])]
+        yield RawRows(0, np.asarray(self.t, dtype=np.float64), self._labels(), np.concatenate(parts, axis=1))
+
+    def _labels(self) -> IntArray:
+        return np.zeros(len(self.t), dtype=np.int64) if self.segment is None else self.segment

@@ -1,0 +1,233 @@
+"""Reading the user's file as it is: CSV in its dialects, or Parquet, in blocks of rows."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+
+from dynident.recordings.columns import Layout
+from dynident.recordings.types import FloatArray, IntArray, RecordingError
+
+BATCH_ROWS = 32768
+CSV_BLOCK_BYTES = 4 << 20
+_NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
+_NULLS = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None", "inf", "-inf", "Inf", "-Inf"]
+
+
+class RawRows(NamedTuple):
+    """Rows of the file in SI: first_row counts data rows from 0; t (m,), segment (m,), values (m, c) by kinds."""
+
+    first_row: int
+    t: FloatArray
+    segment: IntArray
+    values: FloatArray
+
+
+class RawSource(Protocol):
+    """A file, or arrays, that can be read from the beginning as often as needed."""
+
+    def times(self, layout: Layout) -> Iterator[RawRows]:
+        """Give t and segment alone; values are empty."""
+        ...
+
+    def rows(self, layout: Layout) -> Iterator[RawRows]:
+        """Give everything that the layout names."""
+        ...
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a CSV file is written."""
+
+    delimiter: str
+    decimal_point: str
+    names: tuple[str, ...]
+    lines_before_data: int
+
+
+class FileSource:
+    """A file of the user's with named columns."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = list(names)
+
+    def times(self, layout: Layout) -> Iterator[RawRows]:
+        """Give t and segment alone; values are empty."""
+        yield from self._read(layout, ())
+
+    def rows(self, layout: Layout) -> Iterator[RawRows]:
+        """Give everything that the layout names."""
+        yield from self._read(layout, tuple(column.source for column in layout.columns))
+
+    def _read(self, layout: Layout, columns: tuple[str, ...]) -> Iterator[RawRows]:
+        wanted = [layout.t.source, *([layout.segment.source] if layout.segment else []), *columns]
+        first = 0
+        for batch in self._batches(list(dict.fromkeys(wanted))):
+            t = layout.t.convert(_floats(batch, layout.t.source, first))
+            segment = np.zeros(len(t), dtype=np.int64)
+            if layout.segment is not None:
+                segment = _whole(_floats(batch, layout.segment.source, first), layout.segment.source, first)
+            values = np.empty((len(t), len(columns)))
+            for index, column in enumerate(layout.columns if columns else ()):
+                values[:, index] = column.convert(_floats(batch, column.source, first))
+            yield RawRows(first, t, segment, values)
+            first += len(t)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        raise NotImplementedError
+
+
+class ParquetFileSource(FileSource):
+    """A Parquet file of the user's."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            super().__init__(pq.read_schema(path).names)
+        except (pa.ArrowInvalid, pa.ArrowIOError) as error:
+            raise RecordingError(f"The file cannot be read as Parquet: {error}", title="Unreadable file") from error
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        try:
+            with pq.ParquetFile(self._path) as file:
+                yield from file.iter_batches(BATCH_ROWS, columns=columns, use_threads=False)
+        except (pa.ArrowInvalid, pa.ArrowIOError) as error:
+            raise RecordingError(f"The file cannot be read as Parquet: {error}", title="Unreadable file") from error
+
+
+class CsvFileSource(FileSource):
+    """A CSV file of the user's: comma, semicolon, tab or bar between columns; point or comma in numbers."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._dialect = csv_dialect(path)
+        super().__init__(self._dialect.names)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        dialect = self._dialect
+        try:
+            with pacsv.open_csv(
+                self._path,
+                read_options=pacsv.ReadOptions(
+                    column_names=list(dialect.names),
+                    skip_rows=dialect.lines_before_data,
+                    block_size=CSV_BLOCK_BYTES,
+                    use_threads=False,
+                ),
+                parse_options=pacsv.ParseOptions(delimiter=dialect.delimiter),
+                convert_options=pacsv.ConvertOptions(
+                    include_columns=columns,
+                    column_types={name: pa.float64() for name in columns},
+                    null_values=_NULLS,
+                    decimal_point=dialect.decimal_point,
+                ),
+            ) as reader:
+                yield from reader
+        except pa.ArrowInvalid as error:
+            raise _csv_error(str(error), dialect) from error
+
+
+def open_source(path: Path, file_format: str | None) -> FileSource:
+    """Open a user's file; the format is told from its first bytes where it is not given.
+
+    Raises
+    ------
+    RecordingError
+        If the file is empty, or not what it is said to be.
+    """
+    with path.open("rb") as file:
+        start = file.read(4)
+    if not start:
+        raise RecordingError("The file is empty.", title="Unreadable file")
+    is_parquet = start == b"PAR1"
+    if file_format == "csv" and is_parquet:
+        raise RecordingError('The file is Parquet, not CSV; say "format": "parquet".', pointer="/format")
+    return ParquetFileSource(path) if is_parquet or file_format == "parquet" else CsvFileSource(path)
+
+
+def csv_dialect(path: Path) -> Dialect:
+    """Tell separator, decimal sign and column names of a CSV file from its first lines."""
+    with path.open("rb") as file:
+        start = file.read(1 << 16)
+    if b"\0" in start:
+        raise RecordingError("The file is neither Parquet nor text.", title="Unreadable file")
+    lines = start.decode("utf-8-sig", errors="replace").splitlines()
+    header = next((number for number, line in enumerate(lines) if line.strip(" \t#%")), None)
+    if header is None:
+        raise RecordingError("The file holds no line of column names.", title="Unreadable file")
+    # Further comment lines may stand before the names; the names are the last of them.
+    while header + 1 < len(lines) and lines[header + 1].lstrip().startswith(("#", "%")):
+        header += 1
+    text = lines[header].lstrip("#% ").rstrip("\r\n")
+    delimiter = max(",;\t|", key=text.count)
+    if text.count(delimiter) == 0:
+        delimiter = " " if " " in text.strip() else ","
+    names = tuple(name.strip().strip('"').strip() for name in text.split(delimiter))
+    if names and all(_NUMBER.match(name) for name in names if name):
+        raise RecordingError(
+            "The first line of the file holds numbers; it has to hold the names of the columns (t, q1, …, tau1, …).",
+            title="Missing column names",
+        )
+    repeated = {name for name in names if name and names.count(name) > 1}
+    if repeated:
+        raise RecordingError(f"Column {min(repeated)} stands more than once in the file.", pointer=min(repeated))
+    data = [line for line in lines[header + 1 : header + 21] if line.strip()]
+    fields = [field.strip() for line in data for field in line.split(delimiter)]
+    comma = delimiter != "," and any("," in field and _NUMBER.match(field) for field in fields)
+    return Dialect(delimiter, "," if comma else ".", names, header + 1)
+
+
+def _floats(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:
+    """Give a column as float64, nulls as NaN; instants in time as seconds."""
+    column = batch.column(batch.schema.get_field_index(name))
+    kind = column.type
+    try:
+        if pa.types.is_timestamp(kind):
+            column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+            return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)) * 1e-9
+        if not pa.types.is_float64(kind):
+            column = column.cast(pa.float64(), safe=False)
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        raise RecordingError(
+            f"Column {name} holds {kind}, not numbers (rows {first_row + 1} to {first_row + batch.num_rows}): {error}",
+            pointer=name,
+            title="Not a number",
+        ) from error
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _whole(values: FloatArray, name: str, first_row: int) -> IntArray:
+    bad = np.flatnonzero(~(np.isfinite(values) & (values == np.rint(values))))
+    if len(bad):
+        row = first_row + int(bad[0])
+        raise RecordingError(
+            f"Column {name} is {values[bad[0]]} in row {row + 1}; the segment has to be a whole number.",
+            pointer=name,
+            row=row + 1,
+        )
+    return values.astype(np.int64)
+
+
+def _csv_error(message: str, dialect: Dialect) -> RecordingError:
+    """Say what pyarrow found in the user's terms: the column by name, the row of data."""
+    row = re.search(r"Row #(\d+)", message)
+    column = re.search(r"CSV column #(\d+)", message)
+    number = int(row.group(1)) - dialect.lines_before_data if row else None
+    name = dialect.names[int(column.group(1))] if column else ""
+    found = re.search(r"invalid value '(.*)'", message)
+    where = (f" in column {name}" if name else "") + (f", row {number}" if number else "")
+    if found:
+        detail = f"{found.group(1)!r}{where} is not a number."
+        if "," in found.group(1) and dialect.delimiter == ",":
+            detail += " With decimal commas, separate the columns by semicolons."
+    else:
+        detail = f"The file cannot be read as CSV{where}: {message.split(': ', 1)[-1]}"
+    return RecordingError(detail, pointer=name, title="Not a number" if found else "Unreadable file", row=number)

@@ -1,0 +1,240 @@
+"""The time column: nominal rate, jitter, gaps, repeated and unsorted stamps, found in one pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynident.recordings.raw import RawRows
+from dynident.recordings.types import BoolArray, Check, FloatArray, IntArray, RecordingError
+
+GAP_PERIODS = 5.0
+"""A longer step of t than so many nominal periods is a gap: nothing is interpolated or filtered across it."""
+
+REGULAR_SHARE = 0.85
+"""Where so many of the steps agree with their median, it is the rate of a clock that loses samples."""
+
+_MEDIAN_ROWS = 65536
+_KEPT_GAPS = 20
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A step of t that is too long: after data row `row` (from 1) at time `start`, `length` s long."""
+
+    row: int
+    start: float
+    length: float
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """What is known of a recording's time after the first pass."""
+
+    n_rows: int
+    first: float
+    last: float
+    period: float
+    typical: float
+    shortest: float
+    longest: float
+    deviation: float
+    gaps: tuple[Gap, ...]
+    n_gaps: int
+    n_repeated: int
+    first_repeated: int | None
+    worst_row: int
+
+    @property
+    def gap(self) -> float:
+        """The longest step of t in s that is no gap."""
+        return GAP_PERIODS * self.typical
+
+
+@dataclass
+class TimeScan:
+    """Collects the steps of t; feed it every block in order, then ask for the result."""
+
+    name: str
+    _typical: float = 0.0
+    _waiting: list[tuple[IntArray, FloatArray, FloatArray]] = field(default_factory=list)
+    _n_waiting: int = 0
+    _n_rows: int = 0
+    _first: float = np.inf
+    _last: float = -np.inf
+    _previous: tuple[float, int] | None = None
+    _sums: FloatArray = field(default_factory=lambda: np.zeros(3))
+    _near: FloatArray = field(default_factory=lambda: np.zeros(2))
+    _range: tuple[float, float] = (np.inf, 0.0)
+    _worst: tuple[float, int] = (-1.0, 0)
+    _gaps: list[Gap] = field(default_factory=list)
+    _n_gaps: int = 0
+    _n_repeated: int = 0
+    _first_repeated: int | None = None
+
+    def feed(self, rows: RawRows) -> None:
+        """Take the next rows.
+
+        Raises
+        ------
+        RecordingError
+            For a stamp that is no number or that goes back in time within a segment.
+        """
+        t, segment = rows.t, rows.segment
+        if not len(t):
+            return
+        bad = np.flatnonzero(~np.isfinite(t))
+        if len(bad):
+            row = rows.first_row + int(bad[0]) + 1
+            raise RecordingError(
+                f"Column {self.name} has no number in row {row}; every row needs its time. Remove the row, or repair "
+                "the stamp.",
+                pointer=self.name,
+                title="Time is not a number",
+                row=row,
+            )
+        if self._previous is not None:
+            t = np.concatenate([[self._previous[0]], t])
+            segment = np.concatenate([[self._previous[1]], segment])
+        ends = np.arange(rows.first_row + len(rows.t) - len(t) + 2, rows.first_row + len(rows.t) + 1)
+        steps, same = np.diff(t), np.diff(segment) == 0
+        self._refuse_unsorted(steps, same, t, ends)
+        repeated = same & (steps == 0)
+        if repeated.any() and self._first_repeated is None:
+            self._first_repeated = int(ends[repeated][0])
+        self._n_repeated += int(repeated.sum())
+        self._n_rows += len(rows.t)
+        self._first, self._last = min(self._first, float(rows.t.min())), max(self._last, float(rows.t.max()))
+        self._previous = float(rows.t[-1]), int(rows.segment[-1])
+        forward = same & (steps > 0)
+        self._waiting.append((ends[forward], t[:-1][forward], steps[forward]))
+        self._n_waiting += int(forward.sum())
+        if self._typical or self._n_waiting >= _MEDIAN_ROWS:
+            self._count()
+
+    def result(self) -> TimeBase:
+        """Give what was found.
+
+        Raises
+        ------
+        RecordingError
+            If there are too few rows to tell a rate.
+        """
+        self._count()
+        total, n, squares = self._sums
+        if self._n_rows < 2 or n < 1:
+            raise RecordingError(
+                f"The file holds {self._n_rows} rows of data at different times; that is no recording.",
+                pointer=self.name,
+                title="Too short",
+            )
+        near_total, n_near = self._near
+        period = near_total / n_near if n_near >= REGULAR_SHARE * n else total / n
+        variance = max(0.0, squares / n - (total / n) ** 2)
+        return TimeBase(
+            n_rows=self._n_rows,
+            first=self._first,
+            last=self._last,
+            period=float(period),
+            typical=self._typical,
+            shortest=self._range[0],
+            longest=self._range[1],
+            deviation=float(np.sqrt(variance)),
+            gaps=tuple(self._gaps),
+            n_gaps=self._n_gaps,
+            n_repeated=self._n_repeated,
+            first_repeated=self._first_repeated,
+            worst_row=self._worst[1],
+        )
+
+    def _refuse_unsorted(self, steps: FloatArray, same: BoolArray, t: FloatArray, ends: IntArray) -> None:
+        back = np.flatnonzero(same & (steps < 0))
+        if not len(back):
+            return
+        at, row = int(back[0]), int(ends[back[0]])
+        raise RecordingError(
+            f"Column {self.name} goes back from {t[at]:.6g} s to {t[at + 1]:.6g} s in row {row}. Sort the rows by "
+            "time; if the file holds several runs, tell them apart by an integer column `segment`.",
+            pointer=self.name,
+            title="Unsorted time",
+            row=row,
+            time=float(t[at + 1]),
+        )
+
+    def _count(self) -> None:
+        """Sort the waiting steps into ordinary ones and gaps."""
+        if not self._waiting:
+            return
+        ends, starts, steps = (np.concatenate(parts) for parts in zip(*self._waiting, strict=True))
+        self._waiting, self._n_waiting = [], 0
+        if not len(steps):
+            return
+        if not self._typical:
+            self._typical = float(np.median(steps))
+        wide = steps > GAP_PERIODS * self._typical
+        self._n_gaps += int(wide.sum())
+        for at in np.flatnonzero(wide)[: max(0, _KEPT_GAPS - len(self._gaps))]:
+            self._gaps.append(Gap(int(ends[at]) - 1, float(starts[at]), float(steps[at])))
+        ordinary = steps[~wide]
+        if not len(ordinary):
+            return
+        self._sums += (ordinary.sum(), len(ordinary), (ordinary**2).sum())
+        near = ordinary[np.abs(ordinary - self._typical) <= 0.05 * self._typical]
+        self._near += (near.sum(), len(near))
+        self._range = min(self._range[0], float(ordinary.min())), max(self._range[1], float(ordinary.max()))
+        off = np.abs(steps - self._typical) * ~wide
+        if off.max() > self._worst[0]:
+            self._worst = float(off.max()), int(ends[off.argmax()])
+
+
+def time_checks(base: TimeBase, column: str) -> list[Check]:
+    """Say what was found in the time column: jitter, gaps, repeated stamps."""
+    return [_jitter(base, column), _gap(base, column), _repeated(base, column)]
+
+
+def _jitter(base: TimeBase, column: str) -> Check:
+    rate = 1.0 / base.period
+    spread = base.deviation / base.period
+    if spread < 0.02 and base.longest < 1.5 * base.period and base.shortest > 0.5 * base.period:
+        return Check("sampling_jitter", "ok", f"Sampled at {rate:.5g} Hz, steps even within {100 * spread:.2g} %.")
+    return Check(
+        "sampling_jitter",
+        "warning",
+        f"Steps of {column} run from {1e3 * base.shortest:.3g} to {1e3 * base.longest:.3g} ms (standard deviation "
+        f"{100 * spread:.2g} % of the period; farthest off in row {base.worst_row}); resampled onto a uniform grid of "
+        f"{rate:.5g} Hz by cubic interpolation. Log with a steady clock if you can, and stamp when sampling, not when "
+        "writing.",
+        column,
+        base.worst_row,
+    )
+
+
+def _gap(base: TimeBase, column: str) -> Check:
+    if not base.n_gaps:
+        return Check("gaps", "ok", f"No step of t is longer than {GAP_PERIODS:g} periods.")
+    first = base.gaps[0]
+    others = "" if base.n_gaps == 1 else f" and {base.n_gaps - 1} more (the next at {base.gaps[1].start:.6g} s)"
+    return Check(
+        "gaps",
+        "warning",
+        f"No samples for {first.length:.4g} s after t = {first.start:.6g} s (row {first.row}){others}. The recording "
+        "is split there and nothing is filtered across; a second or so on either side is lost to the filter. Record "
+        "without dropping samples if you can.",
+        column,
+        first.row,
+        first.start,
+    )
+
+
+def _repeated(base: TimeBase, column: str) -> Check:
+    if not base.n_repeated:
+        return Check("repeated_time", "ok", "No time stamp stands twice.")
+    return Check(
+        "repeated_time",
+        "warning",
+        f"{base.n_repeated} rows repeat the row before them, stamp and content (the first is row "
+        f"{base.first_repeated}); they are left out. The logger writes faster than the robot answers.",
+        column,
+        base.first_repeated,
+    )

@@ -1,0 +1,215 @@
+"""What a recording is once it is checked: SI units, the robot's joint order, a uniform time grid in every segment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import DynidentError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+Windows = tuple[tuple[float, float], ...]
+Status = Literal["ok", "warning", "error"]
+JointKind = Literal["revolute", "prismatic"]
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """What the checks know of a joint: its kind and, where known, its limits (rad or m, rad/s or m/s, N m or N)."""
+
+    kind: JointKind = "revolute"
+    position: tuple[float, float] | None = None
+    velocity: float | None = None
+    effort: float | None = None
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at in a recording, what was found, and what to do about it.
+
+    `column` names the column of the user's file, `row` counts its data rows from 1, `time` is in seconds of t; each
+    is empty or `None` where the finding has no single place.
+    """
+
+    name: str
+    status: Status
+    detail: str
+    column: str = ""
+    row: int | None = None
+    time: float | None = None
+
+
+class RecordingError(DynidentError):
+    """A recording that cannot be used as it is. `pointer` names the column; `checks` holds all that was found."""
+
+    def __init__(
+        self,
+        detail: str,
+        *,
+        pointer: str = "",
+        title: str = "Unusable recording",
+        row: int | None = None,
+        time: float | None = None,
+        checks: tuple[Check, ...] = (),
+    ) -> None:
+        super().__init__(detail, pointer=pointer, title=title)
+        self.row = row
+        self.time = time
+        self.checks = checks
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild, (self.detail, self.pointer, self.title, self.row, self.time, self.checks))
+
+
+def _rebuild(
+    detail: str, pointer: str, title: str, row: int | None, time: float | None, checks: tuple[Check, ...]
+) -> RecordingError:
+    return RecordingError(detail, pointer=pointer, title=title, row=row, time=time, checks=checks)
+
+
+@dataclass(frozen=True)
+class RecordingMetadata:
+    """What the user says about a file.
+
+    Parameters
+    ----------
+    name : str
+    format : "csv", "parquet" or None
+        None: told from the file's first bytes.
+    columns : mapping
+        Our column name to the file's: {"q1": "shoulder_angle"}.
+    units : mapping
+        Unit by kind of signal ("q", "dq", "ddq", "tau", "current", "temperature", "t") or by one of our columns
+        ("q3", "q_elbow"); SI where nothing is said, temperature in degC.
+    role : str or None
+        "identification", "validation", "friction" or "payload".
+    windows : pairs (from, to)
+        Seconds of t to use; empty: all.
+    payload : mapping or None
+        Kept as it came.
+    accept : names of checks
+        Findings of these checks are reported as warnings, whatever they are: the user knows better.
+    """
+
+    name: str = "recording"
+    format: Literal["csv", "parquet"] | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    role: str | None = None
+    windows: Windows = ()
+    payload: Mapping[str, Any] | None = None
+    accept: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for index, (start, end) in enumerate(self.windows):
+            if not (np.isfinite(start) and np.isfinite(end) and start < end):
+                raise RecordingError(
+                    f"Window {index + 1} runs from {start} s to {end} s; the end has to come after the beginning.",
+                    pointer=f"/windows/{index}",
+                )
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of uniformly sampled rows that nothing is filtered across the ends of.
+
+    `first_row` and `length` count rows of the stored recording; row k of the segment was sampled at
+    `start_time` + k / sampling rate. `label` is the value of the user's `segment` column (0 without one).
+    """
+
+    first_row: int
+    length: int
+    start_time: float
+    label: int = 0
+
+
+class StoredRows(NamedTuple):
+    """Consecutive stored rows: positions and torques (m, n) in SI units, temperature (m, n) in degC or None."""
+
+    q: FloatArray
+    tau: FloatArray
+    temperature: FloatArray | None
+
+
+class SampleSource(Protocol):
+    """Where the rows of a recording are: a file or arrays."""
+
+    def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
+        """Give `length` rows from row `first` on, in blocks of at most about `block_length`."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A checked recording in SI units and the robot's joint order, uniformly sampled within each segment."""
+
+    name: str
+    joint_names: tuple[str, ...]
+    sampling_rate: float
+    segments: tuple[Segment, ...]
+    source: SampleSource
+    windows: Windows = ()
+    role: str | None = None
+    payload: Mapping[str, Any] | None = None
+    has_temperature: bool = False
+    path: Path | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples over all segments."""
+        return sum(segment.length for segment in self.segments)
+
+    @property
+    def period(self) -> float:
+        """Sampling period T in s."""
+        return 1.0 / self.sampling_rate
+
+    def with_windows(self, windows: Windows) -> Recording:
+        """Give the same recording with other seconds of t to use."""
+        return replace(self, windows=windows)
+
+    def inside_windows(self, t: FloatArray) -> BoolArray:
+        """Tell which of the times t (m,) lie in a window; all of them where there is none."""
+        return inside(t, self.windows, tolerance=1e-6 * self.period)
+
+
+@dataclass(frozen=True, eq=False)
+class SampleBlock:
+    """Consecutive samples of one segment after the position filter.
+
+    t (m,) in s; q, dq, ddq (m, n) filtered position and its derivatives [12.16]; tau (m, n) unfiltered;
+    `used` (m,) is true inside the windows and clear of the segment's ends; temperature (m, n) in degC or None.
+    """
+
+    segment: int
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    tau: FloatArray
+    used: BoolArray
+    temperature: FloatArray | None
+    starts_segment: bool
+
+
+def inside(t: FloatArray, windows: Windows, tolerance: float = 0.0) -> BoolArray:
+    """Tell which of the times t (m,) lie in one of the windows, ends included; all of them where there is none."""
+    if not windows:
+        return np.ones(len(t), dtype=bool)
+    found = np.zeros(len(t), dtype=bool)
+    for start, end in windows:
+        found |= (t >= start - tolerance) & (t <= end + tolerance)
+    return found

@@ -1,0 +1,84 @@
+"""Units that recordings come in, and the way to SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi
+
+from dynident.recordings.types import JointKind, RecordingError
+
+_DEGREE = pi / 180.0
+_LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+_ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "degree": _DEGREE, "degrees": _DEGREE, "rev": 2.0 * pi}
+
+FACTORS: dict[tuple[str, JointKind | None], dict[str, float]] = {
+    ("t", None): {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
+    ("q", "revolute"): _ANGLE,
+    ("q", "prismatic"): _LENGTH,
+    ("dq", "revolute"): {f"{unit}/s": factor for unit, factor in _ANGLE.items()}
+    | {"rpm": 2.0 * pi / 60.0, "rev/min": 2.0 * pi / 60.0},
+    ("dq", "prismatic"): {f"{unit}/s": factor for unit, factor in _LENGTH.items()},
+    ("ddq", "revolute"): {f"{unit}/s^2": factor for unit, factor in _ANGLE.items()},
+    ("ddq", "prismatic"): {f"{unit}/s^2": factor for unit, factor in _LENGTH.items()},
+    ("tau", "revolute"): {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N mm": 1e-3, "N cm": 1e-2},
+    ("tau", "prismatic"): {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    ("current", "revolute"): {"A": 1.0, "mA": 1e-3},
+    ("current", "prismatic"): {"A": 1.0, "mA": 1e-3},
+    ("temperature", "revolute"): {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0},
+    ("temperature", "prismatic"): {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0},
+}
+"""Factor to SI by kind of signal and kind of joint; the first of each is the one taken where none is said."""
+
+OFFSETS = {"K": -273.15, "degF": -32.0 * 5.0 / 9.0}
+"""Added after the factor (temperatures only)."""
+
+KINDS = ("t", "q", "dq", "ddq", "tau", "current", "temperature")
+
+
+def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str) -> tuple[float, float]:
+    """Give factor and offset from a unit to ours.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of signal, one of `KINDS`.
+    joint : "revolute", "prismatic" or None
+        Kind of joint; None for t.
+    unit : str or None
+        As the user wrote it ("N*m", "Nm", "N·m" and "N m" are the same); None: SI.
+    where : str
+        The key of `units` that names it, for the error.
+
+    Raises
+    ------
+    RecordingError
+        For a unit that is not known for this signal; names those that are.
+    """
+    known = FACTORS[kind, joint]
+    if unit is None:
+        return 1.0, 0.0
+    wanted = _plain(unit)
+    for name, factor in known.items():
+        if _plain(name) == wanted:
+            return factor, OFFSETS.get(name, 0.0)
+    of = "" if joint is None else f" of a {joint} joint"
+    raise RecordingError(
+        f"Unit {unit!r} is not known for {kind}{of}; known are {', '.join(known)}.",
+        pointer=f"/units/{where}",
+        title="Unknown unit",
+    )
+
+
+def unit_for(units: Mapping[str, str], kind: str, columns: tuple[str, ...]) -> tuple[str | None, str]:
+    """Find the unit of a column: the one given for one of the column's names, else for its kind of signal."""
+    for key in (*columns, kind):
+        if key in units:
+            return units[key], key
+    return None, kind
+
+
+def _plain(unit: str) -> str:
+    unit = unit.replace("°C", "degC").replace("°", "deg")
+    for sign in (" ", "*", "·", "⋅", ".", "_"):
+        unit = unit.replace(sign, "")
+    return unit.replace("²", "^2").replace("**2", "^2").replace("s2", "s^2").replace("μ", "µ")
