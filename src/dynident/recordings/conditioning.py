@@ -52,7 +52,7 @@ class Conditioner:
     def push(self, rows: RawRows) -> Iterator[GridRows]:
         """Take the next rows; give the grid rows that are ready to be stored."""
         values = self._with_temperature(rows.values)
-        numbers: BoolArray = np.isfinite(values[:, : self._needed]).all(axis=1)
+        numbers = np.all(np.isfinite(values[:, : self._needed]), axis=1)
         if not numbers.all():
             self._refuse_missing(rows, values, numbers)
         new = self._without_repeats(rows, values)
@@ -119,7 +119,7 @@ class Conditioner:
             return
         segment = self._open
         done = segment.length + self._n_held
-        grid: FloatArray = segment.start_time + (done + np.arange(len(values))) * self._base.period
+        grid = segment.start_time + (done + np.arange(len(values), dtype=np.float64)) * self._base.period
         rows = GridRows(grid, segment.label, values)
         if done + len(values) < SHORTEST:
             self._held.append(rows)

@@ -74,8 +74,8 @@ def _segment_blocks(
     for rows in _differentiated(recording, segment, preprocessing):
         for start in range(0, len(rows.q), block_length):
             part = slice(start, min(start + block_length, len(rows.q)))
-            numbers = np.arange(done, done + part.stop - part.start)
-            t: FloatArray = segment.start_time + numbers * recording.period
+            numbers = np.arange(done, done + part.stop - part.start, dtype=np.float64)
+            t = segment.start_time + numbers * recording.period
             used: BoolArray = (numbers >= margin) & (numbers < segment.length - margin) & recording.inside_windows(t)
             yield SampleBlock(
                 segment=index,

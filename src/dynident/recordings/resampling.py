@@ -59,7 +59,7 @@ class Resampler:
     def _interpolated(self, count: int) -> FloatArray:
         if count <= 0:
             return self._values[:0]
-        wanted: FloatArray = self._start + (self._n_given + np.arange(count)) * self._period
+        wanted = self._start + (self._n_given + np.arange(count, dtype=np.float64)) * self._period
         self._n_given += count
         return interpolated(self._t, self._values, wanted, self._period)
 
