@@ -1,6 +1,25 @@
 """What a machine is: joints on a tree, limits, drive chains; from URDF or a modified Denavit-Hartenberg table."""
 
+from dynident.robot.description import robot_from_description
+from dynident.robot.kinematics import joint_frames, tool_path
 from dynident.robot.model import INERTIAL_NAMES, Description, Drive, Joint, Limits, Robot
+from dynident.robot.modified_dh import robot_from_modified_dh
+from dynident.robot.pinocchio_model import to_pinocchio
 from dynident.robot.urdf import robot_from_urdf
+from dynident.robot.urdf_writer import urdf_from_robot
 
-__all__ = ["INERTIAL_NAMES", "Description", "Drive", "Joint", "Limits", "Robot", "robot_from_urdf"]
+__all__ = [
+    "INERTIAL_NAMES",
+    "Description",
+    "Drive",
+    "Joint",
+    "Limits",
+    "Robot",
+    "joint_frames",
+    "robot_from_description",
+    "robot_from_modified_dh",
+    "robot_from_urdf",
+    "to_pinocchio",
+    "tool_path",
+    "urdf_from_robot",
+]

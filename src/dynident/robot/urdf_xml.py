@@ -84,11 +84,14 @@ def checked(root: Element, locked: Collection[str], pointer: str = "") -> Elemen
     return robot
 
 
-def write(element: Element) -> str:
-    """XML text of the element."""
+def write(element: Element, indent: bool = False, depth: int = 0) -> str:
+    """XML text of the element, on one line, or indented for people."""
+    margin, end = ("  " * depth, "\n") if indent else ("", "")
     attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
-    inside = "".join(write(child) for child in element.children)
-    return f"<{element.tag}{attributes}>{inside}</{element.tag}>"
+    if not element.children:
+        return f"{margin}<{element.tag}{attributes}/>{end}"
+    inside = "".join(write(child, indent, depth + 1) for child in element.children)
+    return f"{margin}<{element.tag}{attributes}>{end}{inside}{margin}</{element.tag}>{end}"
 
 
 _Fail = Callable[[str, int], DynidentError]

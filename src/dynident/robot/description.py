@@ -1,0 +1,78 @@
+"""One door for every kind of description."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from dynident.errors import DynidentError
+from dynident.robot.model import Description, Drive, Limits, Robot
+from dynident.robot.modified_dh import robot_from_modified_dh
+from dynident.robot.urdf import robot_from_urdf
+
+_POINTER = "/description/content"
+
+
+class _Reader(Protocol):
+    def __call__(
+        self,
+        name: str,
+        content: str,
+        /,
+        *,
+        limits: Mapping[str, Limits] | None,
+        drives: Mapping[str, Drive] | None,
+        locked_joints: Mapping[str, float] | None,
+        gravity: Sequence[float] | None,
+        pointer: str,
+    ) -> Robot: ...
+
+
+def robot_from_description(
+    name: str,
+    description: Description,
+    *,
+    limits: Mapping[str, Limits] | None = None,
+    drives: Mapping[str, Drive] | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+) -> Robot:
+    """Return the robot that a description and what is stated beside it give.
+
+    Parameters
+    ----------
+    name : str
+        Name of the robot.
+    description : Description
+        A URDF, or a modified Denavit-Hartenberg table as JSON text (`dynident.robot.modified_dh`).
+    limits, drives : mapping of joint name
+        Limits win over the description's, field by field. Drive chains [12.17].
+    locked_joints : mapping of joint name to position (rad or m)
+        These joints no longer move; their links become part of the link before.
+    gravity : (x, y, z), optional
+        Acceleration of gravity in the base frame (m/s²); else the description's, else (0, 0, -9.81).
+
+    Raises
+    ------
+    DynidentError
+        Its pointer says where: "/description/content/…", "/limits/<joint>/position", "/locked_joints/<joint>", ….
+    """
+    if description.format == "urdf":
+        reader: _Reader = robot_from_urdf
+    elif description.format == "modified_dh":
+        reader = robot_from_modified_dh
+    else:
+        raise DynidentError(
+            f"Unknown format '{description.format}'; expected urdf or modified_dh.",
+            pointer="/description/format",
+            title="Unusable robot description",
+        )
+    return reader(
+        name,
+        description.content,
+        limits=limits,
+        drives=drives,
+        locked_joints=locked_joints,
+        gravity=gravity,
+        pointer=_POINTER,
+    )

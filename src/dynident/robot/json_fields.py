@@ -1,0 +1,82 @@
+"""Reads fields of a JSON value with errors that point at them."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from dynident.errors import DynidentError
+from dynident.robot.pointers import listed, pointer
+
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_EXPRESSION = re.compile(rf"([+-]?)\s*(?:({_NUMBER})\s*\*\s*)?(pi|π)\s*(?:/\s*({_NUMBER}))?")
+
+
+def parse_json(text: str, at: str, title: str) -> Any:
+    """Return the value of a JSON text; `DynidentError` names line and column."""
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        detail = f"line {error.lineno}: The JSON is malformed at column {error.colno}: {error.msg}."
+    except RecursionError:
+        detail = "The JSON is nested too deeply."
+    raise DynidentError(detail, pointer=at, title=title)
+
+
+def expect_mapping(value: object, allowed: Iterable[str], at: str, title: str) -> Mapping[str, Any]:
+    """Return `value` as an object that has no other keys than `allowed`."""
+    allowed = tuple(allowed)
+    if not isinstance(value, Mapping):
+        raise DynidentError(f"Expected an object with {listed(allowed)}.", pointer=at, title=title)
+    for key in value:
+        if key not in allowed:
+            detail = f"Unknown field '{key}'; expected {listed(allowed)}."
+            raise DynidentError(detail, pointer=pointer(key, within=at), title=title)
+    return value
+
+
+def expect_text(value: object, at: str, title: str) -> str:
+    """Return `value` as a text that is not empty."""
+    if not isinstance(value, str) or not value.strip():
+        raise DynidentError("Expected a text that is not empty.", pointer=at, title=title)
+    return value
+
+
+def expect_number(value: object, at: str, title: str) -> float:
+    """Return a finite number, also from texts such as "0.5", "pi/2" and "-3*pi/4"."""
+    number = math.nan
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        number = _finite(value)
+    elif isinstance(value, str):
+        number = _evaluated(value.strip())
+    if not math.isfinite(number):
+        detail = f'{value!r} is not a number; expected one such as 0.5, "pi/2" or "-3*pi/4".'
+        raise DynidentError(detail, pointer=at, title=title)
+    return number
+
+
+def expect_numbers(value: object, count: int, at: str, title: str) -> tuple[float, ...]:
+    """Return a list of `count` finite numbers."""
+    if not isinstance(value, (list, tuple)) or len(value) != count:
+        raise DynidentError(f"Expected a list of {count} numbers.", pointer=at, title=title)
+    return tuple(expect_number(item, pointer(index, within=at), title) for index, item in enumerate(value))
+
+
+def _finite(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _evaluated(text: str) -> float:
+    if re.fullmatch(rf"[+-]?{_NUMBER}", text):
+        return float(text)
+    match = _EXPRESSION.fullmatch(text)
+    if match is None or (match[4] is not None and float(match[4]) == 0.0):
+        return math.nan
+    value = float(match[2] or 1) * math.pi / float(match[4] or 1)
+    return -value if match[1] == "-" else value

@@ -1,0 +1,41 @@
+"""Forward kinematics in numpy, for whole blocks of configurations at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.robot.model import FloatArray, Joint, Robot
+
+
+def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the frames of all joints in the base frame, (m, n, 4, 4), at configurations `q` (m, n).
+
+    A frame moves with its joint: the link's inertial parameters are constant in it.
+    """
+    q = np.asarray(q, dtype=float)
+    frames = np.empty((len(q), robot.n, 4, 4))
+    for index, joint in enumerate(robot.joints):
+        local = joint.placement @ joint_motion(joint, q[:, index])
+        frames[:, index] = local if joint.parent < 0 else frames[:, joint.parent] @ local
+    return frames
+
+
+def joint_motion(joint: Joint, q: FloatArray) -> FloatArray:
+    """Return the transforms (m, 4, 4) that positions `q` (m,) add behind the joint's placement."""
+    motion = np.zeros((len(q), 4, 4))
+    motion[:, range(4), range(4)] = 1.0
+    if joint.kind == "prismatic":
+        motion[:, :3, 3] = q[:, None] * joint.axis
+        return motion
+    x, y, z = joint.axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # Rodrigues' formula.
+    motion[:, :3, :3] += np.sin(q)[:, None, None] * cross + (1.0 - np.cos(q))[:, None, None] * (cross @ cross)
+    return motion
+
+
+def tool_path(robot: Robot, q: FloatArray, joint: int = -1, point: FloatArray | None = None) -> FloatArray:
+    """Return where `point` (3,) of a joint's frame, by default the last one's origin, goes in the base frame (m, 3)."""
+    frame = joint_frames(robot, q)[:, joint]
+    path: FloatArray = frame[:, :3, 3] if point is None else frame[:, :3, :3] @ point + frame[:, :3, 3]
+    return path

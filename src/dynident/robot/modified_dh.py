@@ -1,0 +1,229 @@
+"""Robots from a table of modified Denavit-Hartenberg parameters, in the notation of Khalil and Kleinfinger (1986).
+
+The table is JSON: a list of rows, one a joint, or an object with that list and, if wanted, gravity::
+
+    {"joints": [
+        {"name": "joint1", "antecedent": 0, "sigma": 0,
+         "gamma": 0, "b": 0, "alpha": 0, "d": 0, "theta": 0, "r": 0.333,
+         "limits": {"position": [-2.9, 2.9], "velocity": 2.2, "acceleration": 15, "jerk": 7500, "effort": 87},
+         "inertia": {"XX": 0.02, "XY": 0, …, "MX": 0.1, …, "M": 2.5}},
+        {"name": "joint2", "alpha": "-pi/2"},
+        …],
+     "gravity": [0, 0, -9.81]}
+
+======================  ================================================================================================
+name                    name of the joint; `joint<j>` for row j by default
+antecedent              the joint before it: its name or its number, counted from 1; 0 or "base" for the base. The row
+                        above by default (the base for the first row). Two rows may share an antecedent: a tree
+sigma                   0: revolute (default), 1: prismatic
+gamma, b, alpha, d,     constants of the frame (rad, m), 0 by default; numbers, or texts such as "pi/2". The joint
+theta, r                variable is added to theta of a revolute and to r of a prismatic joint
+limits                  position, velocity, acceleration, jerk, effort; any of them
+inertia                 XX XY XZ YY YZ ZZ MX MY MZ M of the link in frame j, about its origin [12.1]; 0 by default
+mass_properties         instead of inertia: mass, center_of_mass [x, y, z] and inertia [xx, xy, xz, yy, yz, zz] about
+                        the centre of mass, all in frame j
+link                    name of the link
+======================  ================================================================================================
+
+Frame j is placed in its antecedent's frame by Rot(z, γ) Trans(z, b) Rot(x, α) Trans(x, d) Rot(z, θ) Trans(z, r); the
+joint turns about or slides along its own z axis. Where γ and b are 0, as in most serial arms, this is Craig's notation
+too: its α and a of index j - 1 are α and d of row j here. Top-level fields `title` and `source` are kept, not read.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dynident.errors import DynidentError
+from dynident.robot.json_fields import (
+    expect_mapping,
+    expect_number,
+    expect_numbers,
+    expect_text,
+    parse_json,
+)
+from dynident.robot.model import INERTIAL_NAMES, Description, Drive, FloatArray, JointKind, Limits, Robot
+from dynident.robot.pinocchio_model import PinocchioModel, dynamic_parameters, from_pinocchio, inertial_parameters
+from dynident.robot.pointers import listed, pointer
+from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_placement
+from dynident.robot.settings import check_limits, gravity_from, settings_from
+
+TITLE = "Unusable modified Denavit-Hartenberg table"
+_CONSTANTS = ("gamma", "b", "alpha", "d", "theta", "r")
+_LIMITS = ("position", "velocity", "acceleration", "jerk", "effort")
+_MASS_PROPERTIES = ("mass", "center_of_mass", "inertia")
+_ROW = ("name", "antecedent", "sigma", *_CONSTANTS, "limits", "inertia", "mass_properties", "link")
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One joint of a table: `antecedent` counts rows from 0, -1 is the base; `inertia` is (10,) in [12.1]'s order."""
+
+    name: str
+    antecedent: int
+    kind: JointKind
+    placement: FloatArray
+    limits: Limits
+    inertia: FloatArray
+    link: str
+
+
+def robot_from_modified_dh(
+    name: str,
+    table: str | Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    *,
+    limits: Mapping[str, Limits] | None = None,
+    drives: Mapping[str, Drive] | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+    pointer: str = "",
+) -> Robot:
+    """Return the robot that a table (JSON text or value) describes; the module's docstring tells the fields.
+
+    The other arguments are those of `robot_from_urdf`; they win over the table's.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to the field that cannot be used, `pointer` first.
+    """
+    settings = settings_from(limits, drives, locked_joints, gravity)
+    content = table if isinstance(table, str) else json.dumps(table)
+    value = parse_json(content, pointer, TITLE)
+    rows = table_rows(value, pointer)
+    if gravity is None and isinstance(value, Mapping) and "gravity" in value:
+        stated = expect_numbers(value["gravity"], 3, f"{pointer}/gravity", TITLE)
+        settings = settings_from(limits, drives, locked_joints, gravity_from(stated).tolist())
+    return from_pinocchio(
+        _model(name, rows),
+        name,
+        Description("modified_dh", content),
+        settings,
+        described_limits={row.name: row.limits for row in rows},
+        links={row.name: row.link for row in rows},
+    )
+
+
+def table_rows(value: object, at: str = "") -> tuple[Row, ...]:
+    """Check the JSON value of a table and return its rows, antecedents first."""
+    if isinstance(value, Mapping):
+        value, at = (
+            expect_mapping(value, ("joints", "gravity", "title", "source"), at, TITLE).get("joints"),
+            f"{at}/joints",
+        )
+    if not isinstance(value, (list, tuple)) or not value:
+        raise DynidentError("Expected a list of joints, one row each.", pointer=at, title=TITLE)
+    rows: list[Row] = []
+    for index, item in enumerate(value):
+        rows.append(_row(item, rows, pointer(index, within=at)))
+    return tuple(rows)
+
+
+def placement_from(gamma: float, b: float, alpha: float, d: float, theta: float, r: float) -> FloatArray:
+    """Rot(z, γ) Trans(z, b) Rot(x, α) Trans(x, d) Rot(z, θ) Trans(z, r) as a homogeneous transform (4, 4)."""
+    return mend_placement(_screw_z(gamma, b) @ _screw_x(alpha, d) @ _screw_z(theta, r), ROUNDING_TOLERANCE)
+
+
+def _screw_z(angle: float, distance: float) -> FloatArray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, distance], [0, 0, 0, 1]])
+
+
+def _screw_x(angle: float, distance: float) -> FloatArray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1, 0, 0, distance], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
+
+
+def _row(item: object, above: Sequence[Row], at: str) -> Row:
+    fields = expect_mapping(item, _ROW, at, TITLE)
+    name = expect_text(fields.get("name", f"joint{len(above) + 1}"), f"{at}/name", TITLE)
+    if name == "base" or name in (row.name for row in above):
+        detail = "No joint can be called 'base'." if name == "base" else f"The joint name '{name}' is used twice."
+        raise DynidentError(detail, pointer=f"{at}/name", title=TITLE)
+    sigma = fields.get("sigma", 0)
+    if isinstance(sigma, bool) or sigma not in (0, 1):
+        raise DynidentError("Expected 0 (revolute) or 1 (prismatic).", pointer=f"{at}/sigma", title=TITLE)
+    constants = [expect_number(fields.get(key, 0.0), f"{at}/{key}", TITLE) for key in _CONSTANTS]
+    link = fields.get("link", "")
+    return Row(
+        name=name,
+        antecedent=_antecedent(fields.get("antecedent"), above, f"{at}/antecedent"),
+        kind="prismatic" if sigma == 1 else "revolute",
+        placement=placement_from(*constants),
+        limits=_limits(fields.get("limits", {}), name, f"{at}/limits"),
+        inertia=_inertia(fields, at),
+        link=expect_text(link, f"{at}/link", TITLE) if link else "",
+    )
+
+
+def _antecedent(value: object, above: Sequence[Row], at: str) -> int:
+    names = [row.name for row in above]
+    if value is None:
+        return len(above) - 1
+    if value == "base":
+        return -1
+    if isinstance(value, str) and value in names:
+        return names.index(value)
+    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= len(above):
+        return value - 1
+    detail = f'The antecedent {value!r} is not above this row; expected 0 or "base" for the base'
+    detail += f", or a name or number of {listed(names)}." if names else "."
+    raise DynidentError(detail, pointer=at, title=TITLE)
+
+
+def _limits(value: object, joint: str, at: str) -> Limits:
+    fields = expect_mapping(value, _LIMITS, at, TITLE)
+    stated = {key: field for key, field in fields.items() if field is not None}
+    position = stated.pop("position", None)
+    numbers = {key: expect_number(field, f"{at}/{key}", TITLE) for key, field in stated.items()}
+    low_high = None if position is None else expect_numbers(position, 2, f"{at}/position", TITLE)
+    limits = Limits(position=None if low_high is None else (low_high[0], low_high[1]), **numbers)
+    check_limits(limits, joint, at)
+    return limits
+
+
+def _inertia(fields: Mapping[str, Any], at: str) -> FloatArray:
+    if "inertia" in fields and "mass_properties" in fields:
+        detail = "State either inertia or mass_properties, not both."
+        raise DynidentError(detail, pointer=f"{at}/mass_properties", title=TITLE)
+    if "mass_properties" in fields:
+        return _about_origin(fields["mass_properties"], f"{at}/mass_properties")
+    at = f"{at}/inertia"
+    given = expect_mapping(fields.get("inertia", {}), INERTIAL_NAMES, at, TITLE)
+    values = np.array([expect_number(given.get(key, 0.0), f"{at}/{key}", TITLE) for key in INERTIAL_NAMES])
+    if values[9] < 0 or (values[9] == 0 and np.any(values)):
+        raise DynidentError("A link with inertia has a positive mass M.", pointer=f"{at}/M", title=TITLE)
+    return values
+
+
+def _about_origin(value: object, at: str) -> FloatArray:
+    given = expect_mapping(value, _MASS_PROPERTIES, at, TITLE)
+    for key in _MASS_PROPERTIES:
+        if key not in given:
+            raise DynidentError(f"'{key}' is missing.", pointer=f"{at}/{key}", title=TITLE)
+    mass = expect_number(given["mass"], f"{at}/mass", TITLE)
+    if mass <= 0:
+        raise DynidentError(f"The mass is {mass}; expected a positive number.", pointer=f"{at}/mass", title=TITLE)
+    center = np.array(expect_numbers(given["center_of_mass"], 3, f"{at}/center_of_mass", TITLE))
+    xx, xy, xz, yy, yz, zz = expect_numbers(given["inertia"], 6, f"{at}/inertia", TITLE)
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return inertial_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())
+
+
+def _model(name: str, rows: Sequence[Row]) -> PinocchioModel:
+    model = pin.Model()
+    model.name = name
+    for row in rows:
+        joint = pin.JointModelPZ() if row.kind == "prismatic" else pin.JointModelRZ()
+        index = model.addJoint(row.antecedent + 1, joint, pin.SE3(row.placement), row.name)
+        if np.any(row.inertia):
+            inertia = pin.Inertia.FromDynamicParameters(dynamic_parameters(row.inertia))
+            model.appendBodyToJoint(index, inertia, pin.SE3.Identity())
+    return model

@@ -1,0 +1,100 @@
+"""Writes a robot as URDF."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from dynident.errors import DynidentError
+from dynident.robot.model import FloatArray, Joint, Robot
+from dynident.robot.pinocchio_model import dynamic_parameters
+from dynident.robot.urdf_xml import Element, write
+
+_BASE = "base"
+
+
+def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
+    """Return the URDF text of a robot, with the kinematics, limits and inertias to the last digit.
+
+    Parameters
+    ----------
+    robot : Robot
+    inertias : ndarray (n, 10), optional
+        Inertial parameters in the order of `INERTIAL_NAMES` instead of the robot's own.
+
+    Raises
+    ------
+    DynidentError
+        A link's mass is not positive although it has other inertial parameters: a URDF states the centre of mass, which
+        then does not exist.
+    """
+    stated = robot.inertias if inertias is None else inertias
+    links = _link_names(robot)
+    root = Element("robot", {"name": robot.name}, 0)
+    root.children.append(Element("link", {"name": _BASE}, 0))
+    for index, joint in enumerate(robot.joints):
+        parent = _BASE if joint.parent < 0 else links[joint.parent]
+        root.children.append(_joint(joint, parent, links[index]))
+        link = Element("link", {"name": links[index]}, 0)
+        if stated is not None and np.any(stated[index]):
+            link.children.append(_inertial(stated[index], links[index]))
+        root.children.append(link)
+    return '<?xml version="1.0"?>\n' + write(root, indent=True)
+
+
+def _link_names(robot: Robot) -> list[str]:
+    names: list[str] = []
+    for index, joint in enumerate(robot.joints):
+        name = joint.link or f"link{index + 1}"
+        while name in (*names, _BASE):
+            name += "_"
+        names.append(name)
+    return names
+
+
+def _joint(joint: Joint, parent: str, child: str) -> Element:
+    bounded = joint.limits.position is not None
+    kind = "continuous" if joint.kind == "revolute" and not bounded else joint.kind
+    element = Element("joint", {"name": joint.name, "type": kind}, 0)
+    rotation, translation = joint.placement[:3, :3], joint.placement[:3, 3]
+    limit = {"velocity": _text(joint.limits.velocity or 0.0), "effort": _text(joint.limits.effort or 0.0)}
+    if joint.limits.position is not None:
+        limit |= {"lower": _text(joint.limits.position[0]), "upper": _text(joint.limits.position[1])}
+    element.children.extend(
+        [
+            Element("origin", {"xyz": _text(*translation), "rpy": _text(*pin.rpy.matrixToRpy(rotation))}, 0),
+            Element("parent", {"link": parent}, 0),
+            Element("child", {"link": child}, 0),
+            Element("axis", {"xyz": _text(*joint.axis)}, 0),
+            Element("limit", limit, 0),
+        ]
+    )
+    return element
+
+
+def _inertial(inertial: FloatArray, link: str) -> Element:
+    if inertial[9] <= 0:
+        raise DynidentError(
+            f"Link '{link}' has the mass {inertial[9]:g} kg; a URDF needs a positive one. Export physically feasible "
+            "parameters.",
+            title="Not expressible in URDF",
+        )
+    body = pin.Inertia.FromDynamicParameters(dynamic_parameters(inertial))
+    tensor = {
+        f"i{'xyz'[row]}{'xyz'[column]}": _text(body.inertia[row, column])
+        for row in range(3)
+        for column in range(row, 3)
+    }
+    element = Element("inertial", {}, 0)
+    element.children.extend(
+        [
+            Element("origin", {"xyz": _text(*body.lever), "rpy": "0 0 0"}, 0),
+            Element("mass", {"value": _text(body.mass)}, 0),
+            Element("inertia", tensor, 0),
+        ]
+    )
+    return element
+
+
+def _text(*values: float) -> str:
+    return " ".join(repr(float(value)) for value in values)
