@@ -1,0 +1,153 @@
+"""Errors as RFC 9457 `application/problem+json`: what is wrong, where, and what would be right."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable, Sequence
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from pydantic_core import ErrorDetails
+from starlette.exceptions import HTTPException as StarletteHTTPException
+
+from dynident.errors import DynidentError
+
+MEDIA_TYPE = "application/problem+json"
+log = logging.getLogger("dynident.service")
+
+
+class ProblemField(BaseModel):
+    """One field, column or parameter that is wrong."""
+
+    pointer: str = Field(description="A JSON pointer into the body, or the name of a query or path parameter.")
+    detail: str
+
+
+class Dependent(BaseModel):
+    """A resource that rests on another one."""
+
+    id: str
+    kind: str
+
+
+class Problem(BaseModel):
+    """The body of every error (RFC 9457)."""
+
+    type: str = "about:blank"
+    title: str
+    status: int
+    detail: str
+    errors: list[ProblemField] | None = None
+    dependents: list[Dependent] | None = Field(default=None, description="On 409: what has to be deleted first.")
+    available: list[str] | None = Field(default=None, description="On 501: what there is instead.")
+
+
+class ProblemError(Exception):
+    """Ends a request with a problem."""
+
+    def __init__(self, status: int, detail: str, *, title: str = "", **more: Any) -> None:
+        super().__init__(detail)
+        self.problem = make_problem(status, detail, title=title, **more)
+        self.headers: dict[str, str] = {}
+
+
+def make_problem(status: int, detail: str, *, title: str = "", **more: Any) -> Problem:
+    """Make a problem whose type follows from its title, so that programs can tell kinds apart."""
+    title = title or HTTPStatus(status).phrase
+    slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
+    return Problem(type=f"urn:dynident:problem:{slug}", title=title, status=status, detail=detail, **more)
+
+
+def not_found(kind: str, identifier: str) -> ProblemError:
+    """Say that there is no such resource."""
+    return ProblemError(404, f"There is no {kind} {identifier!r}.", title="Not found")
+
+
+def unusable(detail: str, pointer: str, *, title: str = "Unusable input") -> ProblemError:
+    """Say that one field of the request is wrong."""
+    return ProblemError(422, detail, title=title, errors=[ProblemField(pointer=pointer, detail=detail)])
+
+
+def problem_of(error: DynidentError) -> Problem:
+    """Turn an error that the user can mend into a problem."""
+    fields = [ProblemField(pointer=error.pointer, detail=error.detail)]
+    return make_problem(422, error.detail, title=error.title, errors=fields)
+
+
+def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
+    """Answer a request with a problem."""
+    return JSONResponse(problem.model_dump(exclude_none=True), problem.status, headers=headers, media_type=MEDIA_TYPE)
+
+
+def pointer_of(location: Sequence[int | str]) -> str:
+    """Turn pydantic's location of an error into a JSON pointer; the query and the path give the parameter's name."""
+    first, *rest = location or ("body",)
+    if first != "body":
+        return ".".join(str(part) for part in rest)
+    escaped = (str(part).replace("~", "~0").replace("/", "~1") for part in rest)
+    return "".join(f"/{part}" for part in escaped)
+
+
+def fields_of(errors: Sequence[ErrorDetails | dict[str, Any]], prefix: tuple[str, ...] = ()) -> list[ProblemField]:
+    """Turn pydantic's errors into the fields of a problem; several for one pointer are joined."""
+    joined: dict[str, list[str]] = {}
+    for error in errors:
+        location = (*prefix, *error["loc"])
+        if error["type"] == "json_invalid":
+            location = ("body",)
+            detail = f"the body is not JSON: {error.get('ctx', {}).get('error', 'it cannot be parsed')}"
+        else:
+            detail = str(error["msg"]).removeprefix("Value error, ")
+        details = joined.setdefault(pointer_of(location), [])
+        if detail not in details:
+            details.append(detail)
+    return [ProblemField(pointer=pointer, detail="; or ".join(details)) for pointer, details in joined.items()]
+
+
+def validation_problem(fields: list[ProblemField]) -> Problem:
+    """Make the problem of a request that does not have the form that the contract asks for."""
+    summary = "; ".join(f"{field.pointer or 'body'}: {field.detail}" for field in fields[:5])
+    more = f"; and {len(fields) - 5} more" if len(fields) > 5 else ""
+    return make_problem(422, summary + more, title="Request does not fit the contract", errors=fields)
+
+
+def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
+    """Make every error of the application a problem.
+
+    `allowed_methods` gives the methods that a path answers to, for 405.
+    """
+
+    @app.exception_handler(ProblemError)
+    async def on_problem(_: Request, error: ProblemError) -> JSONResponse:
+        return respond(error.problem, error.headers)
+
+    @app.exception_handler(DynidentError)
+    async def on_unusable_input(_: Request, error: DynidentError) -> JSONResponse:
+        return respond(problem_of(error))
+
+    @app.exception_handler(RequestValidationError)
+    async def on_invalid_request(_: Request, error: RequestValidationError) -> JSONResponse:
+        return respond(validation_problem(fields_of(error.errors())))
+
+    @app.exception_handler(StarletteHTTPException)
+    async def on_http_error(request: Request, error: StarletteHTTPException) -> JSONResponse:
+        headers = dict(error.headers or {})
+        path = request.url.path
+        detail = str(error.detail)
+        if error.status_code == 405:
+            methods = allowed_methods(path)
+            headers["allow"] = ", ".join(methods)
+            detail = f"{path} does not answer to {request.method}; it answers to {', '.join(methods)}."
+        elif error.status_code == 404 and detail == HTTPStatus.NOT_FOUND.phrase:
+            detail = f"There is nothing at {path}; /docs lists what there is."
+        return respond(make_problem(error.status_code, detail), headers)
+
+    @app.exception_handler(Exception)
+    async def on_unexpected(request: Request, error: Exception) -> JSONResponse:
+        log.error("%s %s failed unexpectedly", request.method, request.url.path, exc_info=error)
+        return respond(make_problem(500, "The service failed unexpectedly; its log says where. Nothing was stored."))

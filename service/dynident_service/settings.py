@@ -1,0 +1,76 @@
+"""Every setting of the service, each also an environment variable `DYNIDENT_…`."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from pathlib import Path
+
+from pydantic import Field, SecretStr, field_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+MEGABYTE = 1_000_000
+
+
+class Settings(BaseSettings):
+    """Where the service listens, where it keeps its data, and where jobs run."""
+
+    model_config = SettingsConfigDict(env_prefix="DYNIDENT_", extra="ignore")
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8000, ge=0, le=65535)
+    data_dir: Path = Path("dynident-data")
+    database_url: str = Field(default="", description="Default: an SQLite file in the data directory.")
+    object_store_url: str = Field(default="", description="Default: a folder in the data directory; or s3://bucket.")
+    dask_scheduler: str = Field(default="", description="tcp://host:port of a running cluster; default: a local one.")
+    workers: int = Field(default_factory=lambda: max(1, os.cpu_count() or 1), ge=1, description="Jobs at a time.")
+    max_upload_bytes: int = Field(default=4_000 * MEGABYTE, ge=1, description="Largest recording.")
+    max_body_bytes: int = Field(default=32 * MEGABYTE, ge=1, description="Largest body of any other request.")
+    api_keys: list[SecretStr] = Field(default=[], description="Keys accepted besides those in the database.")
+    require_keys: bool = Field(default=False, description="Ask for a key on the loopback interface too.")
+    allowed_origins: list[str] = Field(default=[], description="Web pages of other origins that may call the service.")
+    max_attempts: int = Field(default=3, ge=1, description="How often a job is tried whose worker keeps dying.")
+    log_level: str = "info"
+
+    @field_validator("database_url")
+    @classmethod
+    def _name_the_driver(cls, url: str) -> str:
+        for short in ("postgresql://", "postgres://"):
+            if url.startswith(short):
+                return "postgresql+psycopg://" + url.removeprefix(short)
+        return url
+
+    @property
+    def database(self) -> str:
+        """URL of the database, with its default resolved."""
+        return self.database_url or f"sqlite:///{self.data_dir.resolve() / 'dynident.sqlite3'}"
+
+    @property
+    def objects(self) -> str:
+        """URL of the object store, with its default resolved."""
+        return self.object_store_url or (self.data_dir.resolve() / "objects").as_uri()
+
+    @property
+    def cache_dir(self) -> Path:
+        """Where copies of remote objects are kept."""
+        return self.data_dir.resolve() / "cache"
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only programs on this machine reach the service."""
+        return is_loopback(self.host)
+
+    @property
+    def needs_keys(self) -> bool:
+        """Whether requests must carry an API key."""
+        return self.require_keys or not self.is_loopback
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether a host name or address means this machine alone."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,263 @@
+"""The ledger of jobs: what is to be done, who does it, until when, and how far it is.
+
+Whoever works on a job holds it by a lease. All writes of a worker carry (job id, attempt), so one that was given up
+for dead and comes back cannot overwrite what its successor does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import Any, Literal, cast
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from dynident_service.problems import Problem, ProblemError, make_problem, not_found
+from dynident_service.storage.database import Database
+from dynident_service.storage.identifiers import new_identifier
+from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
+from dynident_service.storage.tables import JobEventRow, JobRow, now
+
+LEASE = timedelta(seconds=5)
+PICK_UP = timedelta(seconds=15)
+"""A claimed job may wait as long for a worker to begin."""
+
+Standing = Literal["held", "cancel", "lost"]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The right to work on a job; the attempt fences off earlier holders."""
+
+    job_id: str
+    attempt: int
+    function: str
+    arguments: Mapping[str, Any]
+    resource_id: str | None
+
+
+class LostClaim(Exception):
+    """The job was given to another worker, or cancelled: what this one does counts no more."""
+
+
+class Ledger:
+    """Jobs as the database knows them."""
+
+    def __init__(self, database: Database, max_attempts: int = 3) -> None:
+        self._database = database
+        self._max_attempts = max_attempts
+
+    def enqueue(self, new: NewJob, resource_id: str | None = None) -> str:
+        """Add a job."""
+        with self._database.write() as session:
+            return add_job(session, new, resource_id)
+
+    def claim(self, slots: int) -> list[Claim]:
+        """Take as many queued jobs, oldest first, as there are free slots; leases that ran out free their jobs."""
+        if not self._has_work():
+            return []
+        with self._database.write() as session:
+            expired = select(JobRow).where(JobRow.state == "running", JobRow.lease_until < now())
+            for row in session.scalars(expired.with_for_update(skip_locked=True)):
+                self._bury(session, row, "its worker was lost")
+            running = session.scalar(select(func.count()).where(JobRow.state == "running")) or 0
+            queued = select(JobRow).where(JobRow.state == "queued").order_by(JobRow.id).limit(max(0, slots - running))
+            return [_start(session, row) for row in session.scalars(queued.with_for_update(skip_locked=True))]
+
+    def standing(self, claim: Claim) -> Standing:
+        """Tell whether a claim still holds, without renewing it."""
+        with self._database.read() as session:
+            row = session.get(JobRow, claim.job_id)
+            if row is None or row.attempt != claim.attempt or row.state != "running":
+                return "lost"
+            return "cancel" if row.cancel_requested else "held"
+
+    def renew(self, claim: Claim) -> Standing:
+        """Renew the lease of a claim."""
+        with self._database.write() as session:
+            row = _held(session, claim)
+            if row is None:
+                return "lost"
+            row.lease_until = now() + LEASE
+            return "cancel" if row.cancel_requested else "held"
+
+    def progress(self, claim: Claim, fraction: float, message: str) -> None:
+        """Record how far a job is; raises LostClaim if nobody waits for it any more."""
+        with self._database.write() as session:
+            row = _held(session, claim)
+            if row is None or row.cancel_requested:
+                raise LostClaim(claim.job_id)
+            row.fraction, row.message = fraction, message[:300]
+            _record(session, row, "progress", {"fraction": fraction, "message": row.message})
+
+    def succeed(self, claim: Claim, store: Callable[[Session], None]) -> None:
+        """Finish a job: its results are stored and its state is set in one transaction, or neither."""
+        with self._database.write() as session:
+            row = _held(session, claim)
+            if row is None or row.cancel_requested:
+                raise LostClaim(claim.job_id)
+            store(session)
+            row.fraction, row.message = 1.0, "done"
+            _record(session, row, "progress", {"fraction": 1.0, "message": "done"})
+            _finish(session, row, "succeeded")
+
+    def fail(self, claim: Claim, problem: Problem) -> None:
+        """Finish a job that cannot be done, with the reason."""
+        with self._database.write() as session:
+            row = _held(session, claim)
+            if row is not None:
+                _finish(session, row, "failed", problem)
+
+    def stopped(self, claim: Claim) -> None:
+        """Record that a job was stopped as asked."""
+        with self._database.write() as session:
+            row = _held(session, claim)
+            if row is not None:
+                _finish(session, row, "cancelled")
+
+    def died(self, claim: Claim, reason: str) -> None:
+        """Record that the process of a job died: it is queued again, unless that happened too often."""
+        with self._database.write() as session:
+            row = _held(session, claim)
+            if row is not None:
+                self._bury(session, row, reason)
+
+    def release(self, claim: Claim) -> None:
+        """Give a job back that could not be worked on, through no fault of its own."""
+        with self._database.write() as session:
+            row = _held(session, claim)
+            if row is not None:
+                _requeue(session, row)
+
+    def cancel(self, job_id: str) -> Job:
+        """Ask for a job to be stopped; one that has not begun is cancelled at once, one that ended is left as it is."""
+        with self._database.write() as session:
+            row = session.get(JobRow, job_id, with_for_update=True)
+            if row is None:
+                raise not_found("job", job_id)
+            if row.state == "queued":
+                _finish(session, row, "cancelled")
+            elif row.state == "running":
+                row.cancel_requested = True
+            elif row.state != "cancelled":
+                detail = f"The job {job_id} has already {row.state}; there is nothing to cancel."
+                raise ProblemError(409, detail, title="Already finished")
+            return as_job(row)
+
+    def get(self, job_id: str) -> Job:
+        """Read one job; a problem 404 if there is none."""
+        with self._database.read() as session:
+            row = session.get(JobRow, job_id)
+            if row is None:
+                raise not_found("job", job_id)
+            return as_job(row)
+
+    def page(
+        self, limit: int, cursor: str | None = None, state: str | None = None, kind: str | None = None
+    ) -> tuple[list[Job], str | None]:
+        """Read a part of the list of jobs, newest first, and the cursor of the next part."""
+        query = select(JobRow).order_by(JobRow.id.desc()).limit(limit + 1)
+        for column, value in ((JobRow.state, state), (JobRow.kind, kind)):
+            if value is not None:
+                query = query.where(column == value)
+        if cursor is not None:
+            query = query.where(JobRow.id < cursor)
+        with self._database.read() as session:
+            rows = session.scalars(query).all()
+        jobs = [as_job(row) for row in rows[:limit]]
+        return jobs, jobs[-1].id if len(rows) > limit else None
+
+    def history(self, job_id: str, after: int = 0) -> tuple[list[JobEvent], bool]:
+        """Read the events of a job after one, and whether the job has ended (so that none will follow these)."""
+        with self._database.read() as session:
+            state = session.scalar(select(JobRow.state).where(JobRow.id == job_id))
+            query = select(JobEventRow).where(JobEventRow.job_id == job_id, JobEventRow.id > after)
+            rows = session.scalars(query.order_by(JobEventRow.id)).all()
+        return [JobEvent(row.id, row.event, row.data) for row in rows], state is None or state in FINAL
+
+    def counts(self) -> dict[str, int]:
+        """Count the jobs by state."""
+        with self._database.read() as session:
+            rows = session.execute(select(JobRow.state, func.count()).group_by(JobRow.state)).all()
+        return {str(state): int(number) for state, number in rows}
+
+    def _has_work(self) -> bool:
+        with self._database.read() as session:
+            waiting = select(JobRow.id).where(
+                (JobRow.state == "queued") | ((JobRow.state == "running") & (JobRow.lease_until < now()))
+            )
+            return session.scalar(waiting.limit(1)) is not None
+
+    def _bury(self, session: Session, row: JobRow, reason: str) -> None:
+        row.deaths += 1
+        if row.cancel_requested:
+            _finish(session, row, "cancelled")
+        elif row.deaths >= self._max_attempts:
+            detail = f"The job was given up after {row.deaths} attempts: the last time {reason}."
+            _finish(session, row, "failed", make_problem(500, detail, title="Job given up"))
+        else:
+            _requeue(session, row)
+
+
+def add_job(session: Session, new: NewJob, resource_id: str | None) -> str:
+    """Insert a job within a transaction; the caller commits."""
+    row = JobRow(
+        id=new_identifier("job"),
+        kind=new.kind,
+        function=new.function,
+        arguments=dict(new.arguments),
+        resource_id=resource_id,
+        state="queued",
+    )
+    session.add(row)
+    session.flush()
+    _record(session, row, "state", {"state": "queued"})
+    return row.id
+
+
+def as_job(row: JobRow) -> Job:
+    """Take a job off its row."""
+    return Job(
+        id=row.id,
+        kind=row.kind,
+        resource_id=row.resource_id,
+        state=cast(State, row.state),
+        fraction=row.fraction,
+        message=row.message,
+        error=row.error,
+        attempt=row.attempt,
+        created_at=row.created_at,
+        started_at=row.started_at,
+        finished_at=row.finished_at,
+    )
+
+
+def _held(session: Session, claim: Claim) -> JobRow | None:
+    query = select(JobRow).where(JobRow.id == claim.job_id, JobRow.attempt == claim.attempt, JobRow.state == "running")
+    return session.scalar(query.with_for_update())
+
+
+def _start(session: Session, row: JobRow) -> Claim:
+    row.state, row.attempt = "running", row.attempt + 1
+    row.started_at, row.lease_until = now(), now() + PICK_UP
+    _record(session, row, "state", {"state": "running"})
+    return Claim(row.id, row.attempt, row.function, row.arguments, row.resource_id)
+
+
+def _requeue(session: Session, row: JobRow) -> None:
+    row.state, row.lease_until, row.started_at = "queued", None, None
+    row.fraction, row.message = 0.0, ""
+    _record(session, row, "state", {"state": "queued"})
+
+
+def _finish(session: Session, row: JobRow, state: State, problem: Problem | None = None) -> None:
+    row.state, row.lease_until, row.finished_at = state, None, now()
+    row.error = None if problem is None else problem.model_dump(exclude_none=True)
+    data = {"state": state} if row.error is None else {"state": state, "error": row.error}
+    _record(session, row, "state", data)
+
+
+def _record(session: Session, row: JobRow, event: str, data: dict[str, Any]) -> None:
+    session.add(JobEventRow(job_id=row.id, event=event, data=data))

@@ -1,0 +1,31 @@
+"""Brings the database to the tables that this version needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from alembic import command
+from alembic.config import Config
+from sqlalchemy import Connection, text
+
+from dynident_service.storage.database import WRITES, Database
+
+POSTGRESQL_LOCK = 7_311_949_283_041
+
+
+def migrate(database: Database) -> None:
+    """Apply the migrations that are missing; safe when several processes start at once."""
+    engine = database.engine.execution_options(**{WRITES: True})
+    with engine.connect() as connection, connection.begin():
+        if not database.is_sqlite:
+            connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": POSTGRESQL_LOCK})
+        command.upgrade(configuration(connection), "head")
+
+
+def configuration(connection: Connection) -> Config:
+    """Configure Alembic for this package's migrations."""
+    config = Config()
+    config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
+    config.set_main_option("path_separator", "os")
+    config.attributes["connection"] = connection
+    return config

@@ -1,0 +1,174 @@
+"""The repository of resources: create, get, list and delete, alike for all kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+from sqlalchemy import select
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from dynident_service.problems import Dependent, ProblemError, not_found, unusable
+from dynident_service.storage.database import Database
+from dynident_service.storage.identifiers import new_identifier
+from dynident_service.storage.ledger import add_job, as_job
+from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.records import FINAL, Kind, NewResource, Owned, Page, Resource, RestsOn, Retry
+from dynident_service.storage.tables import DependencyRow, JobRow, ObjectRow, ResourceRow, RetryRow
+
+
+class Resources:
+    """Robots, measurements, identifications, … as stored."""
+
+    def __init__(self, database: Database, objects: ObjectStore) -> None:
+        self._database = database
+        self._objects = objects
+
+    def create(self, new: NewResource) -> Resource:
+        """Store a resource, what it rests on, its objects and its job, or nothing at all.
+
+        A retry (same `Idempotency-Key`, same request) gives the resource of the first time.
+        """
+        try:
+            with self._database.write() as session:
+                identifier = insert(session, new)
+        except IntegrityError:
+            # Another request with the same key was faster: its resource is the answer.
+            known = self.known(new.retry) if new.retry is not None else None
+            if known is None:
+                raise
+            return known
+        return self.get(new.kind, identifier)
+
+    def known(self, retry: Retry | None) -> Resource | None:
+        """Give the resource that an earlier request with this key made, if there was one."""
+        if retry is None:
+            return None
+        with self._database.read() as session:
+            row = session.get(RetryRow, (retry.scope, retry.key))
+            if row is None:
+                return None
+            if row.fingerprint != retry.fingerprint:
+                detail = f"The Idempotency-Key {retry.key!r} was used with another request; use a new key for this one."
+                raise ProblemError(422, detail, title="Idempotency-Key used twice")
+            return _load(session, session.get_one(ResourceRow, row.resource_id))
+
+    def get(self, kind: Kind, identifier: str) -> Resource:
+        """Read one resource; a problem 404 if there is none."""
+        with self._database.read() as session:
+            row = session.get(ResourceRow, identifier)
+            if row is None or row.kind != kind:
+                raise not_found(kind, identifier)
+            return _load(session, row)
+
+    def page(self, kind: Kind, limit: int, cursor: str | None = None, on_id: str | None = None) -> Page:
+        """Read a part of the list of a kind, newest first, of those that rest on `on_id` if that is given."""
+        query = select(ResourceRow).where(ResourceRow.kind == kind).order_by(ResourceRow.id.desc()).limit(limit + 1)
+        if cursor is not None:
+            query = query.where(ResourceRow.id < cursor)
+        if on_id is not None:
+            resting = select(DependencyRow.dependent_id).where(DependencyRow.on_id == on_id)
+            query = query.where(ResourceRow.id.in_(resting))
+        with self._database.read() as session:
+            rows = session.scalars(query).all()
+            items = tuple(_load(session, row) for row in rows[:limit])
+        return Page(items, items[-1].id if len(rows) > limit else None)
+
+    def delete(self, kind: Kind, identifier: str) -> None:
+        """Delete a resource with its job and objects; a problem 409 if others rest on it or its job still runs."""
+        with self._database.write() as session:
+            row = session.get(ResourceRow, identifier, with_for_update=True)
+            if row is None or row.kind != kind:
+                raise not_found(kind, identifier)
+            _refuse_while_needed(session, row)
+            keys = session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == identifier)).all()
+            session.delete(row)
+            session.flush()
+            held = set(session.scalars(select(ObjectRow.key).where(ObjectRow.key.in_(keys))))
+        for key in set(keys) - held:
+            self._objects.delete(key)
+
+    def is_held(self, key: str) -> bool:
+        """Tell whether any resource owns an object."""
+        with self._database.read() as session:
+            return session.scalar(select(ObjectRow.key).where(ObjectRow.key == key).limit(1)) is not None
+
+
+def insert(session: Session, new: NewResource) -> str:
+    """Insert a resource within a transaction; the caller commits."""
+    _require(session, new.rests_on)
+    row = ResourceRow(
+        id=new_identifier(new.kind),
+        kind=new.kind,
+        name=new.name,
+        request=dict(new.request),
+        result=None if new.result is None else dict(new.result),
+    )
+    session.add(row)
+    session.flush()
+    for needed in {(one.id, one.role) for one in new.rests_on}:
+        session.add(DependencyRow(dependent_id=row.id, on_id=needed[0], role=needed[1]))
+    own(session, row.id, new.objects)
+    if new.job is not None:
+        add_job(session, new.job, row.id)
+    if new.retry is not None:
+        retry = new.retry
+        session.add(RetryRow(scope=retry.scope, key=retry.key, fingerprint=retry.fingerprint, resource_id=row.id))
+    session.flush()
+    return row.id
+
+
+def own(session: Session, identifier: str, objects: Sequence[Owned]) -> None:
+    """Record the objects that a resource owns."""
+    for one in objects:
+        session.add(
+            ObjectRow(resource_id=identifier, role=one.role, key=one.key, size=one.size, media_type=one.media_type)
+        )
+
+
+def _require(session: Session, needs: Sequence[RestsOn]) -> None:
+    for need in needs:
+        # The share lock keeps the needed resource from being deleted before this transaction ends.
+        found = session.get(ResourceRow, need.id, with_for_update={"read": True})
+        if found is None or found.kind != need.kind:
+            raise unusable(f"there is no {need.kind} {need.id!r}", need.pointer, title="Unknown resource")
+
+
+def _refuse_while_needed(session: Session, row: ResourceRow) -> None:
+    query = (
+        select(ResourceRow.id, ResourceRow.kind)
+        .join(DependencyRow, DependencyRow.dependent_id == ResourceRow.id)
+        .where(DependencyRow.on_id == row.id)
+        .distinct()
+        .order_by(ResourceRow.id)
+    )
+    dependents = [Dependent(id=identifier, kind=kind) for identifier, kind in session.execute(query)]
+    if dependents:
+        named = ", ".join(f"{one.kind} {one.id}" for one in dependents[:10])
+        more = f" and {len(dependents) - 10} more" if len(dependents) > 10 else ""
+        detail = f"The {row.kind} {row.id} is needed by {named}{more}; delete these first."
+        raise ProblemError(409, detail, title="Still needed", dependents=dependents)
+    job = session.scalar(select(JobRow).where(JobRow.resource_id == row.id))
+    if job is not None and job.state not in FINAL:
+        detail = f"The {row.kind} {row.id} is being computed; cancel its job {job.id} first."
+        raise ProblemError(409, detail, title="Still being computed")
+
+
+def _load(session: Session, row: ResourceRow) -> Resource:
+    needs = session.execute(
+        select(DependencyRow.role, DependencyRow.on_id).where(DependencyRow.dependent_id == row.id)
+    ).all()
+    objects = session.scalars(select(ObjectRow).where(ObjectRow.resource_id == row.id)).all()
+    job = session.scalar(select(JobRow).where(JobRow.resource_id == row.id))
+    return Resource(
+        id=row.id,
+        kind=cast(Kind, row.kind),
+        name=row.name,
+        created_at=row.created_at,
+        request=row.request,
+        result=row.result,
+        rests_on=tuple((role, on_id) for role, on_id in needs),
+        objects={one.role: Owned(one.role, one.key, one.size, one.media_type) for one in objects},
+        job=None if job is None else as_job(job),
+    )
