@@ -7,6 +7,7 @@ from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.robot.pinocchio_model import to_pinocchio
 from dynident.robot.urdf import robot_from_urdf
 from dynident.robot.urdf_writer import urdf_from_robot
+from dynident.robot.well_known import library_names, library_source, library_table, robot_from_library
 
 __all__ = [
     "INERTIAL_NAMES",
@@ -16,7 +17,11 @@ __all__ = [
     "Limits",
     "Robot",
     "joint_frames",
+    "library_names",
+    "library_source",
+    "library_table",
     "robot_from_description",
+    "robot_from_library",
     "robot_from_modified_dh",
     "robot_from_urdf",
     "to_pinocchio",

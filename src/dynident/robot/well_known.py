@@ -1,0 +1,36 @@
+"""Well-known arms that come with the package."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from dynident.errors import DynidentError
+from dynident.robot.json_fields import parse_json
+from dynident.robot.model import Robot
+from dynident.robot.modified_dh import TITLE, robot_from_modified_dh
+from dynident.robot.pointers import listed
+
+_FOLDER = files("dynident.robot") / "library"
+
+
+def library_names() -> tuple[str, ...]:
+    """Names of the arms, sorted."""
+    entries = (entry.name for entry in _FOLDER.iterdir())
+    return tuple(sorted(name.removesuffix(".json") for name in entries if name.endswith(".json")))
+
+
+def library_table(name: str) -> str:
+    """Return the modified Denavit-Hartenberg table of an arm as JSON text, as a robot's description."""
+    if name not in library_names():
+        raise DynidentError(f"There is no arm '{name}'; known: {listed(library_names())}.", title="Unknown robot")
+    return (_FOLDER / f"{name}.json").read_text(encoding="utf-8")
+
+
+def library_source(name: str) -> str:
+    """Return what is published and what is merely plausible in the description of an arm."""
+    return str(parse_json(library_table(name), "", TITLE)["source"])
+
+
+def robot_from_library(name: str) -> Robot:
+    """Return a well-known arm with its limits and inertial parameters; `library_source` tells where they are from."""
+    return robot_from_modified_dh(name, library_table(name))
