@@ -6,6 +6,7 @@ distance travelled since the last one. A run is therefore evaluated by walking o
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -62,7 +63,7 @@ class MemoryStates:
         turns = np.flatnonzero(np.diff(moves[moves != 0]) != 0)
         moving = np.flatnonzero(moves)
         borders = [0, *(int(moving[k + 1]) for k in turns), len(moves)]
-        for first, last in zip(borders[:-1], borders[1:], strict=True):
+        for first, last in itertools.pairwise(borders):
             travelled = path[first + 1 : last + 1, None] - path[first]
             ratio = travelled / slips
             direction = np.sign(travelled)

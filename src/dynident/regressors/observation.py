@@ -100,3 +100,11 @@ class Observation:
         positions = np.flatnonzero(self.entry_rows == joint)
         order = np.argsort(self.entry_columns[positions], kind="stable")
         return positions[order], self.entry_columns[positions[order]]
+
+    def torque(self, entries: FloatArray, values: FloatArray) -> FloatArray:
+        """W χ (m, n) from entries (m, number of entries) and parameters χ (c,)."""
+        weighted = entries * values[self.entry_columns]
+        out = np.zeros((len(entries), self.robot.n))
+        for joint in range(self.robot.n):
+            out[:, joint] = weighted[:, self.entry_rows == joint].sum(axis=1)
+        return out

@@ -1,0 +1,205 @@
+"""W and Y reduced to triangular factors: one per equation (joint) and stretch of time, all that later steps need.
+
+The QR factor R of [W | Y] keeps every inner product of the columns without squaring their condition number, so
+solving, weighting an equation, leaving a stretch out and choosing fewer columns are all small algebra on R.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class EquationFactors:
+    """One equation's rows, stretch by stretch.
+
+    `columns` (p,) are the parameters that the equation contains; `factors` (s, p + 1, p + 1) the triangular factor of
+    [W | Y] of every stretch, Y last; `counts` (s,) the number of rows each stands for.
+    """
+
+    columns: IntArray
+    factors: FloatArray
+    counts: IntArray
+
+    @cached_property
+    def joined(self) -> FloatArray:
+        """(p + 1, p + 1): the factor of all stretches together."""
+        return join(self.factors)
+
+    def without(self, stretches: Sequence[int]) -> FloatArray:
+        """(p + 1, p + 1): the factor of all stretches but these."""
+        keep = np.ones(len(self.factors), dtype=bool)
+        keep[list(stretches)] = False
+        return join(self.factors[keep])
+
+    def select(self, columns: IntArray) -> EquationFactors:
+        """The same rows with only these parameters; parameters the equation does not contain are passed over.
+
+        The positions in `columns` (k,) become the new parameter numbers.
+        """
+        where = {int(column): position for position, column in enumerate(self.columns)}
+        chosen = [(new, where[int(old)]) for new, old in enumerate(columns) if int(old) in where]
+        picked = [position for _, position in chosen] + [len(self.columns)]
+        factors = triangular(self.factors[:, :, picked]) if len(self.factors) else self.factors
+        return EquationFactors(np.array([new for new, _ in chosen], dtype=np.intp), _square(factors), self.counts)
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """All equations of a data set. `spans` (s, 2) are the first and last time of every stretch, in s."""
+
+    n_columns: int
+    equations: tuple[EquationFactors, ...]
+    spans: FloatArray
+
+    @property
+    def n_stretches(self) -> int:
+        """Number of stretches of time."""
+        return len(self.spans)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of equations r, over all joints."""
+        return int(sum(equation.counts.sum() for equation in self.equations))
+
+    def select(self, columns: Sequence[int] | IntArray) -> Reduction:
+        """The same data with only these columns, in this order."""
+        chosen = np.asarray(columns, dtype=np.intp)
+        return Reduction(len(chosen), tuple(e.select(chosen) for e in self.equations), self.spans)
+
+    def stretches(self, indices: Sequence[int]) -> Reduction:
+        """Only these stretches of time."""
+        picked = list(indices)
+        equations = tuple(EquationFactors(e.columns, e.factors[picked], e.counts[picked]) for e in self.equations)
+        return Reduction(self.n_columns, equations, self.spans[picked])
+
+
+def concatenate(parts: Sequence[Reduction]) -> Reduction:
+    """Put data sets with the same columns behind one another."""
+    first = parts[0]
+    equations = tuple(
+        EquationFactors(
+            first.equations[j].columns,
+            np.concatenate([part.equations[j].factors for part in parts]),
+            np.concatenate([part.equations[j].counts for part in parts]),
+        )
+        for j in range(len(first.equations))
+    )
+    return Reduction(first.n_columns, equations, np.concatenate([part.spans for part in parts]))
+
+
+def triangular(rows: FloatArray) -> FloatArray:
+    """(…, k, k): the factor R of the QR decomposition of rows (…, m, k); (…, m, k) where there are fewer rows."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def join(factors: FloatArray) -> FloatArray:
+    """(k, k): the factor of the rows of all factors (s, k, k) together."""
+    k = factors.shape[-1]
+    if not len(factors):
+        return np.zeros((k, k))
+    return _square(triangular(factors.reshape(-1, k)))
+
+
+def _square(r: FloatArray) -> FloatArray:
+    """Fill up with zero rows what has fewer rows than columns."""
+    missing = r.shape[-1] - r.shape[-2]
+    if missing <= 0:
+        return r
+    padding = [(0, 0)] * (r.ndim - 2) + [(0, missing), (0, 0)]
+    return np.pad(r, padding)
+
+
+class FactorAccumulator:
+    """Folds rows into factors as they come.
+
+    Parameters
+    ----------
+    columns : one (p,) array an equation
+        The parameters that each equation contains.
+    n_columns : int
+        Number of all parameters c.
+    stretch : float
+        Length of a stretch of time, s.
+    """
+
+    # Rows collected before they are folded: QR of a tall block costs less than of many short ones.
+    _PENDING = 2048
+
+    def __init__(self, columns: Sequence[IntArray], n_columns: int, stretch: float) -> None:
+        self._columns = [np.asarray(item, dtype=np.intp) for item in columns]
+        self._n_columns = n_columns
+        self._stretch = stretch
+        self._factors: list[list[FloatArray]] = [[] for _ in self._columns]
+        self._counts: list[int] = []
+        self._spans: list[tuple[float, float]] = []
+        self._pending: list[list[FloatArray]] = [[] for _ in self._columns]
+        self._pending_rows = 0
+        self._open: list[FloatArray | None] = [None for _ in self._columns]
+        self._count = 0
+        self._from = 0.0
+        self._to = 0.0
+
+    def push(self, t: FloatArray, rows: Sequence[FloatArray]) -> None:
+        """Add the next samples: times t (m,), and [W | Y] (m, p + 1) of every equation."""
+        first = 0
+        while first < len(t):
+            if self._count == 0:
+                self._from = float(t[first])
+            last = first + int(np.searchsorted(t[first:], self._from + self._stretch))
+            if last > first:
+                for pending, block in zip(self._pending, rows, strict=True):
+                    pending.append(block[first:last])
+                self._count += last - first
+                self._pending_rows += last - first
+                self._to = float(t[last - 1])
+                if self._pending_rows >= self._PENDING:
+                    self._fold()
+            if last < len(t):
+                self.end_stretch()
+            first = last
+
+    def end_stretch(self) -> None:
+        """Close the stretch of time: a recording or a segment ends here."""
+        if self._count == 0:
+            return
+        self._fold()
+        for factors, factor in zip(self._factors, self._open, strict=True):
+            assert factor is not None
+            factors.append(_square(factor))
+        self._counts.append(self._count)
+        self._spans.append((self._from, self._to))
+        self._open = [None for _ in self._columns]
+        self._count = 0
+
+    def _fold(self) -> None:
+        if self._pending_rows == 0:
+            return
+        for k, pending in enumerate(self._pending):
+            before = self._open[k]
+            stacked = np.concatenate(pending if before is None else [before, *pending])
+            self._open[k] = triangular(stacked)
+        self._pending = [[] for _ in self._columns]
+        self._pending_rows = 0
+
+    def finish(self) -> Reduction:
+        """Close the last stretch and give all factors."""
+        self.end_stretch()
+        counts = np.array(self._counts, dtype=np.intp)
+        equations = tuple(
+            EquationFactors(
+                columns,
+                np.array(factors) if factors else np.zeros((0, len(columns) + 1, len(columns) + 1)),
+                counts,
+            )
+            for columns, factors in zip(self._columns, self._factors, strict=True)
+        )
+        return Reduction(self._n_columns, equations, np.array(self._spans).reshape(-1, 2))

@@ -1,0 +1,156 @@
+"""The least-squares solutions of Y = W χ + ρ, [12.5], from triangular factors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from dynident.errors import DynidentError
+from dynident.estimation.factors import FloatArray, Reduction, triangular
+
+# Rounds of re-estimating the noise of every joint; the third changes no digit that anybody reads.
+_WEIGHT_ROUNDS = 3
+_SINGULAR = 1e-12
+
+
+class EstimationError(DynidentError):
+    """The equations do not determine the parameters."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Estimates χ (c,), the noise of every equation that the rows were weighted by (n,), and the factor R (c, c).
+
+    R is the triangular factor of the weighted W, so that (WᵀW)⁻¹ = R⁻¹R⁻ᵀ; `scales` (c,) are the norms of the
+    weighted columns.
+    """
+
+    values: FloatArray
+    noise: FloatArray
+    factor: FloatArray
+
+    @property
+    def scales(self) -> FloatArray:
+        """(c,): norms of the weighted columns of W."""
+        return np.asarray(np.linalg.norm(self.factor, axis=0))
+
+    @property
+    def condition_number(self) -> float:
+        """cond(W), [12.12], of the weighted observation matrix."""
+        singular = np.linalg.svd(self.factor, compute_uv=False)
+        return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
+
+    @property
+    def normal_inverse(self) -> FloatArray:
+        """(c, c): (WᵀW)⁻¹ of the weighted W."""
+        inverse = solve_triangular(self.factor, np.eye(len(self.factor)))
+        return np.asarray(inverse @ inverse.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """How well parameters explain a data set, for every equation (n,): sums of squares and numbers of rows."""
+
+    squares: FloatArray
+    measured: FloatArray
+    counts: FloatArray
+
+    @property
+    def rms(self) -> FloatArray:
+        """(n,): root mean square of the residual, N m or N."""
+        return np.sqrt(self.squares / np.maximum(self.counts, 1))
+
+    @property
+    def relative(self) -> FloatArray:
+        """(n,): ||y - ŷ|| / ||y||; 1 where nothing was measured and something predicted."""
+        safe = np.where(self.measured > 0, self.measured, 1.0)
+        return np.where(self.measured > 0, np.sqrt(self.squares / safe), np.where(self.squares > 0, 1.0, 0.0))
+
+    @property
+    def relative_total(self) -> float:
+        """||Y - Ŷ|| / ||Y|| over all equations."""
+        total = float(self.measured.sum())
+        return float(np.sqrt(self.squares.sum() / total)) if total > 0 else 0.0
+
+    @property
+    def rms_total(self) -> float:
+        """Root mean square over all equations and samples."""
+        return float(np.sqrt(self.squares.sum() / max(float(self.counts.sum()), 1.0)))
+
+
+def weighted_factor(reduction: Reduction, noise: FloatArray) -> FloatArray:
+    """(c + 1, c + 1): factor of [W | Y] over all equations, each divided by its noise (n,)."""
+    c = reduction.n_columns
+    parts = []
+    for equation, sigma in zip(reduction.equations, noise, strict=True):
+        k = len(equation.columns)
+        wide = np.zeros((k + 1, c + 1))
+        wide[:, equation.columns] = equation.joined[:, :k] / sigma
+        wide[:, c] = equation.joined[:, k] / sigma
+        parts.append(wide)
+    stacked = np.concatenate(parts)
+    if len(stacked) < c + 1:
+        stacked = np.pad(stacked, [(0, c + 1 - len(stacked)), (0, 0)])
+    return triangular(stacked)
+
+
+def errors(reduction: Reduction, values: FloatArray) -> Errors:
+    """The residual of parameters χ (c,) on a data set."""
+    squares, measured, counts = [], [], []
+    for equation in reduction.equations:
+        k = len(equation.columns)
+        rest = equation.joined[:, k] - equation.joined[:, :k] @ values[equation.columns]
+        squares.append(float(rest @ rest))
+        measured.append(float(equation.joined[:, k] @ equation.joined[:, k]))
+        counts.append(float(equation.counts.sum()))
+    return Errors(np.array(squares), np.array(measured), np.array(counts))
+
+
+def solve(reduction: Reduction, noise: FloatArray) -> Solution:
+    """Least squares [12.5] with every equation weighted by 1 / noise (n,).
+
+    Raises
+    ------
+    EstimationError
+        Where there are fewer rows than parameters or W has not full rank.
+    """
+    c = reduction.n_columns
+    if reduction.n_rows <= c:
+        raise EstimationError(
+            f"{reduction.n_rows} equations cannot determine {c} parameters; use a longer recording or wider windows",
+            pointer="/measurement_ids",
+            title="Too few samples",
+        )
+    r = weighted_factor(reduction, noise)
+    factor, right = r[:c, :c], r[:c, c]
+    scales = np.linalg.norm(factor, axis=0)
+    if np.any(scales == 0) or np.any(np.abs(np.diag(factor)) <= _SINGULAR * scales):
+        raise EstimationError(
+            "the observation matrix has not full rank on this data", pointer="/effects", title="Not identifiable"
+        )
+    return Solution(solve_triangular(factor, right), noise, factor)
+
+
+def ordinary(reduction: Reduction) -> Solution:
+    """Ordinary least squares: all equations count alike."""
+    return solve(reduction, np.ones(len(reduction.equations)))
+
+
+def weighted(reduction: Reduction) -> Solution:
+    """Weighted least squares: each equation divided by the standard deviation of its own residual."""
+    solution = ordinary(reduction)
+    for _ in range(_WEIGHT_ROUNDS):
+        solution = solve(reduction, noise_levels(reduction, solution.values))
+    return solution
+
+
+def noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """(n,): standard deviation of every equation's residual, [12.7] with the parameters shared out over the rows."""
+    found = errors(reduction, values)
+    share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
+    sigma = np.sqrt(found.squares / np.maximum(found.counts * share, 1))
+    # An equation without residual (no torque, no motion) must not get an infinite weight.
+    floor = 1e-9 * max(float(sigma.max(initial=0.0)), 1e-12)
+    return np.maximum(sigma, floor)

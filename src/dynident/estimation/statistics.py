@@ -1,0 +1,100 @@
+"""How sure the estimates are, [12.6]-[12.10], for residuals that are correlated in time.
+
+[12.6] assumes independent residuals. Rows that passed a low-pass filter are not, and model errors even less: counting
+them all would promise standard deviations several times too small. The correlation is measured here from the sums of
+Wᵀρ over stretches of time: of independent residuals their squares would have a known size, and what they have more is
+the factor by which the number of rows overstates the information (a cluster-robust variance, Liang and Zeger 1986,
+pooled over the parameters of an equation).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.estimation.factors import EquationFactors, FloatArray, Reduction
+from dynident.estimation.least_squares import Solution
+
+_FEWEST_STRETCHES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Uncertainty of a solution.
+
+    `covariance` (c, c) of the estimation error [12.8]; `effective_rows` (n,): the number of independent samples that
+    each equation's rows are worth; `noise` (n,): standard deviation of each equation's residual [12.7].
+    """
+
+    covariance: FloatArray
+    effective_rows: FloatArray
+    noise: FloatArray
+
+    @property
+    def standard_deviations(self) -> FloatArray:
+        """(c,): [12.9]."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    def relative_standard_deviations(self, values: FloatArray) -> FloatArray:
+        """(c,): [12.10] as a fraction; infinite for a parameter whose estimate is zero."""
+        size = np.abs(values)
+        relative = np.full(len(size), np.inf)
+        np.divide(self.standard_deviations, size, out=relative, where=size > 0)
+        return relative
+
+
+def statistics(reduction: Reduction, solution: Solution) -> Statistics:
+    """Covariance of the estimates with the correlation of the residuals accounted for."""
+    inflation = np.array([correlation_factor(e, solution.values) for e in reduction.equations])
+    counts = np.array([float(e.counts.sum()) for e in reduction.equations])
+    bread = solution.normal_inverse
+    c = reduction.n_columns
+    meat = np.zeros((c, c))
+    noise = np.empty(len(reduction.equations))
+    share = max(1.0 - c / max(reduction.n_rows, 1), 0.1)
+    for j, (equation, sigma) in enumerate(zip(reduction.equations, solution.noise, strict=True)):
+        k = len(equation.columns)
+        w = equation.joined[:, :k]
+        rest = equation.joined[:, k] - w @ solution.values[equation.columns]
+        variance = float(rest @ rest) / max(counts[j] * share, 1.0)
+        noise[j] = np.sqrt(variance)
+        meat[np.ix_(equation.columns, equation.columns)] += (variance * inflation[j] / sigma**4) * (w.T @ w)
+    covariance = bread @ meat @ bread
+    return Statistics(0.5 * (covariance + covariance.T), counts / inflation, noise)
+
+
+def correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
+    """By how much the rows of one equation overstate the information in them (at least 1).
+
+    With g_s = W_sᵀρ_s the score of stretch s and A = WᵀW: Σ g_sᵀ A⁻¹ g_s over what it would be for independent
+    residuals of the same size, σ² (p - Σ tr((A⁻¹A_s)²)); the second term is what the fit itself takes away.
+    """
+    k = len(equation.columns)
+    n_stretches = len(equation.factors)
+    rows = float(equation.counts.sum())
+    if n_stretches < _FEWEST_STRETCHES or k == 0 or rows <= k:
+        return 1.0
+    chi = values[equation.columns]
+    # Columns that this equation hardly sees would make A singular: keep the directions it does see.
+    _, singular, vt = np.linalg.svd(equation.joined[:, :k], full_matrices=False)
+    seen = singular > 1e-9 * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
+    if not seen.any():
+        return 1.0
+    whiten = vt[seen].T / singular[seen]
+    w = equation.factors[:, :, :k]
+    rests = equation.factors[:, :, k] - w @ chi
+    projected = w @ whiten
+    scores = np.einsum("sij,si->sj", projected, rests)
+    grams = np.einsum("sij,sik->sjk", projected, projected)
+    variance = float(np.sum(rests * rests)) / max(rows - seen.sum(), 1.0)
+    expected = variance * (float(seen.sum()) - float(np.sum(grams * grams)))
+    if expected <= 0 or variance == 0:
+        return 1.0
+    return float(max(1.0, np.sum(scores * scores) / expected))
+
+
+def correlations(covariance: FloatArray) -> FloatArray:
+    """(c, c): correlation of the estimates."""
+    deviation = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    return np.asarray(covariance / np.outer(deviation, deviation))

@@ -1,0 +1,211 @@
+"""The global identification: one system of equations for all parameters (§12.3.3 i, §12.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.errors import DynidentError
+from dynident.estimation import (
+    EstimationError,
+    Reduction,
+    Solution,
+    errors,
+    ordinary,
+    statistics,
+    weighted,
+)
+from dynident.identification.choices import EstimatorName, IdentificationChoices
+from dynident.identification.inertia import smallest_inertia_eigenvalue
+from dynident.identification.result import Identification
+from dynident.identification.warnings import unseen_parameters, warnings_of
+from dynident.progress import Progress, part, silent
+from dynident.recordings import Preprocessing, Recording, choose_preprocessing
+from dynident.regressors.model import Model, build_model
+from dynident.regressors.stream import reduce_recordings
+from dynident.robot.model import FloatArray, Robot
+
+
+def identify(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording] = (),
+    choices: IdentificationChoices | None = None,
+    progress: Progress = silent,
+) -> Identification:
+    """Identify the base parameters of a robot from recordings.
+
+    Parameters
+    ----------
+    robot : Robot
+    recordings : sequence of Recording
+        The data that parameters are fitted to.
+    validation : sequence of Recording
+        Data that no parameter sees; the held-out errors come from them.
+    choices : IdentificationChoices, optional
+
+    Raises
+    ------
+    DynidentError
+        Where the choices do not fit the robot or the data do not determine the parameters.
+    """
+    choices = choices or IdentificationChoices()
+    _check_recordings(robot, recordings, validation)
+    preprocessing = choices.preprocessing or choose_preprocessing(recordings)
+    model = build_model(robot, choices.effects, tolerance=choices.tolerance)
+    reference = _first_reference(model, recordings, preprocessing, choices, part(progress, 0.0, 0.4))
+    return _identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.4, 1.0))
+
+
+def extend(
+    identification: Identification,
+    added: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording] = (),
+    progress: Progress = silent,
+) -> Identification:
+    """Add effects to an identified model and solve again, on the data it was identified from.
+
+    Raises
+    ------
+    DynidentError
+        Where nothing would be added.
+    """
+    new = tuple(choice for choice in added if choice not in identification.choices.effects)
+    if not new:
+        raise DynidentError("all of these effects are in the model already", pointer="/effects", title="Nothing to add")
+    choices = replace(identification.choices, effects=identification.choices.effects + new)
+    _check_recordings(identification.model.robot, recordings, validation)
+    model = build_model(identification.model.robot, choices.effects, tolerance=choices.tolerance)
+    if model.n_parameters == identification.model.n_parameters:
+        raise DynidentError(
+            f"{', '.join(choice.effect for choice in new)} adds nothing: its columns are combinations of those in the "
+            "model",
+            pointer="/effects",
+            title="Nothing to add",
+        )
+    reference = identification.standard_inertia() if model.needs_load else identification.reference
+    grown = _identify_model(
+        model, recordings, validation, choices, identification.preprocessing, reference, progress
+    )
+    return replace(grown, parent=identification, added=new)
+
+
+def solve_reduced(reduction: Reduction, estimator: EstimatorName) -> Solution:
+    """Solve with the named estimator."""
+    return ordinary(reduction) if estimator == "ols" else weighted(reduction)
+
+
+def _identify_model(
+    model: Model,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    choices: IdentificationChoices,
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress,
+) -> Identification:
+    share = 0.9 * len(recordings) / (len(recordings) + len(validation))
+    training = reduce_recordings(
+        model.observation, recordings, preprocessing, reference, part(progress, 0.0, share)
+    )
+    held_out_data = None
+    if validation:
+        held_out_data = reduce_recordings(
+            model.observation, validation, preprocessing, reference, part(progress, share, 0.9)
+        )
+    progress(0.9, "solving")
+    return conclude(model, choices, preprocessing, reference, training, held_out_data, recordings, validation)
+
+
+def conclude(
+    model: Model,
+    choices: IdentificationChoices,
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    training: Reduction,
+    held_out_data: Reduction | None,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+) -> Identification:
+    """Solve, judge and describe a model on reduced data."""
+    _check_reduction(model, training)
+    solution = solve_reduced(training, choices.estimator)
+    found = statistics(training, solution)
+    plain = ordinary(training).condition_number
+    smallest = smallest_inertia_eigenvalue(model, solution.values)
+    result = Identification(
+        model=model,
+        choices=choices,
+        preprocessing=preprocessing,
+        reference=reference,
+        training=training,
+        held_out_data=held_out_data,
+        solution=solution,
+        statistics=found,
+        fit=errors(training, solution.values),
+        held_out=errors(held_out_data, solution.values) if held_out_data is not None else None,
+        condition_number=plain,
+        inertia_matrix_positive_definite=bool(smallest > 0),
+        worst_inertia_eigenvalue=smallest,
+        warnings=(),
+        measurement_names=tuple(recording.name for recording in recordings),
+        validation_names=tuple(recording.name for recording in validation),
+    )
+    return replace(result, warnings=warnings_of(result))
+
+
+def _first_reference(
+    model: Model,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    choices: IdentificationChoices,
+    progress: Progress,
+) -> FloatArray:
+    """Standard inertial parameters for load predictions: those of a first fit without the effects that need them."""
+    if not model.needs_load:
+        return np.zeros(10 * model.robot.n)
+    plain = tuple(choice for choice in choices.effects if not effect_by_id(choice.effect).needs_load)
+    if not any(choice.effect == "rigid_body" for choice in plain):
+        raise DynidentError("effects that depend on the load need rigid_body beside them", pointer="/effects")
+    first = build_model(model.robot, plain, tolerance=choices.tolerance)
+    reduction = reduce_recordings(
+        first.observation, recordings, preprocessing, np.zeros(10 * model.robot.n), progress
+    )
+    _check_reduction(first, reduction)
+    return first.standard_inertia(solve_reduced(reduction, choices.estimator).values)
+
+
+def _check_recordings(robot: Robot, recordings: Sequence[Recording], validation: Sequence[Recording]) -> None:
+    if not recordings:
+        raise DynidentError("give at least one measurement to identify from", pointer="/measurement_ids")
+    for pointer, group in (("/measurement_ids", recordings), ("/validation_ids", validation)):
+        for index, recording in enumerate(group):
+            if recording.joint_names != robot.joint_names:
+                raise DynidentError(
+                    f"{recording.name} has the joints {', '.join(recording.joint_names)}; the robot has "
+                    f"{', '.join(robot.joint_names)}",
+                    pointer=f"{pointer}/{index}",
+                    title="Another robot's measurement",
+                )
+
+
+def _check_reduction(model: Model, reduction: Reduction) -> None:
+    """Raise where the data cannot determine the model, naming what is missing."""
+    if reduction.n_rows == 0:
+        raise EstimationError(
+            "no rows are left after filtering; use a longer recording or wider windows",
+            pointer="/measurement_ids",
+            title="Too few samples",
+        )
+    unseen = unseen_parameters(model, reduction)
+    if unseen:
+        raise EstimationError(
+            f"not identifiable from this data: {', '.join(unseen)} (a joint that does not move enough leaves its "
+            "parameters undetermined); lock that joint, leave its effects out, or record a motion of it",
+            pointer="/measurement_ids",
+            title="Not identifiable",
+        )

@@ -1,0 +1,71 @@
+"""Is the inertia matrix of an identified model positive definite (§12.7)?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.regressors.model import Model
+from dynident.regressors.observation import Observation
+from dynident.robot.model import FloatArray, Robot
+
+_POSTURES = 400
+
+
+def smallest_inertia_eigenvalue(model: Model, values: FloatArray, *, seed: int = 0) -> float:
+    """The smallest eigenvalue of A(q), scaled to a unit diagonal, over random postures within the joints' limits.
+
+    Scaled because a wrist's inertia is a thousandth of a shoulder's: the sign is what counts. Nothing above zero is
+    proof for postures in between; one below zero is proof that the model is not physical.
+    """
+    robot = model.robot
+    n = robot.n
+    inertial = [k for k, c in enumerate(model.kept) if c.effect in ("rigid_body", "rotor_inertia")]
+    if not inertial:
+        return float("nan")
+    q = random_postures(robot, _POSTURES, seed)
+    matrix = np.empty((len(q), n, n))
+    observation = _inertial_observation(model, inertial)
+    still = np.zeros_like(q)
+    at_rest = _torque(observation, q, still, values[inertial])
+    for joint in range(n):
+        unit = np.zeros_like(q)
+        unit[:, joint] = 1.0
+        matrix[:, :, joint] = _torque(observation, q, unit, values[inertial]) - at_rest
+    matrix = 0.5 * (matrix + matrix.transpose(0, 2, 1))
+    diagonal = np.diagonal(matrix, axis1=1, axis2=2)
+    if np.any(diagonal <= 0):
+        return float(diagonal.min())
+    scale = 1.0 / np.sqrt(diagonal)
+    return float(np.linalg.eigvalsh(matrix * scale[:, :, None] * scale[:, None, :]).min())
+
+
+def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
+    """(count, n): postures drawn evenly within the joints' limits (a full turn, or ± 1 m, where none are known)."""
+    rng = np.random.default_rng(seed)
+    bounds = []
+    for joint in robot.joints:
+        fallback = (-np.pi, np.pi) if joint.kind == "revolute" else (-1.0, 1.0)
+        low, high = joint.limits.position or fallback
+        bounds.append((max(low, -2 * np.pi), min(high, 2 * np.pi)) if joint.kind == "revolute" else (low, high))
+    low, high = np.array(bounds).T
+    return np.asarray(rng.uniform(low, high, (count, robot.n)))
+
+
+def _inertial_observation(model: Model, inertial: list[int]) -> Observation:
+    signals = Signals(model.robot)
+    chosen = [c for c in model.effects if c.effect in ("rigid_body", "rotor_inertia")]
+    names = {(model.kept[k].effect, model.kept[k].name) for k in inertial}
+    columns = [c for c in columns_of([EffectChoice(c.effect, c.joints) for c in chosen], signals)]
+    return Observation.of(model.robot, [c for c in columns if (c.effect, c.name) in names], signals)
+
+
+def _torque(observation: Observation, q: FloatArray, ddq: FloatArray, values: FloatArray) -> FloatArray:
+    entries = observation.evaluate(
+        q,
+        np.zeros_like(q),
+        ddq,
+        reference=np.zeros(10 * observation.robot.n),
+        memory=np.zeros((len(q), observation.n_memory)),
+    )
+    return observation.torque(entries, values)

@@ -1,0 +1,122 @@
+"""What an identification gives: parameters with their uncertainty, residuals, held-out errors, warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.effects import EffectChoice
+from dynident.estimation import Errors, Reduction, Solution, Statistics
+from dynident.identification.choices import IdentificationChoices
+from dynident.recordings import Preprocessing
+from dynident.regressors.model import Model
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True)
+class IdentifiedParameter:
+    """One base parameter; `relative_standard_deviation` is a fraction, `grouping` its standard parameters."""
+
+    name: str
+    value: float
+    unit: str
+    standard_deviation: float
+    relative_standard_deviation: float
+    well_identified: bool
+    effect: str
+    link: str
+    grouping: str
+    shape: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """An identified model.
+
+    `reference` (10 n,) are the standard inertial parameters that predicted loads were computed with; `training` and
+    `held_out_data` the reduced recordings; `fit` and `held_out` the errors on them; `names` of the recordings.
+    """
+
+    model: Model
+    choices: IdentificationChoices
+    preprocessing: Preprocessing
+    reference: FloatArray
+    training: Reduction
+    held_out_data: Reduction | None
+    solution: Solution
+    statistics: Statistics
+    fit: Errors
+    held_out: Errors | None
+    condition_number: float
+    inertia_matrix_positive_definite: bool
+    worst_inertia_eigenvalue: float
+    warnings: tuple[str, ...]
+    measurement_names: tuple[str, ...]
+    validation_names: tuple[str, ...]
+    parent: Identification | None = None
+    added: tuple[EffectChoice, ...] = ()
+
+    @property
+    def values(self) -> FloatArray:
+        """Base parameters χ (b,)."""
+        return self.solution.values
+
+    @property
+    def n_equations(self) -> int:
+        """Number of rows r of W."""
+        return self.training.n_rows
+
+    @property
+    def equations_per_parameter(self) -> float:
+        """r / b; §12.7 asks for 500."""
+        return self.n_equations / max(self.model.n_parameters, 1)
+
+    @property
+    def effective_rows(self) -> FloatArray:
+        """(n,): how many independent samples each joint's rows are worth."""
+        return self.statistics.effective_rows
+
+    @property
+    def parameters(self) -> tuple[IdentifiedParameter, ...]:
+        """The base parameters in the order of the model."""
+        relative = self.statistics.relative_standard_deviations(self.values)
+        good = judge_parameters(relative)
+        deviations = self.statistics.standard_deviations
+        return tuple(
+            IdentifiedParameter(
+                name=column.name,
+                value=float(self.values[k]),
+                unit=column.unit,
+                standard_deviation=float(deviations[k]),
+                relative_standard_deviation=float(relative[k]),
+                well_identified=bool(good[k]),
+                effect=column.effect,
+                link=column.link,
+                grouping=self.model.base.groupings[k],
+                shape=column.shape,
+            )
+            for k, column in enumerate(self.model.kept)
+        )
+
+    def standard_inertia(self) -> FloatArray:
+        """Standard inertial parameters (10 n,) that give the same torque."""
+        return self.model.standard_inertia(self.values)
+
+    def ladder(self) -> Iterator[Identification]:
+        """The models that led here, the first one first."""
+        if self.parent is not None:
+            yield from self.parent.ladder()
+        yield self
+
+
+def judge_parameters(relative: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Which parameters are well identified by the rule of ten times the smallest relative deviation (§12.7).
+
+    A single parameter that is known far better than all others would condemn everything by that rule, so a parameter
+    within 10 % of its value always counts as well identified, and one whose deviation exceeds half its value never.
+    """
+    smallest = float(np.min(relative, initial=np.inf))
+    good = (relative <= 10.0 * smallest) | (relative <= 0.1)
+    return np.asarray(good & (relative <= 0.5))

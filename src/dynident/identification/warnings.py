@@ -1,0 +1,105 @@
+"""What a user must be told about an identified model, in sentences."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.estimation import Reduction
+from dynident.regressors.model import Model
+
+if TYPE_CHECKING:
+    from dynident.identification.result import Identification
+
+_HIGH_CONDITION = 1000.0
+_EQUATIONS_PER_PARAMETER = 500.0
+_TINY = 1e-9
+_OVERFIT = 1.5
+
+
+def unseen_parameters(model: Model, reduction: Reduction) -> list[str]:
+    """Names of the parameters whose column is zero, or depends on the others, on this data."""
+    c = reduction.n_columns
+    gram_factor = np.zeros((0, c))
+    for equation in reduction.equations:
+        k = len(equation.columns)
+        wide = np.zeros((k + 1, c))
+        wide[:, equation.columns] = equation.joined[:, :k]
+        gram_factor = np.concatenate([gram_factor, wide])
+    norms = np.linalg.norm(gram_factor, axis=0)
+    largest = float(norms.max(initial=0.0))
+    lost = norms <= _TINY * largest
+    names = [column.name for column in model.kept]
+    if lost.any() or largest == 0.0:
+        return [names[k] for k in np.flatnonzero(lost)]
+    _, singular, vt = np.linalg.svd(gram_factor / norms, full_matrices=False)
+    null = vt[singular <= _TINY * singular[0]]
+    involved = np.abs(null).max(axis=0, initial=0.0) > 0.05
+    return [names[k] for k in np.flatnonzero(involved)]
+
+
+def warnings_of(identification: Identification) -> tuple[str, ...]:
+    """All that is doubtful about a result, most important first."""
+    found = []
+    if not identification.inertia_matrix_positive_definite and np.isfinite(identification.worst_inertia_eigenvalue):
+        found.append(
+            "The inertia matrix is not positive definite in every posture: the parameters are not physically possible "
+            "as they stand, so use them for prediction near the recorded motion only."
+        )
+    found += _excitation(identification)
+    found += _overfit(identification)
+    found += _friction_signs(identification)
+    absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed]
+    if absorbed:
+        found.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")
+    return tuple(found)
+
+
+def _excitation(identification: Identification) -> list[str]:
+    found = []
+    if identification.condition_number > _HIGH_CONDITION:
+        found.append(
+            f"The condition number is {identification.condition_number:.0f}: the motion alone does not determine the "
+            "model well. Record an exciting trajectory (a design) or use a prior."
+        )
+    if identification.equations_per_parameter < _EQUATIONS_PER_PARAMETER:
+        found.append(
+            f"There are {identification.equations_per_parameter:.0f} equations per parameter after decimation; "
+            f"{_EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."
+        )
+    poor = [p for p in identification.parameters if not p.well_identified]
+    if poor:
+        names = ", ".join(p.name for p in poor[:12]) + (", …" if len(poor) > 12 else "")
+        found.append(f"{len(poor)} of {len(identification.parameters)} parameters are poorly identified: {names}.")
+    return found
+
+
+def _overfit(identification: Identification) -> list[str]:
+    if identification.held_out is None:
+        return ["No validation data was given: the errors are those of the fit itself and flatter the model."]
+    if identification.held_out.relative_total > _OVERFIT * identification.fit.relative_total:
+        return [
+            f"The error on validation data is {identification.held_out.relative_total:.1%} against "
+            f"{identification.fit.relative_total:.1%} in the fit: the data do not determine the model, or the "
+            "validation motion shows what the identification motion did not."
+        ]
+    return []
+
+
+def _friction_signs(identification: Identification) -> list[str]:
+    """Friction that drives the motion is impossible: the torque's sign, or the order of joints, is probably wrong."""
+    found = []
+    for parameter in identification.parameters:
+        wrong = parameter.value < -3.0 * parameter.standard_deviation
+        if parameter.effect in ("coulomb", "viscous") and wrong and identification.choices.effects:
+            alone = not any(c.effect not in _PLAIN for c in identification.choices.effects)
+            if alone:
+                found.append(
+                    f"{parameter.name} on {parameter.link} is negative ({parameter.value:.3g} {parameter.unit}): check "
+                    "the sign of its torque and the order of the torque columns."
+                )
+    return found
+
+
+_PLAIN = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")

@@ -1,0 +1,155 @@
+"""From recordings to rows of W and Y: evaluated at the full rate, filtered and decimated alike, block by block (§12.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.effects.memory import MemoryStates
+from dynident.estimation import FactorAccumulator, Reduction, concatenate
+from dynident.progress import Progress, silent
+from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
+from dynident.regressors.observation import Observation
+from dynident.robot.model import FloatArray
+
+_SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredSamples:
+    """Decimated rows of one segment: t (m,), `values` (m, k) what was asked for, tau (m, n)."""
+
+    t: FloatArray
+    values: FloatArray
+    tau: FloatArray
+    segment: int
+
+
+_BlockFunction = Callable[[SampleBlock], FloatArray]
+
+
+class SampleFunction:
+    """Values of an observation matrix along a recording, with the hysteresis states carried from block to block."""
+
+    def __init__(self, observation: Observation, reference: FloatArray) -> None:
+        self._observation = observation
+        self._reference = reference
+        self._memory = MemoryStates(observation.memory)
+
+    def __call__(self, block: SampleBlock) -> FloatArray:
+        """Entries (m, number of entries); zero where no sample is used and the value therefore does not matter."""
+        if block.starts_segment:
+            self._memory.restart()
+        states = self._memory.push(block.q)
+        out = np.zeros((len(block.t), len(self._observation.entry_rows)))
+        needed = np.flatnonzero(block.used)
+        if len(needed):
+            part = slice(int(needed[0]), int(needed[-1]) + 1)
+            out[part] = self._observation.evaluate(
+                block.q[part],
+                block.dq[part],
+                block.ddq[part],
+                reference=self._reference,
+                memory=states[part],
+                time=block.t[part],
+                temperature=None if block.temperature is None else block.temperature[part],
+            )
+        return out
+
+
+def filtered_samples(
+    observation: Observation, recording: Recording, preprocessing: Preprocessing, reference: FloatArray
+) -> Iterator[FilteredSamples]:
+    """Stream the entries of W, and Y beside them, through the parallel filter; only rows that are used come out."""
+    entries = SampleFunction(observation, reference)
+    n_entries = len(observation.entry_rows)
+
+    def values(block: SampleBlock) -> FloatArray:
+        return np.hstack([entries(block), block.tau])
+
+    for segment, t, rows in parallel_filtered(recording, preprocessing, values):
+        yield FilteredSamples(t, rows[:, :n_entries], rows[:, n_entries:], segment)
+
+
+def parallel_filtered(
+    recording: Recording, preprocessing: Preprocessing, values: _BlockFunction
+) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+    """Stream `values` of every block through the parallel filter: (segment, t (m,), rows (m, k)), used rows alone."""
+    low_pass = ParallelFilter(recording.sampling_rate, preprocessing.torque_cutoff, preprocessing.decimation)
+    segment = -1
+    for block in filtered_blocks(recording, preprocessing):
+        if block.starts_segment and segment >= 0:
+            rest = low_pass.flush()
+            if rest.used.any():
+                yield segment, rest.t[rest.used], rest.values[rest.used]
+        segment = block.segment
+        given = low_pass.push(values(block), block.t, block.used, block.starts_segment)
+        if given.used.any():
+            yield segment, given.t[given.used], given.values[given.used]
+    rest = low_pass.flush()
+    if rest.used.any():
+        yield segment, rest.t[rest.used], rest.values[rest.used]
+
+
+def stretch_length(recordings: Sequence[Recording]) -> float:
+    """Length in s of the stretches that factors are kept for.
+
+    A twentieth of the data, but long against the correlation of filtered rows and short against the motion, and never
+    so many that their factors would outgrow the data's own size.
+    """
+    duration = sum(used_duration(recording) for recording in recordings)
+    return float(max(np.clip(duration / _SHARE, _SHORTEST, _LONGEST), duration / _MOST))
+
+
+def used_duration(recording: Recording) -> float:
+    """Seconds of a recording that are inside its windows."""
+    total = 0.0
+    for segment in recording.segments:
+        start, end = segment.start_time, segment.start_time + segment.length * recording.period
+        if recording.windows:
+            total += sum(max(0.0, min(end, last) - max(start, first)) for first, last in recording.windows)
+        else:
+            total += end - start
+    return total
+
+
+def reduce_recordings(
+    observation: Observation,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress = silent,
+) -> Reduction:
+    """Fold all recordings into triangular factors, one a joint and stretch of time; W is never stored.
+
+    Parameters
+    ----------
+    observation : Observation
+        W, whose columns become the reduction's.
+    reference : (10 n,)
+        Standard inertial parameters of the load prediction.
+    """
+    n = observation.robot.n
+    layout = [observation.joint_entries(joint) for joint in range(n)]
+    stretch = stretch_length(recordings)
+    total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
+    done = 0.0
+    parts = []
+    for recording in recordings:
+        accumulator = FactorAccumulator([columns for _, columns in layout], observation.n_columns, stretch)
+        segment = -1
+        for samples in filtered_samples(observation, recording, preprocessing, reference):
+            if samples.segment != segment:
+                accumulator.end_stretch()
+                segment = samples.segment
+            rows = [
+                np.hstack([samples.values[:, positions], samples.tau[:, joint : joint + 1]])
+                for joint, (positions, _) in enumerate(layout)
+            ]
+            accumulator.push(samples.t, rows)
+            progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
+        done += recording.n_samples / recording.sampling_rate
+        parts.append(accumulator.finish())
+    return concatenate(parts)
