@@ -62,6 +62,12 @@ class Resources:
                 raise not_found(kind, identifier)
             return _load(session, row)
 
+    def find(self, identifier: str) -> Resource | None:
+        """Read a resource of whatever kind."""
+        with self._database.read() as session:
+            row = session.get(ResourceRow, identifier)
+            return None if row is None else _load(session, row)
+
     def page(self, kind: Kind, limit: int, cursor: str | None = None, on_id: str | None = None) -> Page:
         """Read a part of the list of a kind, newest first, of those that rest on `on_id` if that is given."""
         query = select(ResourceRow).where(ResourceRow.kind == kind).order_by(ResourceRow.id.desc()).limit(limit + 1)

@@ -1,0 +1,84 @@
+"""What a job's function is given, and what it gives back."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from dynident.progress import Progress
+from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.records import NewResource, Owned, Resource
+from dynident_service.storage.resources import Resources
+
+T = TypeVar("T")
+KEPT = 16
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a child process finds the database and the objects."""
+
+    database_url: str
+    object_store_url: str
+    cache_dir: Path
+    max_attempts: int
+
+
+class Memory:
+    """Keeps the objects that were last made, for the next job of this process."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[tuple[str, str], object] = OrderedDict()
+
+    def recall(self, kind: type[T], identifier: str, make: Callable[[], T]) -> T:
+        """Give the object of an id, made anew if it is not remembered."""
+        key = (kind.__qualname__, identifier)
+        found = self._kept.get(key)
+        if not isinstance(found, kind):
+            found = make()
+            self._kept[key] = found
+        self._kept.move_to_end(key)
+        while len(self._kept) > KEPT:
+            self._kept.popitem(last=False)
+        return found
+
+
+@dataclass(frozen=True)
+class Task:
+    """One job, seen from inside: what to compute, and the means to do it."""
+
+    resource: Resource | None
+    arguments: Mapping[str, Any]
+    resources: Resources
+    objects: ObjectStore
+    memory: Memory
+    progress: Progress
+
+    @property
+    def subject(self) -> Resource:
+        """The resource that the job computes."""
+        if self.resource is None:
+            raise ValueError("this job belongs to no resource")
+        return self.resource
+
+    def keep(self, role: str, content: bytes | Path, media_type: str = "application/octet-stream") -> Owned:
+        """Put bytes or a file into the object store, to be owned by the resource."""
+        stored = self.objects.put_bytes(content) if isinstance(content, bytes) else self.objects.put_path(content)
+        return Owned(role, stored.key, stored.size, media_type)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a job found; it is stored in one transaction with the end of the job."""
+
+    result: Mapping[str, Any] = field(default_factory=dict)
+    objects: tuple[Owned, ...] = ()
+    creates: NewResource | None = None
+    """A resource of its own that the job makes (a simulation makes a measurement); its id is put into the result
+    under the name of its kind with `_id`."""
+
+
+JobFunction = Callable[[Task], Outcome]

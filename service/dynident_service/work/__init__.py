@@ -1,0 +1,1 @@
+"""What jobs do: read the inputs, call the science, give the results. Imported ahead by the child processes."""
