@@ -56,6 +56,7 @@ from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_placement
 from dynident.robot.settings import check_limits, gravity_from, settings_from
 
 TITLE = "Unusable modified Denavit-Hartenberg table"
+_RESERVED = ("base", "universe")
 _CONSTANTS = ("gamma", "b", "alpha", "d", "theta", "r")
 _LIMITS = ("position", "velocity", "acceleration", "jerk", "effort")
 _MASS_PROPERTIES = ("mass", "center_of_mass", "inertia")
@@ -108,6 +109,7 @@ def robot_from_modified_dh(
         settings,
         described_limits={row.name: row.limits for row in rows},
         links={row.name: row.link for row in rows},
+        pointer=pointer,
     )
 
 
@@ -144,8 +146,8 @@ def _screw_x(angle: float, distance: float) -> FloatArray:
 def _row(item: object, above: Sequence[Row], at: str) -> Row:
     fields = expect_mapping(item, _ROW, at, TITLE)
     name = expect_text(fields.get("name", f"joint{len(above) + 1}"), f"{at}/name", TITLE)
-    if name == "base" or name in (row.name for row in above):
-        detail = "No joint can be called 'base'." if name == "base" else f"The joint name '{name}' is used twice."
+    if name in _RESERVED or name in (row.name for row in above):
+        detail = f"No joint can be called '{name}'." if name in _RESERVED else f"The joint name '{name}' is used twice."
         raise DynidentError(detail, pointer=f"{at}/name", title=TITLE)
     sigma = fields.get("sigma", 0)
     if isinstance(sigma, bool) or sigma not in (0, 1):
@@ -223,6 +225,7 @@ def _model(name: str, rows: Sequence[Row]) -> PinocchioModel:
     for row in rows:
         joint = pin.JointModelPZ() if row.kind == "prismatic" else pin.JointModelRZ()
         index = model.addJoint(row.antecedent + 1, joint, pin.SE3(row.placement), row.name)
+        model.addJointFrame(index)  # locking joints rests on it
         if np.any(row.inertia):
             inertia = pin.Inertia.FromDynamicParameters(dynamic_parameters(row.inertia))
             model.appendBodyToJoint(index, inertia, pin.SE3.Identity())

@@ -9,12 +9,16 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from dynident.errors import DynidentError
 from dynident.robot.model import Description, Drive, FloatArray, Joint, JointKind, Limits, Robot
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_axis, mend_placement
 from dynident.robot.settings import Settings, check_names, merged_limits
 
 PinocchioModel = Any
 """`pinocchio.Model`, which has no type stubs."""
+
+_LARGEST = 1e12
+"""No machine is that large in m, kg or kg m²; beyond it rounding errors are."""
 
 _FROM_DYNAMIC = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]
 """INERTIAL_NAMES as places in Pinocchio's m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
@@ -40,6 +44,7 @@ def to_pinocchio(robot: Robot) -> PinocchioModel:
     for index, joint in enumerate(robot.joints):
         placement = pin.SE3(joint.placement)
         added = model.addJoint(joint.parent + 1, kinds[joint.kind](joint.axis), placement, joint.name)
+        model.addJointFrame(added)
         if robot.inertias is not None:
             inertia = pin.Inertia.FromDynamicParameters(dynamic_parameters(robot.inertias[index]))
             model.appendBodyToJoint(added, inertia, pin.SE3.Identity())
@@ -56,11 +61,12 @@ def from_pinocchio(
     links: Mapping[str, str],
     fixed: tuple[str, ...] = (),
     tolerance: float = ROUNDING_TOLERANCE,
+    pointer: str = "",
 ) -> Robot:
     """Return the robot of a model whose joints each have one degree of freedom.
 
     `described_limits` and `links` give the limits and the moved link of each joint by name, `fixed` the names of joints
-    that the model has merged.
+    that the model has merged, `pointer` where the description stands in the request.
     """
     moving = tuple(model.names)[1:]
     check_names(settings, moving, fixed)
@@ -74,6 +80,13 @@ def from_pinocchio(
         for joint in _joints(model, tolerance)
     )
     inertias = inertial_parameters(np.array([body.toDynamicParameters() for body in tuple(model.inertias)[1:]]))
+    for joint, inertial in zip(joints, inertias, strict=True):
+        if not (np.all(np.abs(joint.placement) <= _LARGEST) and np.all(np.abs(inertial) <= _LARGEST)):
+            raise DynidentError(
+                f"Joint '{joint.name}': lengths or inertias are too large to compute with; expected m, kg and kg m².",
+                pointer=pointer,
+                title="Unusable robot description",
+            )
     return Robot(
         name=name,
         joints=joints,

@@ -43,6 +43,7 @@ def _snap(values: FloatArray, tolerance: float) -> FloatArray:
 
 
 def _orthonormal(rotation: FloatArray) -> FloatArray:
-    """One Newton step towards the nearest rotation: the error squares, exact zeros and ones stay."""
-    defect = rotation.T @ rotation - np.eye(3)
-    return _snap(rotation - 0.5 * rotation @ defect, 4 * np.finfo(float).eps)
+    """Two Newton steps to the nearest rotation: each squares the error, exact zeros and ones stay."""
+    for _ in range(2):
+        rotation = rotation - 0.5 * rotation @ (rotation.T @ rotation - np.eye(3))
+    return _snap(rotation, 4 * np.finfo(float).eps)

@@ -65,6 +65,7 @@ def robot_from_urdf(
         links={joint: _child(element) for joint, element in joints.items()},
         fixed=tuple(joint for joint, element in joints.items() if element.attributes["type"] == "fixed"),
         tolerance=rounding_tolerance,
+        pointer=pointer,
     )
 
 

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from texts import EVERY_KIND, one_joint
+
+from dynident.errors import DynidentError
+from dynident.robot import Description, Drive, Limits, robot_from_description
+
+ARM = Description("urdf", EVERY_KIND)
+TABLE = Description("modified_dh", '[{"name": "a/b"}, {"name": "c"}]')
+
+
+def test_drives_stand_in_the_order_of_the_joints():
+    robot = robot_from_description(
+        "r", ARM, drives={"slide": Drive(drive_gain=12.0), "turn": Drive(None, 100.0, 0.1, 2.0)}
+    )
+    assert [drive.gain for drive in robot.drives] == [20.0, None, 12.0, None, None, None]
+
+
+def test_gravity_is_that_stated_in_the_base_frame():
+    robot = robot_from_description("r", ARM, gravity=[0.0, 1.0, -9.7])
+    np.testing.assert_array_equal(robot.gravity, [0, 1, -9.7])
+
+
+def test_the_description_is_kept_as_it_came():
+    assert robot_from_description("r", ARM).description == ARM
+    assert robot_from_description("r", TABLE).description == TABLE
+
+
+BAD = {
+    "unknown format": (
+        {"description": Description("sdf", "")},  # type: ignore[arg-type]
+        "/description/format",
+        "Unknown format 'sdf'; expected urdf or modified_dh",
+    ),
+    "limits of an unknown joint": (
+        {"limits": {"knee": Limits()}},
+        "/limits/knee",
+        "no joint 'knee'; joints: turn, lift",
+    ),
+    "drive of an unknown joint": ({"drives": {"knee": Drive()}}, "/drives/knee", "no joint 'knee'; joints: turn, lift"),
+    "unknown joint locked": ({"locked_joints": {"knee": 0.0}}, "/locked_joints/knee", "no joint 'knee'; joints: turn"),
+    "fixed joint locked": ({"locked_joints": {"mount": 0.0}}, "/locked_joints/mount", "'mount' is fixed in the desc"),
+    "locked nowhere": (
+        {"locked_joints": {"lift": math.nan}},
+        "/locked_joints/lift",
+        "locked at nan; expected a number",
+    ),
+    "drive of a locked joint": (
+        {"locked_joints": {"lift": 0.0}, "drives": {"lift": Drive(1.0)}},
+        "/drives/lift",
+        "'lift' is locked, so it has no drive",
+    ),
+    "everything locked": (
+        {"description": TABLE, "locked_joints": {"a/b": 0.0, "c": 1.0}},
+        "/locked_joints",
+        "Every joint is locked",
+    ),
+    "a name with a slash": (
+        {"description": TABLE, "limits": {"a/b": Limits(velocity=-1)}},
+        "/limits/a~1b/velocity",
+        "velocity limit of joint 'a/b' is -1; expected a positive number",
+    ),
+    "limits exchanged": ({"limits": {"lift": Limits((1, -1))}}, "/limits/lift/position", r"\[1, -1\].*the lower first"),
+    "infinite range": ({"limits": {"lift": Limits((0, math.inf))}}, "/limits/lift/position", "expected two numbers"),
+    "infinite jerk": (
+        {"limits": {"lift": Limits(jerk=math.inf)}},
+        "/limits/lift/jerk",
+        "jerk limit of joint 'lift' is inf",
+    ),
+    "no gain": ({"drives": {"lift": Drive(0.0)}}, "/drives/lift/drive_gain", "is 0.0; expected a number other than 0"),
+    "no gear": ({"drives": {"lift": Drive(gear_ratio=math.nan)}}, "/drives/lift/gear_ratio", "is nan; expected"),
+    "two gains": (
+        {"drives": {"lift": Drive(10.0, 100.0, 0.2)}},
+        "/drives/lift/drive_gain",
+        r"drive_gain is 10.0, but .* give 20 \[12.17\]; state one",
+    ),
+    "flat gravity": ({"gravity": [0, -9.81]}, "/gravity", "expected three numbers in m/s²"),
+    "gravity unknown": ({"gravity": [0, 0, math.nan]}, "/gravity", "expected three numbers in m/s²"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "pointer", "message"), BAD.values(), ids=BAD.keys())
+def test_a_setting_that_does_not_fit_is_named_with_its_place(arguments, pointer, message):
+    with pytest.raises(DynidentError, match=message) as caught:
+        robot_from_description("r", **{"description": ARM, **arguments})
+    assert caught.value.pointer == pointer
+
+
+def test_equal_statements_of_a_drive_gain_do_not_contradict():
+    robot = robot_from_description("r", Description("urdf", one_joint()), drives={"j": Drive(20.0, 100.0, 0.2)})
+    assert robot.drives[0].gain == 20.0
+
+
+@pytest.mark.parametrize(
+    "description",
+    [
+        Description("modified_dh", '[{"d": 1e308, "gamma": 1, "alpha": 1}, {"d": -1e308, "b": 1e308, "alpha": 2}]'),
+        Description("modified_dh", '[{"inertia": {"M": 1e-300, "MX": 1e300, "XX": 1}}]'),
+        Description(
+            "urdf", one_joint(inside='<origin xyz="1e308 1e308 1e308" rpy="1 1 1"/>').replace("0.1 ", "1e308 ")
+        ),
+    ],
+)
+def test_numbers_beyond_computing_are_refused(description):
+    with pytest.raises(DynidentError, match="too large to compute with") as caught:
+        robot_from_description("r", description)
+    assert caught.value.pointer == "/description/content"
