@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import ceil, pi
+from math import ceil, pi, prod
 from typing import NamedTuple
 
 import numpy as np
@@ -88,7 +88,8 @@ class ParallelFilter:
             raise ValueError(f"{len(values)} rows of values, {len(t)} times, {len(used)} marks: they have to agree")
         rest = self.flush() if starts_segment and self._rows is not None else None
         self._shape = values.shape[1:]
-        given = self._advance(np.ascontiguousarray(values, dtype=np.float64).reshape(len(values), -1), t, used)
+        rows = np.ascontiguousarray(values, dtype=np.float64).reshape(len(values), prod(self._shape))
+        given = self._advance(rows, t, used)
         if rest is None or not len(rest.t):
             return given
         return FilteredRows(*(np.concatenate(pair) for pair in zip(rest, given, strict=True)))

@@ -66,7 +66,7 @@ class Preprocessing:
 FIELDS = ("position_cutoff", "torque_cutoff", "decimation", "filter_order")
 
 
-def values_from_request(request: Mapping[str, object]) -> dict[str, float | int | None]:
+def values_from_request(request: object) -> dict[str, float | int | None]:
     """Give the fields that a user has set, checked for their kind; "auto" counts as not set.
 
     Raises
@@ -74,6 +74,12 @@ def values_from_request(request: Mapping[str, object]) -> dict[str, float | int 
     RecordingError
         With a pointer to an unknown field or to a value that is no number.
     """
+    if not isinstance(request, Mapping):
+        raise RecordingError(
+            f'preprocessing is {request!r}; give "auto", or an object with any of {", ".join(FIELDS)}.',
+            pointer="/preprocessing",
+            title="Impossible preprocessing",
+        )
     values: dict[str, float | int | None] = {}
     for name, value in request.items():
         if name not in FIELDS:

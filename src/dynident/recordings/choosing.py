@@ -1,0 +1,180 @@
+"""Choosing the filters from the data: as wide as the motion needs, as narrow as the noise asks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import floor, log10
+
+import numpy as np
+
+from dynident.recordings.preprocessing import Preprocessing, values_from_request
+from dynident.recordings.spectra import Spectra, spectra
+from dynident.recordings.types import FloatArray, Recording, RecordingError
+
+MOTION_SHARE = 0.99
+"""The band of the motion holds so much of the velocity's power."""
+
+HARMONICS = 15.0
+"""Cut-off over the band of the motion: products of joint motions and the corners of friction are its harmonics."""
+
+NOISE_SHARE = 0.05
+"""Position noise may be so large in the acceleration, beside the motion's own."""
+
+LEAST_HARMONICS = 4.0
+"""However large the noise, so many harmonics of the motion are kept."""
+
+NYQUIST_SHARE = 0.7
+"""A cut-off nearer to the Nyquist frequency filters nothing."""
+
+OVERSAMPLING = 4.0
+"""Rows are decimated to no less than so many times the torque cut-off."""
+
+MOVING = 1e-3
+"""A joint whose velocity is below this share of the fastest joint's does not count."""
+
+
+@dataclass(frozen=True)
+class _Bands:
+    """What one recording says, in Hz: the band of its motion, the cut-off at which noise takes over."""
+
+    motion: float
+    noise: float
+    noise_rms: float
+
+
+def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
+    """Choose cut-off frequencies and decimation for recordings that are identified together ("auto").
+
+    The position cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
+    move, the widest of the recordings), but no more than the frequency up to which differentiating the position noise
+    (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration. The torque cut-off is the
+    same: what is above it can not be explained by filtered positions. Rows are decimated to no less than 4
+    times it.
+
+    Raises
+    ------
+    DynidentError
+        If a recording is too short to have a spectrum.
+    """
+    if not recordings:
+        raise ValueError("no recordings to choose from")
+    found = [_bands(spectra(recording)) for recording in recordings]
+    rate = min(recording.sampling_rate for recording in recordings)
+    motion = max(bands.motion for bands in found)
+    noisiest = min(found, key=lambda bands: bands.noise)
+    wanted, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
+    cutoff = min(wanted, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling)
+    cutoff = _rounded(cutoff)
+    because = f"Position cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
+    if wanted <= min(noisiest.noise, ceiling):
+        because += f", and {HARMONICS:g} times that keeps its products and the corners of friction."
+    elif noisiest.noise < ceiling:
+        because += (
+            f"; above {noisiest.noise:.2g} Hz the position noise of {noisiest.noise_rms:.2g} rad rms, differentiated "
+            "twice, would exceed 5 % of the acceleration."
+        )
+    else:
+        because += f"; the sampling rate of {rate:.4g} Hz carries nothing useful above {ceiling:.3g} Hz."
+    return _with_decimation(Preprocessing(cutoff, cutoff, 1, 4, (because, _about_torque(cutoff))), rate)
+
+
+def preprocessing_from_request(
+    request: Mapping[str, object] | str | None, recordings: Sequence[Recording]
+) -> Preprocessing:
+    """Give the preprocessing that a user asked for; what the user left open is chosen from the data.
+
+    Parameters
+    ----------
+    request : mapping of any of position_cutoff, torque_cutoff, decimation, filter_order; "auto" or None: all open
+
+    Raises
+    ------
+    RecordingError
+        For a value that is impossible: names the Nyquist frequency, and points to "/preprocessing/…".
+    """
+    rate = min(recording.sampling_rate for recording in recordings)
+    given = {} if request is None or request == "auto" else values_from_request(request)
+    if "position_cutoff" in given and "torque_cutoff" in given:
+        asked = Preprocessing(_cutoff(given, "position_cutoff"), _cutoff(given, "torque_cutoff"))
+    else:
+        chosen = choose_preprocessing(recordings)
+        position = _cutoff(given, "position_cutoff") if "position_cutoff" in given else chosen.position_cutoff
+        if "torque_cutoff" in given:
+            torque = _cutoff(given, "torque_cutoff")
+        else:
+            # Torque is worth no more than the positions that have to explain it.
+            torque = chosen.torque_cutoff if position is None else min(position, NYQUIST_SHARE * 0.5 * rate)
+        reasons = chosen.reasons if position == chosen.position_cutoff else (_about_torque(torque),)
+        asked = Preprocessing(position, torque, reasons=reasons)
+    asked = replace(asked, filter_order=int(given.get("filter_order", asked.filter_order) or 0))
+    if "decimation" in given:
+        asked = replace(asked, decimation=int(given["decimation"] or 0))
+    else:
+        asked.check_against(rate)
+        asked = _with_decimation(asked, rate)
+    if given:
+        named = ", ".join(f"{name} {value:g}" if value is not None else f"no {name}" for name, value in given.items())
+        asked = replace(asked, reasons=(*asked.reasons, f"Given: {named}."))
+    asked.check_against(rate)
+    return asked
+
+
+def _cutoff(given: Mapping[str, float | int | None], name: str) -> float | None:
+    value = given[name]
+    return None if value is None else float(value)
+
+
+def _with_decimation(chosen: Preprocessing, rate: float) -> Preprocessing:
+    if chosen.torque_cutoff is None:
+        return chosen
+    decimation = max(1, floor(rate / (OVERSAMPLING * chosen.torque_cutoff)))
+    because = (
+        f"Decimation by {decimation}, to {rate / decimation:.3g} Hz, {rate / decimation / chosen.torque_cutoff:.2g} "
+        "times the torque cut-off: rows closer together repeat each other."
+    )
+    return replace(chosen, decimation=decimation, reasons=(*chosen.reasons, because))
+
+
+def _about_torque(cutoff: float | None) -> str:
+    if cutoff is None:
+        return "No parallel filter, as asked."
+    return f"Torque cut-off {cutoff:g} Hz, as for the positions: torque above it cannot be explained by them."
+
+
+def _bands(found: Spectra) -> _Bands:
+    step = found.frequency[1]
+    gain = found.velocity_gain[:, None]
+    noise = found.noise * gain
+    motion, limit = [], []
+    power = np.maximum(found.velocity - noise, 0.0)
+    moving = np.flatnonzero(power.sum(axis=0) > MOVING**2 * power.sum(axis=0).max())
+    for joint in moving:
+        band = _band(found.velocity[:, joint], noise[:, joint])
+        if power[:band, joint].sum() <= 0.0:
+            continue
+        share = np.cumsum(power[:band, joint]) / power[:band, joint].sum()
+        motion.append(found.frequency[int(np.searchsorted(share, MOTION_SHARE))])
+        own = float((power[:band, joint] * gain[:band, 0]).sum())
+        spoiled = np.cumsum(noise[:, joint] * gain[:, 0])
+        limit.append(found.frequency[min(int(np.searchsorted(spoiled, NOISE_SHARE**2 * own)), len(gain) - 1)])
+    rms = np.sqrt(found.noise[moving] * 0.5 * found.rate)
+    if not motion:
+        raise RecordingError(
+            "No joint moves in the windows of the recording: there is nothing to choose the filters from.",
+            pointer="/preprocessing",
+            title="No motion",
+        )
+    return _Bands(max(float(np.median(motion)), step), max(float(np.median(limit)), step), float(np.median(rms)))
+
+
+def _band(power: FloatArray, noise: FloatArray) -> int:
+    """Give the number of frequencies from 0 on, up to the first at which the motion sinks into the noise."""
+    sunk = np.flatnonzero(power[3:] < 3.0 * noise[3:])
+    return int(sunk[0]) + 3 if len(sunk) else len(power)
+
+
+def _rounded(value: float) -> float:
+    """Round down to two significant digits."""
+    digits = 1 - floor(log10(value))
+    return floor(value * 10**digits + 1e-9) / 10**digits if digits > 0 else float(floor(value))

@@ -1,0 +1,101 @@
+"""Power spectra of velocity, position noise and torque, averaged over a recording that is read in pieces (Welch)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, signal
+
+from dynident.errors import DynidentError
+from dynident.recordings.types import FloatArray, Recording
+
+LONGEST = 20.0
+"""Seconds under one window: resolves a motion of 0.1 Hz."""
+
+MAX_WINDOWS = 128
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """One-sided power spectral densities at `frequency` (k,) in Hz, one column a joint (k, n), windows' rows only.
+
+    `velocity`: of q̇ [(rad/s)²/Hz]; `noise` (n,): the floor of q [rad²/Hz], white, seen at the highest frequencies;
+    `torque`: of τ [(N m)²/Hz].
+    """
+
+    frequency: FloatArray
+    velocity: FloatArray
+    noise: FloatArray
+    torque: FloatArray
+    rate: float
+
+    @property
+    def velocity_gain(self) -> FloatArray:
+        """Squared gain (k,) from q to q̇."""
+        return (2.0 * self.rate * np.sin(np.pi * self.frequency / self.rate)) ** 2
+
+
+def spectra(recording: Recording) -> Spectra:
+    """Estimate the spectra from up to `MAX_WINDOWS` half-overlapping stretches, evenly spread over the windows' rows.
+
+    Raises
+    ------
+    DynidentError
+        If no stretch inside the windows is long enough to have a spectrum.
+    """
+    runs = used_runs(recording)
+    longest = max((length for _, length in runs), default=0)
+    if longest < 32:
+        raise DynidentError(
+            f"Recording {recording.name} holds at most {longest} consecutive samples inside its windows; that is too "
+            "few to choose the filters from. Give the cut-off frequencies, or wider windows.",
+            pointer="/preprocessing",
+        )
+    length = fft.prev_fast_len(min(longest, int(LONGEST * recording.sampling_rate) + 1), real=True)
+    starts = [first + offset for first, run in runs for offset in range(0, run - length + 1, max(1, length // 2))]
+    if len(starts) > MAX_WINDOWS:
+        starts = [starts[index] for index in np.linspace(0, len(starts) - 1, MAX_WINDOWS).astype(int)]
+    taper = signal.get_window("hann", length)
+    scale = 2.0 / (recording.sampling_rate * float((taper**2).sum()))
+    taper = taper[:, None]
+    velocity = torque = np.zeros((length // 2 + 1, recording.n))
+    for start in starts:
+        q, tau = _read(recording, start, length)
+        speed = np.empty_like(q)
+        speed[1:] = np.diff(q, axis=0) * recording.sampling_rate
+        speed[0] = speed[1]
+        # Velocity instead of position: its spectrum is level enough not to leak through the window.
+        velocity = velocity + scale * np.abs(fft.rfft(taper * speed, axis=0)) ** 2
+        torque = torque + scale * np.abs(fft.rfft(taper * (tau - tau.mean(axis=0)), axis=0)) ** 2
+    frequency = fft.rfftfreq(length, 1.0 / recording.sampling_rate)
+    velocity, torque = velocity / len(starts), torque / len(starts)
+    gain = (2.0 * recording.sampling_rate * np.sin(np.pi * frequency / recording.sampling_rate)) ** 2
+    high = (frequency > 0.3 * recording.sampling_rate) & (frequency < 0.48 * recording.sampling_rate)
+    # The median of a chi-squared density of two degrees of freedom is ln 2 of its mean.
+    noise = np.median(velocity[high] / gain[high, None], axis=0) / np.log(2.0)
+    return Spectra(frequency, velocity, noise, torque, recording.sampling_rate)
+
+
+def used_runs(recording: Recording) -> Sequence[tuple[int, int]]:
+    """Give (first stored row, length) of the runs of rows of one segment that lie inside one window."""
+    runs = []
+    for segment in recording.segments:
+        windows = recording.windows or ((-np.inf, np.inf),)
+        for start, end in windows:
+            slack = 1e-6
+            low = np.ceil(np.clip((start - segment.start_time) * recording.sampling_rate - slack, 0, segment.length))
+            high = np.floor(
+                np.clip((end - segment.start_time) * recording.sampling_rate + slack, -1, segment.length - 1)
+            )
+            if high >= low:
+                runs.append((segment.first_row + int(low), int(high - low) + 1))
+    return runs
+
+
+def _read(recording: Recording, first: int, length: int) -> tuple[FloatArray, FloatArray]:
+    parts = list(recording.source.rows(first, length, length))
+    if len(parts) == 1:
+        return parts[0].q, parts[0].tau
+    return np.concatenate([rows.q for rows in parts]), np.concatenate([rows.tau for rows in parts])

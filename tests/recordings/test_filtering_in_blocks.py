@@ -1,0 +1,156 @@
+"""The streamed position filter and differences against scipy's filter over the whole segment at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from dynident.recordings import Preprocessing, Recording, RecordingError, filtered_blocks, recording_from_arrays
+from dynident.recordings.types import StoredRows
+
+
+class Pieces:
+    """A source that gives its rows in pieces of odd lengths, as a file may."""
+
+    def __init__(self, q, tau, piece):
+        self.q, self.tau, self.piece = q, tau, piece
+
+    def rows(self, first, length, block_length):
+        step = min(self.piece, block_length)
+        for start in range(first, first + length, step):
+            part = slice(start, min(start + step, first + length))
+            yield StoredRows(self.q[part], self.tau[part], None)
+
+
+def random_walk(n_rows: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return np.arange(n_rows) / 500.0, np.cumsum(rng.normal(0, 0.01, (n_rows, 2)), axis=0), rng.normal(0, 1, (n_rows, 2))
+
+
+def joined(recording: Recording, choice: Preprocessing, **how) -> dict[str, np.ndarray]:
+    blocks = list(filtered_blocks(recording, choice, **how))
+    return {name: np.concatenate([getattr(b, name) for b in blocks]) for name in ("t", "q", "dq", "ddq", "tau", "used")}
+
+
+def reference(q: np.ndarray, rate: float, cutoff: float, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    filtered = signal.sosfiltfilt(signal.butter(order, cutoff, fs=rate, output="sos"), q, axis=0)
+    dq, ddq = np.full_like(q, np.nan), np.full_like(q, np.nan)
+    dq[1:-1] = (filtered[2:] - filtered[:-2]) * rate / 2
+    ddq[1:-1] = (filtered[2:] - 2 * filtered[1:-1] + filtered[:-2]) * rate**2
+    return filtered, dq, ddq
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    n_rows=st.integers(40, 40_000),
+    cutoff=st.floats(3.0, 200.0),
+    order=st.integers(1, 8),
+    piece=st.integers(1, 9000),
+    block=st.integers(1, 5000),
+)
+def test_blocks_equal_the_filter_over_the_whole_segment(n_rows, cutoff, order, piece, block):
+    block = max(block, n_rows // 200)
+    t, q, tau = random_walk(n_rows)
+    recording = recording_from_arrays(t, q, tau, joint_names=("a", "b"))
+    recording = replace(recording, source=Pieces(q, tau, max(piece, n_rows // 200)))
+    got = joined(recording, Preprocessing(cutoff, None, filter_order=order), block_length=block)
+    wanted = reference(q, recording.sampling_rate, cutoff, order)
+    assert np.array_equal(got["tau"], tau)
+    np.testing.assert_allclose(got["t"], t, atol=1e-9)
+    for name, values in zip(("q", "dq", "ddq"), wanted, strict=True):
+        inner = slice(None) if name == "q" else slice(1, -1)
+        assert np.abs(got[name][inner] - values[inner]).max() <= 1e-9 * np.abs(values[inner]).max()
+
+
+def test_a_slow_cutoff_at_a_fast_clock_needs_no_more_than_the_overlap():
+    rng = np.random.default_rng(1)
+    q = np.cumsum(rng.normal(0, 1e-3, (120_000, 1)), axis=0)
+    recording = recording_from_arrays(np.arange(120_000) / 5000.0, q, q, joint_names=("a",))
+    recording = replace(recording, source=Pieces(q, q, 3000))
+    got = joined(recording, Preprocessing(5.0, None))
+    wanted = signal.sosfiltfilt(signal.butter(4, 5.0, fs=recording.sampling_rate, output="sos"), q, axis=0)
+    assert np.abs(got["q"] - wanted).max() < 1e-9 * np.abs(wanted).max()
+
+
+def test_derivatives_are_those_of_a_known_motion():
+    t = np.arange(4000) / 500.0
+    w = 2 * np.pi * 0.7
+    q = np.sin(w * t)[:, None]
+    got = joined(recording_from_arrays(t, q, q, joint_names=("a",)), Preprocessing(20.0, None))
+    used = got["used"]
+    inner = (t > 1.0) & (t < 7.0)
+    assert np.abs(got["dq"][inner, 0] - w * np.cos(w * t[inner])).max() < 1e-4 * w
+    assert np.abs(got["ddq"][inner, 0] + w * w * np.sin(w * t[inner])).max() < 1e-4 * w * w
+    assert np.abs(got["ddq"][used, 0] + w * w * np.sin(w * t[used])).max() < 0.05 * w * w
+
+
+def test_runs_in_one_file_are_never_filtered_across():
+    t, q, tau = random_walk(3000)
+    q[1700:] += 5.0
+    label = np.repeat([4, 9], [1700, 1300])
+    clock = np.concatenate([t[:1700], t[:1300]])
+    both = recording_from_arrays(clock, q, tau, joint_names=("a", "b"), segment=label)
+    assert [segment.label for segment in both.segments] == [4, 9]
+    choice = Preprocessing(8.0, None)
+    for index, part in enumerate((slice(0, 1700), slice(1700, 3000))):
+        alone = recording_from_arrays(clock[part], q[part], tau[part], joint_names=("a", "b"))
+        alone = replace(alone, sampling_rate=both.sampling_rate)
+        got, wanted = joined(both, choice, segments=[index]), joined(alone, choice)
+        for name in wanted:
+            assert np.array_equal(got[name], wanted[name]), name
+
+
+def test_each_segment_starts_once_and_its_blocks_follow_each_other():
+    t, q, tau = random_walk(3000)
+    label = np.repeat([0, 1, 2], 1000)
+    recording = recording_from_arrays(t, q, tau, joint_names=("a", "b"), segment=label)
+    blocks = list(filtered_blocks(recording, Preprocessing(8.0, None), block_length=300))
+    assert [block.segment for block in blocks if block.starts_segment] == [0, 1, 2]
+    np.testing.assert_allclose(np.concatenate([block.t for block in blocks]), t, atol=1e-9)
+
+
+def test_windows_choose_rows_and_leave_the_filter_its_surroundings():
+    t, q, tau = random_walk(4000)
+    whole = recording_from_arrays(t, q, tau, joint_names=("a", "b"))
+    cut = whole.with_windows(((2.0, 3.0), (5.0, 5.5)))
+    everything, chosen = joined(whole, Preprocessing(8.0, None)), joined(cut, Preprocessing(8.0, None))
+    assert np.array_equal(everything["q"], chosen["q"])
+    inside = ((t >= 2.0) & (t <= 3.0)) | ((t >= 5.0) & (t <= 5.5))
+    assert np.array_equal(chosen["used"], inside)
+
+
+def test_rows_near_the_ends_of_a_segment_are_not_used():
+    t, q, tau = random_walk(4000)
+    used = joined(recording_from_arrays(t, q, tau, joint_names=("a", "b")), Preprocessing(5.0, None))["used"]
+    lost = int(np.argmax(used))
+    assert 0.2 < lost / 500.0 < 0.8
+    assert np.array_equal(used, used[::-1])
+
+
+@pytest.mark.parametrize("n_rows", [8, 9, 15, 30])
+def test_a_segment_shorter_than_the_filter_gives_rows_that_are_not_used(n_rows):
+    t, q, tau = random_walk(n_rows)
+    got = joined(recording_from_arrays(t, q, tau, joint_names=("a", "b")), Preprocessing(5.0, None))
+    assert len(got["q"]) == n_rows
+    assert not got["used"].any()
+    assert all(np.isfinite(values).all() for values in got.values())
+
+
+def test_without_a_filter_positions_stay_as_they_are():
+    t, q, tau = random_walk(1000)
+    got = joined(recording_from_arrays(t, q, tau, joint_names=("a", "b")), Preprocessing(None, None), block_length=7)
+    assert np.array_equal(got["q"], q)
+    np.testing.assert_allclose(got["dq"][1:-1], (q[2:] - q[:-2]) * 250.0, atol=1e-9)
+
+
+def test_a_cutoff_above_the_nyquist_frequency_is_refused_and_the_frequency_named():
+    t, q, tau = random_walk(1000)
+    recording = recording_from_arrays(t, q, tau, joint_names=("a", "b"))
+    with pytest.raises(RecordingError, match="250 Hz") as caught:
+        next(filtered_blocks(recording, Preprocessing(300.0, None)))
+    assert caught.value.pointer == "/preprocessing/position_cutoff"
