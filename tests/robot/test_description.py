@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -109,3 +110,10 @@ def test_numbers_beyond_computing_are_refused(description):
     with pytest.raises(DynidentError, match="too large to compute with") as caught:
         robot_from_description("r", description)
     assert caught.value.pointer == "/description/content"
+
+
+def test_more_joints_than_a_machine_has_are_refused_before_they_fill_the_memory():
+    with pytest.raises(DynidentError, match="101 moving joints; at most 100") as caught:
+        robot_from_description("r", Description("modified_dh", json.dumps([{}] * 101)))
+    assert caught.value.pointer == "/description/content"
+    assert robot_from_description("r", Description("modified_dh", json.dumps([{}] * 100))).n == 100

@@ -74,6 +74,7 @@ BAD = {
     "limit of words": (one_joint(limit='<limit effort="much"/>'), 'effort="much" .*; expected a number'),
     "negative mass": (one_joint().replace('value="2"', 'value="-2"'), "line 3: The mass of link 'arm' is negative"),
     "no mass": (one_joint().replace('<mass value="2"/>', ""), "line 3: The <inertial> of link 'arm' has no <mass>"),
+    "too many links": (machine(*(link(f"l{i}", "") for i in range(2001))), "2001 links; at most 2000 are supported"),
     "no iyz": (one_joint().replace('iyz="0.03"', ""), "The <inertia> of link 'arm' has no iyz; expected a number"),
 }
 
@@ -97,3 +98,9 @@ def test_a_urdf_that_breaks_off_anywhere_is_an_error_of_the_text(cut):
 def test_a_sound_text_for_the_errors_above():
     assert BODY in one_joint()
     assert robot_from_description("r", Description("urdf", one_joint(inside=AXIS))).n == 1
+
+
+def test_a_long_chain_of_fixed_links_is_read():
+    links = (link(f"l{i}", "") for i in range(2000))
+    joints = (joint(f"j{i}", f"l{i}", f"l{i + 1}", "revolute" if i == 7 else "fixed") for i in range(1999))
+    assert robot_from_description("r", Description("urdf", machine(*links, *joints))).joint_names == ("j7",)

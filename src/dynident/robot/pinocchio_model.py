@@ -17,6 +17,9 @@ from dynident.robot.settings import Settings, check_names, merged_limits
 PinocchioModel = Any
 """`pinocchio.Model`, which has no type stubs."""
 
+MOST_JOINTS = 100
+"""Moving joints of a robot. A model of more takes gigabytes, and no machine that is identified as one has as many."""
+
 _LARGEST = 1e12
 """No machine is that large in m, kg or kg m²; beyond it rounding errors are."""
 
@@ -69,6 +72,9 @@ def from_pinocchio(
     that the model has merged, `pointer` where the description stands in the request.
     """
     moving = tuple(model.names)[1:]
+    if len(moving) > MOST_JOINTS:
+        detail = f"The description has {len(moving)} moving joints; at most {MOST_JOINTS} are supported."
+        raise DynidentError(detail, pointer=pointer, title="Unusable robot description")
     check_names(settings, moving, fixed)
     model = _locked(model, settings.locked_joints)
     joints = tuple(
@@ -111,12 +117,15 @@ def _locked(model: PinocchioModel, values: Mapping[str, float]) -> PinocchioMode
 
 
 def _joints(model: PinocchioModel, tolerance: float) -> list[Joint]:
-    data, neutral = model.createData(), pin.neutral(model)
+    neutral = pin.neutral(model)
     joints = []
     for index in range(1, model.njoints):
-        # The motion subspace: linear part first, in the joint's own frame. Pinocchio drops the axis of a single column.
-        jacobian = pin.computeJointJacobian(model, data, neutral, index).reshape(6, model.nv)
-        subspace = jacobian[:, model.joints[index].idx_v]
+        # The motion subspace: linear part first, in the joint's own frame. Taken from the joint alone, because the data
+        # of a whole model grow with the cube of its joints.
+        joint = model.joints[index]
+        joint_data = joint.createData()
+        joint.calc(joint_data, neutral)
+        subspace = np.asarray(joint_data.S, dtype=float).reshape(6)
         kind: JointKind = "revolute" if np.any(subspace[3:]) else "prismatic"
         joints.append(
             Joint(

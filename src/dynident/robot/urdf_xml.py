@@ -13,6 +13,8 @@ from dynident.robot.pointers import listed
 
 TITLE = "Unusable URDF"
 MOVING = ("revolute", "continuous", "prismatic")
+MOST_LINKS = 2000
+"""Links, fixed ones included: Pinocchio walks the tree by recursion, and a stack has an end."""
 _ABSENT = {"floating", "planar", "ball", "spherical"}
 
 
@@ -73,6 +75,8 @@ def checked(root: Element, locked: Collection[str], pointer: str = "") -> Elemen
     joints = dict(_named(root, "joint", fail))
     if not links:
         raise fail("The robot has no <link>.", root.line)
+    if len(links) > MOST_LINKS:
+        raise fail(f"The robot has {len(links)} links; at most {MOST_LINKS} are supported.", root.line)
     for name, joint in joints.items():
         _check_kind(name, joint, name in locked, fail)
     _check_tree(joints, links, fail)
