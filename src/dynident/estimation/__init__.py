@@ -10,6 +10,7 @@ from dynident.estimation.least_squares import (
     ordinary,
     solve,
     weighted,
+    weighted_factor,
 )
 from dynident.estimation.statistics import Statistics, correlation_factor, statistics
 
@@ -29,4 +30,5 @@ __all__ = [
     "solve",
     "statistics",
     "weighted",
+    "weighted_factor",
 ]

@@ -3,5 +3,14 @@
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.identify import extend, identify
 from dynident.identification.result import Identification, IdentifiedParameter
+from dynident.identification.storage import from_bytes, to_bytes
 
-__all__ = ["Identification", "IdentificationChoices", "IdentifiedParameter", "extend", "identify"]
+__all__ = [
+    "Identification",
+    "IdentificationChoices",
+    "IdentifiedParameter",
+    "extend",
+    "from_bytes",
+    "identify",
+    "to_bytes",
+]

@@ -88,9 +88,7 @@ def extend(
             title="Nothing to add",
         )
     reference = identification.standard_inertia() if model.needs_load else identification.reference
-    grown = _identify_model(
-        model, recordings, validation, choices, identification.preprocessing, reference, progress
-    )
+    grown = _identify_model(model, recordings, validation, choices, identification.preprocessing, reference, progress)
     return replace(grown, parent=identification, added=new)
 
 
@@ -109,9 +107,7 @@ def _identify_model(
     progress: Progress,
 ) -> Identification:
     share = 0.9 * len(recordings) / (len(recordings) + len(validation))
-    training = reduce_recordings(
-        model.observation, recordings, preprocessing, reference, part(progress, 0.0, share)
-    )
+    training = reduce_recordings(model.observation, recordings, preprocessing, reference, part(progress, 0.0, share))
     held_out_data = None
     if validation:
         held_out_data = reduce_recordings(
@@ -172,9 +168,7 @@ def _first_reference(
     if not any(choice.effect == "rigid_body" for choice in plain):
         raise DynidentError("effects that depend on the load need rigid_body beside them", pointer="/effects")
     first = build_model(model.robot, plain, tolerance=choices.tolerance)
-    reduction = reduce_recordings(
-        first.observation, recordings, preprocessing, np.zeros(10 * model.robot.n), progress
-    )
+    reduction = reduce_recordings(first.observation, recordings, preprocessing, np.zeros(10 * model.robot.n), progress)
     _check_reduction(first, reduction)
     return first.standard_inertia(solve_reduced(reduction, choices.estimator).values)
 

@@ -56,7 +56,7 @@ def _inertial_observation(model: Model, inertial: list[int]) -> Observation:
     signals = Signals(model.robot)
     chosen = [c for c in model.effects if c.effect in ("rigid_body", "rotor_inertia")]
     names = {(model.kept[k].effect, model.kept[k].name) for k in inertial}
-    columns = [c for c in columns_of([EffectChoice(c.effect, c.joints) for c in chosen], signals)]
+    columns = columns_of([EffectChoice(c.effect, c.joints) for c in chosen], signals)
     return Observation.of(model.robot, [c for c in columns if (c.effect, c.name) in names], signals)
 
 

@@ -1,0 +1,127 @@
+"""What could be missing: every effect of the catalogue, joint by joint and on all of them, for every shape."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of
+from dynident.regressors.model import Model
+from dynident.regressors.observation import Observation
+
+# The links and rotors are the model itself: without them nothing can be diagnosed.
+_NEVER = ("rigid_body", "rotor_inertia")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at one place with one set of shape constants; `columns` are its columns in the pool."""
+
+    effect: str
+    joints: tuple[str, ...]
+    shape: tuple[tuple[str, float], ...]
+    columns: tuple[int, ...]
+
+    @property
+    def choice(self) -> EffectChoice:
+        """The candidate as a choice that can be added to a model."""
+        return EffectChoice(self.effect, self.joints, self.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """W of the model and, behind it, the columns of all candidates."""
+
+    observation: Observation
+    n_base: int
+    candidates: tuple[Candidate, ...]
+
+
+def build_pool(
+    model: Model,
+    effects: Sequence[str] | None = None,
+    spectral: Sequence[tuple[int, float]] = (),
+) -> Pool:
+    """Build the columns of a model and of everything that might be missing in it.
+
+    Parameters
+    ----------
+    model : Model
+    effects : sequence of effect ids, optional
+        Only these; all of the catalogue otherwise.
+    spectral : sequence of (joint index, cycles per radian)
+        Lines found in the residual over a joint's angle: where to look for periodic effects.
+    """
+    chosen = [CATALOGUE[name] for name in (effects or CATALOGUE) if name not in _NEVER]
+    signals = model.signals
+    columns: list[Column] = list(model.kept)
+    candidates: list[Candidate] = []
+    index: dict[tuple[str, str, tuple[tuple[str, float], ...]], int] = {
+        (c.effect, c.name, c.shape): k for k, c in enumerate(columns)
+    }
+
+    def add(choice: EffectChoice) -> None:
+        numbers = []
+        for column in columns_of([choice], signals):
+            key = (column.effect, column.name, column.shape)
+            if key not in index:
+                index[key] = len(columns)
+                columns.append(column)
+            numbers.append(index[key])
+        fresh = tuple(k for k in numbers if k >= model.n_parameters)
+        if fresh and not any(c.columns == fresh for c in candidates):
+            candidates.append(Candidate(choice.effect, choice.joints, choice.shape, fresh))
+
+    for effect in chosen:
+        for choice in _choices(effect, model, spectral):
+            add(choice)
+    return Pool(Observation.of(model.robot, columns, signals), model.n_parameters, tuple(candidates))
+
+
+def _choices(effect: Effect, model: Model, spectral: Sequence[tuple[int, float]]) -> list[EffectChoice]:
+    robot = model.robot
+    possible = effect.applicable(robot)
+    if not possible:
+        return []
+    if effect.scope == "robot":
+        if any(choice.effect == effect.id for choice in model.effects):
+            return []
+        return [EffectChoice(effect.id, (), _key(shape)) for shape in effect.grid(robot, 0)]
+    free = [j for j in possible if not _taken(effect, model, robot.joint_names[j])]
+    if effect.shapes and effect.shapes[0].proposal == "angle_spectrum":
+        name = effect.shapes[0].name
+        return [EffectChoice(effect.id, (robot.joint_names[j],), ((name, k),)) for j, k in spectral if j in free]
+    choices = [
+        EffectChoice(effect.id, (robot.joint_names[j],), _key(shape)) for j in free for shape in effect.grid(robot, j)
+    ]
+    if effect.is_friction and len(free) > 1:
+        choices += _groups(effect, model, free)
+    return choices
+
+
+def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:
+    """One friction family on all joints at once, where the shape constants are in the same units for all of them."""
+    robot = model.robot
+    if any(spec.relative_to_velocity for spec in effect.shapes):
+        velocities = {robot.joints[j].limits.velocity for j in free}
+        if len(velocities) > 1:
+            # A shape that is relative to each joint's own velocity is not one shape constant.
+            slowest = min(free, key=lambda j: robot.joints[j].limits.velocity or 0.0)
+            grid = effect.grid(robot, slowest)
+        else:
+            grid = effect.grid(robot, free[0])
+    else:
+        grid = effect.grid(robot, free[0])
+    names = tuple(robot.joint_names[j] for j in free)
+    return [EffectChoice(effect.id, names, _key(shape)) for shape in grid]
+
+
+def _taken(effect: Effect, model: Model, joint: str) -> bool:
+    """Whether an effect without a free shape is in the model already (a second shape may be missing beside a first)."""
+    if effect.shapes and effect.shapes[0].proposal == "angle_spectrum":
+        return False
+    return any(c.effect == effect.id and (not c.joints or joint in c.joints) for c in model.effects)
+
+
+def _key(shape: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+    return tuple(sorted((name, float(value)) for name, value in shape.items()))

@@ -1,0 +1,175 @@
+"""Measured against predicted torque along a recording: where the model fails, joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.estimation import Errors
+from dynident.identification import Identification
+from dynident.progress import Progress, silent
+from dynident.recordings import Recording, SampleBlock
+from dynident.regressors.stream import SampleFunction, parallel_filtered
+from dynident.robot.model import FloatArray
+
+_STRETCH = 0.5
+_WORST = 12
+_BAND = 1.96
+
+
+@dataclass(frozen=True)
+class WorstStretch:
+    """A stretch of time where a joint's residual is large; `rms` in N m or N, `ratio` over the joint's own rms."""
+
+    joint: str
+    start: float
+    end: float
+    rms: float
+    ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Filtered, decimated signals of one recording beside the model's prediction.
+
+    t, segment (m,); measured, predicted, deviation, q, dq, ddq, load (m, n). `deviation` is the standard deviation of
+    the prediction that the parameters' uncertainty causes; `load` the rigid-body part of the prediction.
+    """
+
+    joint_names: tuple[str, ...]
+    units: tuple[str, ...]
+    t: FloatArray
+    segment: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    deviation: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    load: FloatArray
+    noise: FloatArray
+
+    @property
+    def residual(self) -> FloatArray:
+        """(m, n): measured minus predicted."""
+        return self.measured - self.predicted
+
+    @property
+    def band(self) -> FloatArray:
+        """(m, n): half-width of the 95 % band of the residual, from parameters and residual noise."""
+        return np.asarray(_BAND * np.sqrt(self.deviation**2 + self.noise**2))
+
+    @cached_property
+    def errors(self) -> Errors:
+        """The errors of the whole recording, per joint."""
+        squares = (self.residual**2).sum(axis=0)
+        return Errors(squares, (self.measured**2).sum(axis=0), np.full(len(squares), float(len(self.t))))
+
+    @cached_property
+    def worst(self) -> tuple[WorstStretch, ...]:
+        """Half-second stretches with the largest residual, measured by the joint's own rms."""
+        found = []
+        borders = np.flatnonzero(np.diff(np.floor((self.t - self.t[0]) / _STRETCH)) != 0) + 1
+        rms = self.errors.rms
+        for part in np.split(np.arange(len(self.t)), borders):
+            if len(part) < 2:
+                continue
+            here = np.sqrt((self.residual[part] ** 2).mean(axis=0))
+            for j, name in enumerate(self.joint_names):
+                ratio = float(here[j] / rms[j]) if rms[j] > 0 else 0.0
+                found.append(WorstStretch(name, float(self.t[part[0]]), float(self.t[part[-1]]), float(here[j]), ratio))
+        found.sort(key=lambda stretch: -stretch.ratio)
+        return tuple(found[:_WORST])
+
+    def signal(self, name: str) -> FloatArray:
+        """(m,): a signal by name: t, or q_, dq_, ddq_, load_, tau_ followed by a joint's name or number.
+
+        Raises
+        ------
+        DynidentError
+            For a signal that there is not.
+        """
+        if name in ("t", "time"):
+            return self.t
+        kind, _, joint = name.partition("_")
+        arrays = {"q": self.q, "dq": self.dq, "ddq": self.ddq, "load": self.load, "tau": self.measured}
+        if kind in arrays and joint in self.joint_names:
+            return np.asarray(arrays[kind][:, self.joint_names.index(joint)])
+        raise DynidentError(
+            f"there is no signal {name!r}; there are t and q_, dq_, ddq_, load_, tau_ with one of: "
+            f"{', '.join(self.joint_names)}",
+            pointer="/x",
+            title="Unknown signal",
+        )
+
+
+def compare(identification: Identification, recording: Recording, progress: Progress = silent) -> Comparison:
+    """Predict the torque along a recording and hold it against what was measured.
+
+    Raises
+    ------
+    DynidentError
+        Where no row of the recording is left after filtering.
+    """
+    robot = identification.model.robot
+    n = robot.n
+    parts = list(_parts(identification, recording, progress))
+    if not parts:
+        raise DynidentError(
+            f"no rows of {recording.name} are left after filtering; use a longer recording or wider windows",
+            pointer="/measurement_id",
+            title="Too few samples",
+        )
+    t, segment, signals = (np.concatenate(items) for items in zip(*parts, strict=True))
+    measured, predicted, deviation, q, dq, ddq, load = (signals[:, k * n : (k + 1) * n] for k in range(7))
+    return Comparison(
+        joint_names=robot.joint_names,
+        units=tuple(joint.effort_unit for joint in robot.joints),
+        t=t,
+        segment=segment,
+        measured=measured,
+        predicted=predicted,
+        deviation=deviation,
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        load=load,
+        noise=identification.statistics.noise,
+    )
+
+
+def _parts(
+    identification: Identification, recording: Recording, progress: Progress
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Times, segment numbers and the seven signals side by side, as they leave the filter."""
+    observation = identification.model.observation
+    entries = SampleFunction(observation, identification.reference)
+    rigid = np.array([column.effect in ("rigid_body",) for column in observation.columns])
+    load_values = np.where(rigid, identification.values, 0.0)
+    covariance = identification.statistics.covariance
+    n_entries, n = len(observation.entry_rows), observation.robot.n
+
+    def values(block: SampleBlock) -> FloatArray:
+        return np.hstack([entries(block), block.tau, block.q, block.dq, block.ddq])
+
+    end = recording.segments[-1].start_time + recording.segments[-1].length * recording.period
+    start = recording.segments[0].start_time
+    for segment, t, rows in parallel_filtered(recording, identification.preprocessing, values):
+        w = rows[:, :n_entries]
+        predicted = observation.torque(w, identification.values)
+        load = observation.torque(w, load_values)
+        deviation = np.empty_like(predicted)
+        for joint in range(n):
+            positions, columns = observation.joint_entries(joint)
+            row = w[:, positions]
+            deviation[:, joint] = np.sqrt(
+                np.maximum(np.einsum("ij,jk,ik->i", row, covariance[np.ix_(columns, columns)], row, optimize=True), 0)
+            )
+        measured = rows[:, n_entries : n_entries + n]
+        motion = rows[:, n_entries + n :]
+        progress(min(1.0, (t[-1] - start) / max(end - start, 1e-9)), f"predicting {recording.name}")
+        yield t, np.full(len(t), float(segment)), np.hstack([measured, predicted, deviation, motion, load])

@@ -1,0 +1,182 @@
+"""What a residual looks like over the signals: where it is large, what it depends on, lines over a joint's angle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import get_args
+
+import numpy as np
+
+from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.gate import t_of
+from dynident.diagnosis.result import FailureSpot, UnknownPattern, Variable
+from dynident.recordings import Preprocessing, Recording, filtered_blocks
+from dynident.robot.model import FloatArray, Robot
+
+_BINS = 16
+_FEWEST = 20
+_UNKNOWN_SHARE, _UNKNOWN_T = 0.08, 3.5
+_STRETCHES = 30
+_MOST_ROWS = 20_000
+_LINE_RATIO = 12.0
+_LINES_A_JOINT = 2
+_HIGHEST_LINE = 250.0
+
+
+def noise_floor(recordings: Sequence[Recording], preprocessing: Preprocessing) -> FloatArray:
+    """(n,): rms of the torque sensor's noise within the parallel filter's band, N m or N.
+
+    From second differences of the raw torque, which motion hardly reaches at a controller's sampling rate: white noise
+    of variance σ² gives them 6 σ². Noise that the source has already low-passed is underestimated.
+    """
+    n = recordings[0].n
+    squares, count = np.zeros(n), 0
+    for recording in recordings:
+        for block in filtered_blocks(recording, preprocessing):
+            tau = block.tau[block.used]
+            if len(tau) > 2:
+                second = np.diff(tau, 2, axis=0)
+                squares += (second**2).sum(axis=0)
+                count += len(second)
+    variance = squares / (6.0 * max(count, 1))
+    rate = recordings[0].sampling_rate
+    cutoff = preprocessing.torque_cutoff or 0.5 * rate
+    return np.asarray(np.sqrt(variance * min(1.0, 2.0 * cutoff / rate)))
+
+
+def failure_map(comparisons: Sequence[Comparison]) -> tuple[FailureSpot, ...]:
+    """For every joint and variable, the bin where the residual is largest against the joint's own rms."""
+    first = comparisons[0]
+    spots = []
+    for j, name in enumerate(first.joint_names):
+        residual = np.concatenate([c.residual[:, j] for c in comparisons])
+        rms = float(np.sqrt(np.mean(residual**2)))
+        if rms == 0.0:
+            continue
+        revolute = first.units[j] == "N m"
+        angle = "rad" if revolute else "m"
+        for variable, values, unit in (
+            ("position", np.concatenate([c.q[:, j] for c in comparisons]), angle),
+            ("velocity", np.concatenate([c.dq[:, j] for c in comparisons]), f"{angle}/s"),
+            ("load", np.concatenate([c.load[:, j] for c in comparisons]), first.units[j]),
+            ("time", np.concatenate([c.t for c in comparisons]), "s"),
+        ):
+            spot = _worst_bin(residual, values, rms)
+            if spot is not None:
+                low, high, here = spot
+                spots.append(FailureSpot(name, variable, unit, low, high, here, here / rms))
+    return tuple(sorted(spots, key=lambda spot: -spot.ratio))
+
+
+def _worst_bin(residual: FloatArray, values: FloatArray, rms: float) -> tuple[float, float, float] | None:
+    edges = _edges(values)
+    if edges is None:
+        return None
+    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    counts = np.bincount(which, minlength=len(edges) - 1)
+    squares = np.bincount(which, weights=residual**2, minlength=len(edges) - 1)
+    local = np.where(counts >= _FEWEST, np.sqrt(squares / np.maximum(counts, 1)), 0.0)
+    k = int(np.argmax(local))
+    return (float(edges[k]), float(edges[k + 1]), float(local[k])) if local[k] > rms else None
+
+
+def _edges(values: FloatArray) -> FloatArray | None:
+    low, high = np.quantile(values, [0.005, 0.995])
+    if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
+        return None
+    return np.linspace(low, high, _BINS + 1)
+
+
+def unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern, ...]:
+    """Dependences of the residual that are left: bin means learnt on some stretches and tried on the others."""
+    found = []
+    first = comparisons[0]
+    for j, name in enumerate(first.joint_names):
+        residual = np.concatenate([c.residual[:, j] for c in comparisons])
+        stretch = _stretches(comparisons)
+        best: list[UnknownPattern] = []
+        for variable in get_args(Variable):
+            share, t = 0.0, 0.0
+            for values in _variable(comparisons, variable, j):
+                here, t_here = _explained(residual, values, stretch)
+                if here > share:
+                    share, t = here, t_here
+            if share >= _UNKNOWN_SHARE and t >= _UNKNOWN_T:
+                best.append(UnknownPattern(name, variable, share))
+        found += best
+    return tuple(sorted(found, key=lambda pattern: -pattern.share))
+
+
+def _stretches(comparisons: Sequence[Comparison]) -> FloatArray:
+    """Number of the stretch of time that every row is in."""
+    length = sum(float(c.t[-1] - c.t[0]) for c in comparisons) / _STRETCHES
+    offset, numbers = 0.0, []
+    for c in comparisons:
+        numbers.append(offset + np.floor((c.t - c.t[0]) / max(length, 1e-9)))
+        offset = float(numbers[-1][-1]) + 1
+    return np.concatenate(numbers)
+
+
+def _variable(comparisons: Sequence[Comparison], variable: str, j: int) -> list[FloatArray]:
+    if variable == "time":
+        return [np.concatenate([c.t for c in comparisons])]
+    if variable == "other_joints":
+        n = len(comparisons[0].joint_names)
+        return [np.concatenate([c.q[:, k] for c in comparisons]) for k in range(n) if k != j]
+    attribute = {"position": "q", "velocity": "dq", "acceleration": "ddq", "load": "load"}[variable]
+    return [np.concatenate([getattr(c, attribute)[:, j] for c in comparisons])]
+
+
+def _explained(residual: FloatArray, values: FloatArray, stretch: FloatArray) -> tuple[float, float]:
+    """Held-out share of the residual's variance that its bin means over `values` explain, and its t."""
+    edges = _edges(values)
+    if edges is None:
+        return 0.0, 0.0
+    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    numbers = np.unique(stretch)
+    gains = np.zeros(len(numbers))
+    for fold in range(5):
+        test = np.isin(stretch, numbers[fold::5])
+        counts = np.bincount(which[~test], minlength=len(edges) - 1)
+        sums = np.bincount(which[~test], weights=residual[~test], minlength=len(edges) - 1)
+        means = np.where(counts >= _FEWEST, sums / np.maximum(counts, 1), 0.0)
+        gain = residual[test] ** 2 - (residual[test] - means[which[test]]) ** 2
+        place = np.searchsorted(numbers, stretch[test])
+        gains += np.bincount(place, weights=gain, minlength=len(numbers))
+    total = float((residual**2).sum())
+    return (float(gains.sum()) / total if total > 0 else 0.0), t_of(gains)
+
+
+def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[int, float]]:
+    """Lines in the spectrum of the residual over a joint's own angle: (joint index, cycles per radian)."""
+    lines = []
+    for j, joint in enumerate(robot.joints):
+        if joint.kind != "revolute":
+            continue
+        q = np.concatenate([c.q[:, j] for c in comparisons])
+        residual = np.concatenate([c.residual[:, j] for c in comparisons])
+        step = max(1, len(q) // _MOST_ROWS)
+        q, residual = q[::step], residual[::step] - residual[::step].mean()
+        span = float(q.max() - q.min())
+        if span < 0.2:
+            continue
+        k = np.arange(max(2.0, 4 * np.pi / span), _HIGHEST_LINE, 0.7 / span)
+        power = np.array([abs(np.dot(residual, np.exp(-1j * value * q))) ** 2 for value in k])
+        lines += [(j, value) for value in _peaks(k, power)]
+    return lines
+
+
+def _peaks(k: FloatArray, power: FloatArray) -> list[float]:
+    """The highest peaks that stand out of their surroundings."""
+    width = 41
+    padded = np.pad(power, width // 2, mode="reflect" if len(power) > width else "edge")
+    surrounding = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+    ratio = power / np.maximum(surrounding, np.finfo(float).tiny)
+    inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
+    strong = sorted((i for i in inner if ratio[i] > _LINE_RATIO), key=lambda i: -power[i])[:_LINES_A_JOINT]
+    found = []
+    for i in strong:
+        a, b, c = power[i - 1], power[i], power[i + 1]
+        shift = 0.5 * (a - c) / (a - 2 * b + c)
+        found.append(float(k[i] + shift * (k[1] - k[0])))
+    return found

@@ -1,0 +1,231 @@
+"""How much better a model with one more effect predicts data that it was not fitted to: small algebra on factors.
+
+All candidates are projected on the complement of the model (Frisch, Waugh and Lovell) within every fold, so that the
+model's own parameters adapt to each of them; the squared error of every stretch of time that was left out follows from
+inner products that are computed once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from dynident.diagnosis.candidates import Candidate
+from dynident.estimation import Reduction
+from dynident.robot.model import FloatArray
+
+IntArray = NDArray[np.intp]
+
+N_FOLDS = 5
+_RIDGE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Inner products of all columns and Y, stretch by stretch: `grams[j]` (s, p_j + 1, p_j + 1) for joint j.
+
+    `position[j]` maps a global column number to its place in joint j's products, -1 where the joint lacks it.
+    """
+
+    grams: tuple[FloatArray, ...]
+    position: tuple[IntArray, ...]
+    counts: FloatArray
+
+    @property
+    def n_stretches(self) -> int:
+        """Number of stretches of time."""
+        return len(self.grams[0])
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return len(self.grams)
+
+
+def products(reduction: Reduction) -> Products:
+    """Inner products from triangular factors."""
+    grams, position = [], []
+    for equation in reduction.equations:
+        grams.append(equation.factors.transpose(0, 2, 1) @ equation.factors)
+        where = np.full(reduction.n_columns, -1, dtype=np.intp)
+        where[equation.columns] = np.arange(len(equation.columns))
+        position.append(where)
+    return Products(tuple(grams), tuple(position), reduction.equations[0].counts.astype(np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Squared errors of every stretch and joint (s, n) in N² m², held out, before and after adding a candidate.
+
+    `separability` is the share of the candidate's column that is left after the model (norm, the largest of its
+    columns); `amplitudes` its parameters fitted on all data;
+    `measured` (n,) the sum of squared torque of every joint.
+    """
+
+    candidate: Candidate
+    before: FloatArray
+    after: FloatArray
+    separability: float
+    amplitudes: FloatArray
+    measured: FloatArray
+
+
+def folds(n_stretches: int, kind: str) -> list[IntArray]:
+    """Stretches left out together: every fifth (`interleaved`) or a fifth in a row (`contiguous`)."""
+    order = np.arange(n_stretches)
+    count = min(N_FOLDS, n_stretches)
+    if kind == "interleaved":
+        return [order[k::count] for k in range(count)]
+    return [np.asarray(part, dtype=np.intp) for part in np.array_split(order, count)]
+
+
+def held_out_errors(data: Products, base: IntArray, noise: FloatArray, kind: str) -> FloatArray:
+    """(s, n): squared error of the model alone in every stretch, fitted without the fold that the stretch is in."""
+    return score_candidates(data, base, (), noise, kind)[0]
+
+
+def score_candidates(
+    data: Products, base: IntArray, candidates: Sequence[Candidate], noise: FloatArray, kind: str
+) -> tuple[FloatArray, list[Score]]:
+    """Score every candidate beside the model whose columns are `base` (b,).
+
+    Parameters
+    ----------
+    noise : (n,)
+        Standard deviation of every joint's residual, the weight of its rows.
+    kind : "interleaved" or "contiguous"
+
+    Returns
+    -------
+    (s, n) : squared errors of the model alone; and a score for every candidate.
+    """
+    extra = np.array(sorted({k for candidate in candidates for k in candidate.columns}), dtype=np.intp)
+    place = {int(k): i for i, k in enumerate(extra)}
+    groups = [np.array([place[k] for k in candidate.columns]) for candidate in candidates]
+    s, n = data.n_stretches, data.n_joints
+    before = np.zeros((s, n))
+    after = np.zeros((len(candidates), s, n))
+    total = _weighted_sums(data, base, extra, noise, None)
+    for left_out in folds(s, kind):
+        train = total.minus(_weighted_sums(data, base, extra, noise, left_out))
+        fit = _Fit(train)
+        betas = [fit.amplitudes(group) for group in groups]
+        for j in range(n):
+            _test_errors(data, base, extra, left_out, j, fit, groups, betas, before, after)
+    whole = _Fit(total)
+    measured = np.array([float(gram[:, -1, -1].sum()) for gram in data.grams])
+    return before, [
+        Score(candidate, before, after[k], whole.separability(groups[k]), whole.amplitudes(groups[k]), measured)
+        for k, candidate in enumerate(candidates)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Weighted inner products: WᵀW (b, b), WᵀX (b, c), XᵀX (c, c), Wᵀy (b,), Xᵀy (c,)."""
+
+    ww: FloatArray
+    wx: FloatArray
+    xx: FloatArray
+    wy: FloatArray
+    xy: FloatArray
+
+    def minus(self, other: _Sums) -> _Sums:
+        return _Sums(self.ww - other.ww, self.wx - other.wx, self.xx - other.xx, self.wy - other.wy, self.xy - other.xy)
+
+
+def _weighted_sums(
+    data: Products, base: IntArray, extra: IntArray, noise: FloatArray, stretches: IntArray | None
+) -> _Sums:
+    b, c = len(base), len(extra)
+    sums = _Sums(np.zeros((b, b)), np.zeros((b, c)), np.zeros((c, c)), np.zeros(b), np.zeros(c))
+    for gram, where, sigma in zip(data.grams, data.position, noise, strict=True):
+        whole = (gram if stretches is None else gram[stretches]).sum(axis=0) / sigma**2
+        wi, wp = _present(where, base)
+        xi, xp = _present(where, extra)
+        sums.ww[np.ix_(wi, wi)] += whole[np.ix_(wp, wp)]
+        sums.wx[np.ix_(wi, xi)] += whole[np.ix_(wp, xp)]
+        sums.xx[np.ix_(xi, xi)] += whole[np.ix_(xp, xp)]
+        sums.wy[wi] += whole[wp, -1]
+        sums.xy[xi] += whole[xp, -1]
+    return sums
+
+
+def _present(where: IntArray, columns: IntArray) -> tuple[IntArray, IntArray]:
+    """Which of `columns` a joint has, and where."""
+    places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
+    have = np.flatnonzero(places >= 0)
+    return have, places[have]
+
+
+class _Fit:
+    """The model fitted on some stretches, and what is left of every candidate column beside it."""
+
+    def __init__(self, sums: _Sums) -> None:
+        scale = np.sqrt(np.maximum(np.diag(sums.ww), np.finfo(float).tiny))
+        normal = sums.ww / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+        factor = cho_factor(normal)
+        self.chi = cho_solve(factor, sums.wy / scale) / scale
+        self.projection = cho_solve(factor, sums.wx / scale[:, None]) / scale[:, None]
+        self._rest = sums.xx - sums.wx.T @ self.projection
+        self._whole = np.diag(sums.xx)
+        self._right = sums.xy - sums.wx.T @ self.chi
+
+    def amplitudes(self, group: IntArray) -> FloatArray:
+        """Parameters of a candidate fitted beside the model."""
+        block = self._rest[np.ix_(group, group)]
+        scale = np.sqrt(np.maximum(self._whole[group], np.finfo(float).tiny))
+        normal = block / np.outer(scale, scale) + 1e-9 * np.eye(len(group))
+        return np.asarray(np.linalg.lstsq(normal, self._right[group] / scale, rcond=1e-8)[0] / scale)
+
+    def separability(self, group: IntArray) -> float:
+        """Share of a candidate's column that is left beside the model, the largest of its columns."""
+        whole = np.maximum(self._whole[group], np.finfo(float).tiny)
+        return float(np.sqrt(np.clip(np.diag(self._rest)[group] / whole, 0.0, 1.0)).max())
+
+
+def _test_errors(
+    data: Products,
+    base: IntArray,
+    extra: IntArray,
+    left_out: IntArray,
+    j: int,
+    fit: _Fit,
+    groups: Sequence[IntArray],
+    betas: Sequence[FloatArray],
+    before: FloatArray,
+    after: FloatArray,
+) -> None:
+    """Fill in joint j's squared errors of the stretches that were left out."""
+    gram = data.grams[j][left_out]
+    wi, wp = _present(data.position[j], base)
+    xi, xp = _present(data.position[j], extra)
+    chi, projection = fit.chi[wi], fit.projection[wi]
+    ww = gram[:, wp[:, None], wp]
+    wy = gram[:, wp, -1]
+    w_rest = wy - ww @ chi  # Wᵀρ
+    errors = gram[:, -1, -1] - 2 * wy @ chi + np.einsum("i,sij,j->s", chi, ww, chi)
+    before[left_out, j] = np.maximum(errors, 0.0)
+    # Zᵀρ and ZᵀZ of Z = X - W P, for every stretch; columns that the joint lacks act through the model alone.
+    right = -(w_rest @ projection)
+    mixed = ww @ projection
+    if len(xi):
+        xw = gram[:, xp[:, None], wp]
+        right[:, xi] += gram[:, xp, -1] - xw @ chi
+    present = np.zeros(len(extra), dtype=bool)
+    present[xi] = True
+    for k, (group, beta) in enumerate(zip(groups, betas, strict=True)):
+        inner = np.einsum("ig,sih->sgh", projection[:, group], mixed[:, :, group])
+        own = np.flatnonzero(present[group])
+        if len(own):
+            places = data.position[j][extra[group[own]]]
+            cross = gram[:, places[:, None], wp] @ projection[:, group]
+            inner[:, own, :] -= cross
+            inner[:, :, own] -= cross.transpose(0, 2, 1)
+            inner[:, own[:, None], own] += gram[:, places[:, None], places]
+        change = -2 * right[:, group] @ beta + np.einsum("g,sgh,h->s", beta, inner, beta)
+        after[k, left_out, j] = np.maximum(errors + change, 0.0)

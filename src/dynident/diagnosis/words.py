@@ -1,0 +1,175 @@
+"""A diagnosis in a robotics engineer's words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.diagnosis.gate import Judged, p_value
+from dynident.diagnosis.result import Invisible, NextExperiment, RankedEffect, UnknownPattern, Verdict
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.regressors.model import Model
+from dynident.robot.model import FloatArray
+
+_SLOW = ("stribeck", "presliding", "viscous_nonlinear", "coulomb")
+_FLOOR_RATIO = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """An effect that was picked, what the data cannot tell it from, and its corrected p."""
+
+    judged: Judged
+    equal: tuple[Judged, ...]
+    p: float
+
+
+def rank_all(
+    picks: Sequence[Finding],
+    first: Sequence[Judged],
+    model: Model,
+    n_stretches: int,
+    recommended: Sequence[EffectChoice],
+) -> tuple[RankedEffect, ...]:
+    """Every family at its best place: what was picked in the order of picking, then the others by their gain."""
+    ranked: list[RankedEffect] = []
+    for finding, choice in zip(picks, recommended, strict=True):
+        others = {item.candidate.effect for item in finding.equal} - {choice.effect}
+        known_twins = set(effect_by_id(choice.effect).confused_with) & {"coulomb_asymmetric"}
+        ranked.append(_ranked(len(ranked) + 1, finding.judged, finding.p, True, tuple(sorted(others | known_twins)),
+                              choice.shape, n_stretches))  # fmt: skip
+    picked = {choice.effect for choice in recommended}
+    best: dict[str, Judged] = {}
+    for item in first:
+        effect = item.candidate.effect
+        if effect not in picked and (effect not in best or item.total_gain > best[effect].total_gain):
+            best[effect] = item
+    for item in sorted(best.values(), key=lambda judged: -judged.total_gain):
+        p = p_value(item.t, n_stretches, len(first))
+        # It passed on its own at first, but what was picked explains the same part of the residual.
+        ranked.append(_ranked(len(ranked) + 1, item, p, False, (), item.candidate.shape, n_stretches))
+    return tuple(ranked)
+
+
+def _ranked(
+    rank: int,
+    item: Judged,
+    p: float,
+    significant: bool,
+    equivalent: tuple[str, ...],
+    shape: tuple[tuple[str, float], ...],
+    n_stretches: int,
+) -> RankedEffect:
+    joints = list(item.joints)
+    measured = np.maximum(item.measured[joints].sum(), 1e-300)
+    before = float(np.sqrt(item.before[:, joints].sum() / measured))
+    after = float(np.sqrt(item.after[:, joints].sum() / measured))
+    drop = 1.0 - after / before if before > 0 else 0.0
+    return RankedEffect(
+        rank=rank,
+        effect=item.candidate.effect,
+        joints=item.candidate.joints,
+        error_before=before,
+        error_after=after,
+        error_drop=drop,
+        t_value=item.t,
+        p_value=p,
+        significant=significant,
+        evidence=_evidence(item, before, after, drop, significant, equivalent, n_stretches),
+        equivalent=equivalent,
+        separability=item.separability,
+        shape=shape,
+    )
+
+
+def _evidence(
+    item: Judged,
+    before: float,
+    after: float,
+    drop: float,
+    significant: bool,
+    equivalent: tuple[str, ...],
+    n_stretches: int,
+) -> str:
+    effect = effect_by_id(item.candidate.effect)
+    place = ", ".join(item.candidate.joints) or "the whole robot"
+    if drop <= 0:
+        return f"{effect.title} on {place} does not improve the prediction of stretches left out of the fit."
+    text = (
+        f"{effect.title} on {place} lowers the error on stretches left out of the fit from {before:.2%} to {after:.2%} "
+        f"(t = {item.t:.1f} over {n_stretches} stretches, {item.share_improved:.0%} of them better)."
+    )
+    if significant:
+        text += f" It is what leaves {effect.signature}."
+        if equivalent:
+            names = ", ".join(equivalent)
+            text += f" This data cannot tell it from: {names}."
+    elif item.passes(effect.scope == "robot"):
+        text += " What ranks above it explains the same part of the residual."
+    else:
+        text += " That is not enough to be sure of it."
+    return text
+
+
+def verdict_of(
+    recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPattern], residual: FloatArray, floor: FloatArray
+) -> Verdict:
+    """The verdict: something nameable is missing, something is left that has no name, or nothing is."""
+    if recommended:
+        return "missing_effect"
+    if unknown or bool(np.all(residual > _FLOOR_RATIO * floor) and np.any(residual > 0) and len(unknown)):
+        return "unexplained"
+    return "adequate"
+
+
+def summary(
+    verdict: Verdict,
+    ranked: Sequence[RankedEffect],
+    unknown: Sequence[UnknownPattern],
+    residual: FloatArray,
+    floor: FloatArray,
+    model: Model,
+) -> str:
+    """The verdict in a few sentences."""
+    found = [item for item in ranked if item.significant]
+    if verdict == "missing_effect":
+        names = "; ".join(
+            f"{effect_by_id(item.effect).title} on {', '.join(item.joints) or 'the whole robot'}" for item in found
+        )
+        text = f"The model lacks: {names}."
+    elif verdict == "unexplained":
+        text = "No effect of the catalogue explains what is left."
+    else:
+        text = "Nothing is missing that this data could show."
+    if unknown:
+        parts = "; ".join(f"{p.joint} over {p.variable.replace('_', ' ')} ({p.share:.0%})" for p in unknown[:4])
+        text += f" The residual still depends on: {parts}."
+    worst = int(np.argmax(residual / np.maximum(floor, 1e-12)))
+    joint = model.robot.joints[worst]
+    text += (
+        f" The residual left is {residual[worst]:.3g} {joint.effort_unit} on {joint.name}, against a sensor noise of "
+        f"{floor[worst]:.2g} {joint.effort_unit} in the same band."
+    )
+    return text
+
+
+def next_experiment(
+    ranked: Sequence[RankedEffect], invisible: Sequence[Invisible], effects: tuple[EffectChoice, ...]
+) -> NextExperiment | None:
+    """The motion that would tell apart what this data could not."""
+    for item in ranked:
+        if item.significant and item.equivalent:
+            pair = " from ".join([item.effect, " or ".join(item.equivalent)])
+            slow = item.effect in _SLOW
+            how = "Constant speeds both ways, slow and fast," if slow else "A motion over the whole range"
+            return NextExperiment(
+                f"{how} would tell {pair}.",
+                "constant_velocity" if slow else "optimized",
+                (*effects, EffectChoice(item.effect, item.joints, item.shape)),
+            )
+    if invisible:
+        names = ", ".join(sorted({item.effect for item in invisible}))
+        return NextExperiment(f"A larger motion would show whether {names} is there.", "optimized", effects)
+    return None

@@ -1,0 +1,149 @@
+"""An identified model as one file: its choices, its values, and the reduced data that further steps start from."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.estimation import EquationFactors, Errors, Reduction, Solution, Statistics
+from dynident.identification.choices import IdentificationChoices
+from dynident.identification.result import Identification
+from dynident.recordings import Preprocessing
+from dynident.regressors.model import build_model
+from dynident.robot.document import robot_document, robot_from_document
+
+_FORMAT = "dynident identification 1"
+
+
+def to_bytes(identification: Identification) -> bytes:
+    """The identification, with all its ancestors, as the bytes of an .npz file."""
+    arrays: dict[str, Any] = {
+        "reference": identification.reference,
+        "values": identification.solution.values,
+        "solution_noise": identification.solution.noise,
+        "solution_factor": identification.solution.factor,
+        "covariance": identification.statistics.covariance,
+        "effective_rows": identification.statistics.effective_rows,
+        "noise": identification.statistics.noise,
+    }
+    _put_errors(arrays, "fit", identification.fit)
+    _put_reduction(arrays, "training", identification.training)
+    if identification.held_out is not None and identification.held_out_data is not None:
+        _put_errors(arrays, "held_out", identification.held_out)
+        _put_reduction(arrays, "held_out_data", identification.held_out_data)
+    header = {
+        "format": _FORMAT,
+        "robot": robot_document(identification.model.robot),
+        "choices": asdict(identification.choices),
+        "preprocessing": asdict(identification.preprocessing),
+        "condition_number": identification.condition_number,
+        "worst_inertia_eigenvalue": identification.worst_inertia_eigenvalue,
+        "warnings": identification.warnings,
+        "measurement_names": identification.measurement_names,
+        "validation_names": identification.validation_names,
+        "added": [asdict(choice) for choice in identification.added],
+    }
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    if identification.parent is not None:
+        arrays["parent"] = np.frombuffer(to_bytes(identification.parent), dtype=np.uint8)
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+def from_bytes(content: bytes) -> Identification:
+    """The identification of bytes that `to_bytes` made.
+
+    Raises
+    ------
+    DynidentError
+        Where the bytes are something else.
+    """
+    try:
+        arrays = dict(np.load(io.BytesIO(content), allow_pickle=False))
+        header = json.loads(arrays["header"].tobytes())
+        if header["format"] != _FORMAT:
+            raise KeyError("format")
+    except (ValueError, KeyError, OSError, EOFError) as error:
+        raise DynidentError(
+            "this is no identified model that this version can read", title="Unreadable model"
+        ) from error
+    choices = _choices(header["choices"])
+    model = build_model(robot_from_document(header["robot"]), choices.effects, tolerance=choices.tolerance)
+    held_out = "held_out_squares" in arrays
+    smallest = float(header["worst_inertia_eigenvalue"])
+    return Identification(
+        model=model,
+        choices=choices,
+        preprocessing=_preprocessing(header["preprocessing"]),
+        reference=arrays["reference"],
+        training=_reduction(arrays, "training"),
+        held_out_data=_reduction(arrays, "held_out_data") if held_out else None,
+        solution=Solution(arrays["values"], arrays["solution_noise"], arrays["solution_factor"]),
+        statistics=Statistics(arrays["covariance"], arrays["effective_rows"], arrays["noise"]),
+        fit=_errors(arrays, "fit"),
+        held_out=_errors(arrays, "held_out") if held_out else None,
+        condition_number=float(header["condition_number"]),
+        inertia_matrix_positive_definite=smallest > 0,
+        worst_inertia_eigenvalue=smallest,
+        warnings=tuple(header["warnings"]),
+        measurement_names=tuple(header["measurement_names"]),
+        validation_names=tuple(header["validation_names"]),
+        parent=from_bytes(arrays["parent"].tobytes()) if "parent" in arrays else None,
+        added=tuple(_effect(item) for item in header["added"]),
+    )
+
+
+def _effect(document: Mapping[str, Any]) -> EffectChoice:
+    shape = tuple((str(name), float(value)) for name, value in document["shape"])
+    return EffectChoice(document["effect"], tuple(document["joints"]), shape)
+
+
+def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
+    return IdentificationChoices(
+        effects=tuple(_effect(item) for item in document["effects"]),
+        model=document["model"],
+        strategy=document["strategy"],
+        estimator=document["estimator"],
+        preprocessing=_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,
+        tolerance=document["tolerance"],
+    )
+
+
+def _preprocessing(document: Mapping[str, Any]) -> Preprocessing:
+    return Preprocessing(**{**document, "reasons": tuple(document["reasons"])})
+
+
+def _put_errors(arrays: dict[str, Any], name: str, errors: Errors) -> None:
+    arrays[f"{name}_squares"] = errors.squares
+    arrays[f"{name}_measured"] = errors.measured
+    arrays[f"{name}_counts"] = errors.counts
+
+
+def _errors(arrays: Mapping[str, Any], name: str) -> Errors:
+    return Errors(arrays[f"{name}_squares"], arrays[f"{name}_measured"], arrays[f"{name}_counts"])
+
+
+def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> None:
+    arrays[f"{name}_spans"] = reduction.spans
+    arrays[f"{name}_size"] = np.array([reduction.n_columns, len(reduction.equations)])
+    for j, equation in enumerate(reduction.equations):
+        arrays[f"{name}_{j}_columns"] = equation.columns
+        arrays[f"{name}_{j}_factors"] = equation.factors
+        arrays[f"{name}_{j}_counts"] = equation.counts
+
+
+def _reduction(arrays: Mapping[str, Any], name: str) -> Reduction:
+    n_columns, n_equations = (int(value) for value in arrays[f"{name}_size"])
+    equations = tuple(
+        EquationFactors(arrays[f"{name}_{j}_columns"], arrays[f"{name}_{j}_factors"], arrays[f"{name}_{j}_counts"])
+        for j in range(n_equations)
+    )
+    return Reduction(n_columns, equations, arrays[f"{name}_spans"])
