@@ -94,7 +94,7 @@ def diagnose(
 
 def _rms(comparisons: Sequence[Comparison]) -> FloatArray:
     squares = np.sum([(c.residual**2).sum(axis=0) for c in comparisons], axis=0)
-    return np.asarray(np.sqrt(squares / sum(len(c.t) for c in comparisons)))
+    return np.asarray(np.sqrt(squares / sum(len(c.t) for c in comparisons)), dtype=np.float64)
 
 
 def _judge_all(

@@ -1,0 +1,100 @@
+"""Periodic exciting trajectories as Fourier series (Swevers et al. 1997) that start and end at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import null_space
+
+from dynident.errors import DynidentError
+from dynident.excitation.motion import Motion
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True)
+class FourierFamily:
+    """q(t) = q0 + Σ_k a_k sin kωt + b_k cos kωt for each joint, with q̇ = q̈ = 0 at the period's border.
+
+    Rest at the border is two linear conditions a joint, Σ k a_k = 0 and Σ k² b_k = 0. They are eliminated: the
+    coefficients x (m, n), m = 2 harmonics - 1, are free, q and its derivatives are linear in them, and no harmonic
+    above the last one appears however often the period is repeated.
+    """
+
+    harmonics: int
+    period: float
+
+    def __post_init__(self) -> None:
+        if self.harmonics < 2:
+            raise DynidentError(
+                f"harmonics is {self.harmonics}; a motion that starts and ends at rest needs at least 2",
+                pointer="/trajectory/harmonics",
+            )
+        if not (np.isfinite(self.period) and self.period > 0):
+            raise DynidentError(
+                f"the period is {self.period} s; it must be a positive number", pointer="/trajectory/duration"
+            )
+
+    @property
+    def n_coefficients(self) -> int:
+        """Free coefficients m of one joint; the first is the offset q0."""
+        return 2 * self.harmonics - 1
+
+    @cached_property
+    def _free(self) -> tuple[FloatArray, FloatArray]:
+        """Sine and cosine amplitudes (harmonics, harmonics - 1) for unit free coefficients.
+
+        The k-th amplitude is measured in 1/k: positions, velocities and accelerations then weigh more alike, which
+        the optimiser likes.
+        """
+        k = np.arange(1.0, self.harmonics + 1)
+        scale = 1.0 / k
+        sine = scale[:, None] * null_space((k * scale)[None, :])
+        cosine = scale[:, None] * null_space((k**2 * scale)[None, :])
+        return sine, cosine
+
+    def basis(self, t: FloatArray) -> FloatArray:
+        """Values (4, len(t), m) such that q, q̇, q̈ and the jerk are `basis(t)[d] @ x`."""
+        omega = 2 * np.pi / self.period * np.arange(1, self.harmonics + 1)
+        phase = np.outer(np.mod(t, self.period), omega)
+        sin, cos = np.sin(phase), np.cos(phase)
+        sine, cosine = self._free
+        made = np.zeros((4, len(t), self.n_coefficients))
+        made[0, :, 0] = 1.0
+        middle = self.harmonics
+        derivatives = ((sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin))
+        for order, (of_sine, of_cosine) in enumerate(derivatives):
+            weight = omega**order
+            made[order, :, 1:middle] = (of_sine * weight) @ sine
+            made[order, :, middle:] = (of_cosine * weight) @ cosine
+        return made
+
+    def evaluate(self, x: FloatArray, t: FloatArray) -> Motion:
+        """The motion of coefficients x (m, n) at times t."""
+        q, dq, ddq, dddq = self.basis(t) @ x
+        return Motion(t, q, dq, ddq, dddq)
+
+
+@dataclass(frozen=True, eq=False)
+class FourierMotion:
+    """One trajectory of the family, `periods` times over; x (m, n)."""
+
+    family: FourierFamily
+    x: FloatArray
+    periods: int = 1
+
+    @property
+    def duration(self) -> float:
+        """Seconds of all periods."""
+        return self.family.period * self.periods
+
+    def evaluate(self, t: FloatArray) -> Motion:
+        """The motion at times t (m,)."""
+        return self.family.evaluate(self.x, t)
+
+    @property
+    def start(self) -> FloatArray:
+        """Posture (n,) at which it starts and ends, at rest."""
+        posture: FloatArray = self.family.basis(np.zeros(1))[0, 0] @ self.x
+        return posture

@@ -1,0 +1,80 @@
+"""Motion of all joints over time: what every trajectory family evaluates to, and motions one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Positions and their derivatives at m times: t (m,), q, dq, ddq, dddq (m, n)."""
+
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    dddq: FloatArray
+
+
+class Piece(Protocol):
+    """A motion of its own from time 0 to `duration`."""
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+
+    def evaluate(self, t: FloatArray) -> Motion:
+        """The motion at times t (m,) between 0 and `duration`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """Standing still at a posture (n,)."""
+
+    posture: FloatArray
+    duration: float = 0.0
+
+    def evaluate(self, t: FloatArray) -> Motion:
+        """The posture, at all times."""
+        zero = np.zeros((len(t), len(self.posture)))
+        return Motion(t, zero + self.posture, zero, zero, zero)
+
+
+def in_sequence(pieces: Sequence[Piece], rate: float) -> Motion:
+    """Sample motions that follow each other at `rate` (Hz).
+
+    The duration of each piece is a whole number of sampling periods, so that no sample falls between the grids of two
+    of them. A border belongs to the piece that begins there; the last piece keeps its end.
+    """
+    parts: list[Motion] = []
+    start = 0
+    for piece in pieces:
+        steps = steps_of(piece, rate)
+        part = piece.evaluate(np.minimum(np.arange(steps) / rate, piece.duration))
+        parts.append(Motion((start + np.arange(steps)) / rate, part.q, part.dq, part.ddq, part.dddq))
+        start += steps
+    end = pieces[-1].evaluate(np.array([pieces[-1].duration]))
+    parts.append(Motion(np.array([start / rate]), end.q, end.dq, end.ddq, end.dddq))
+    return joined(parts)
+
+
+def joined(parts: Sequence[Motion]) -> Motion:
+    """One motion of all samples."""
+    return Motion(
+        t=np.concatenate([part.t for part in parts]),
+        q=np.concatenate([part.q for part in parts]),
+        dq=np.concatenate([part.dq for part in parts]),
+        ddq=np.concatenate([part.ddq for part in parts]),
+        dddq=np.concatenate([part.dddq for part in parts]),
+    )
+
+
+def steps_of(piece: Piece, rate: float) -> int:
+    """Number of sampling periods in a piece."""
+    return round(piece.duration * rate)

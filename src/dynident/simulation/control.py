@@ -1,0 +1,76 @@
+"""The joint controller of a virtual robot: feed-forward torque, and gains that follow from the inertia."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from dynident.robot.model import FloatArray
+from dynident.simulation.dynamics import Dynamics
+from dynident.simulation.reference import ReferencePath
+
+FeedForward = Literal["computed_torque", "gravity", "none"]
+
+# States of the trajectory that the gains are derived from.
+_STATES = 200
+# A joint is never controlled faster than this, rad/s, whatever its friction: internal steps must resolve the control.
+_FASTEST = 400.0
+# Samples a second of the feed-forward torque, as a robot's own controller has them.
+FEED_FORWARD_RATE = 1000.0
+
+
+@dataclass(frozen=True)
+class Controller:
+    """Independent joint control with feed-forward.
+
+    `bandwidth` is the natural frequency of a joint's error in Hz, `damping_ratio` its damping. A joint whose friction
+    would hold it back by more than `largest_lag` (rad or m) is controlled more stiffly. The controller knows the links
+    but neither the friction nor any other effect, hence a realistic tracking error.
+    """
+
+    feed_forward: FeedForward = "computed_torque"
+    bandwidth: float = 8.0
+    damping_ratio: float = 1.0
+    largest_lag: float = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """Stiffness and damping (n,) of the joint controller: N m/rad and N m s/rad, or N/m and N s/m."""
+
+    stiffness: FloatArray
+    damping: FloatArray
+
+
+def joint_gains(controller: Controller, dynamics: Dynamics, path: ReferencePath, times: FloatArray) -> Gains:
+    """Gains from the mean inertia of each joint along the motion, at times (k,) within it."""
+    some = times[:: max(1, len(times) // _STATES)]
+    q, dq, _ = path.at(some)
+    states = len(some)
+    inertia = _map(dynamics.mass_diagonal, q).mean(axis=0)
+    load = _map(dynamics.rigid, q, np.zeros_like(q), np.zeros_like(q))
+    heat = path.temperature_at(some)
+    memory = np.ones((states, len(dynamics.signals.memory_signals)))
+    still = np.zeros_like(q)
+    resistance = np.abs(_map(dynamics.rest, q, dq, still, load, memory, some[:, None], heat)).max(axis=0)
+    wanted = 2 * np.pi * controller.bandwidth
+    frequency = np.clip(np.sqrt(resistance / controller.largest_lag / inertia), wanted, max(wanted, _FASTEST))
+    return Gains(inertia * frequency**2, 2 * controller.damping_ratio * inertia * frequency)
+
+
+def feed_forward_torque(controller: Controller, dynamics: Dynamics, path: ReferencePath, t: FloatArray) -> FloatArray:
+    """Feed-forward torque (k, n) at times t (k,)."""
+    q, dq, ddq = path.at(t)
+    if controller.feed_forward == "none":
+        return np.zeros_like(q)
+    if controller.feed_forward == "gravity":
+        return _map(dynamics.rigid, q, np.zeros_like(q), np.zeros_like(q))
+    return _map(dynamics.rigid, q, dq, ddq)
+
+
+def _map(function: object, *columns: FloatArray) -> FloatArray:
+    """Evaluate a function of columns on rows: arguments (k, width), result (k, width)."""
+    mapped = function.map(len(columns[0]))  # type: ignore[attr-defined]
+    return np.asarray(mapped(*(item.T for item in columns)), dtype=np.float64).T

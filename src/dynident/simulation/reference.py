@@ -1,0 +1,86 @@
+"""The motion that a virtual robot is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from dynident.errors import DynidentError
+from dynident.robot.model import FloatArray, Robot
+
+_TITLE = "Unusable trajectory"
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A trajectory: t (m,) in s, strictly increasing; q, dq, ddq (m, n) in rad, rad/s, rad/s² (m, … if prismatic).
+
+    `temperature` (m, n) in degC where the joints' temperature is to be prescribed.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    temperature: FloatArray | None = None
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample, in s."""
+        return float(self.t[-1] - self.t[0])
+
+
+class ReferencePath:
+    """A reference trajectory at any time: cubic between samples, with their velocities and accelerations kept."""
+
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+        self._q = CubicHermiteSpline(reference.t, reference.q, reference.dq)
+        self._dq = CubicHermiteSpline(reference.t, reference.dq, reference.ddq)
+
+    def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and acceleration, each (k, n), at times t (k,)."""
+        inside = np.clip(t, self._reference.t[0], self._reference.t[-1])
+        return self._q(inside), self._dq(inside), self._dq(inside, 1)
+
+    def temperature_at(self, t: FloatArray) -> FloatArray:
+        """Temperature (k, n) at times t (k,); zeros where none is prescribed."""
+        given = self._reference.temperature
+        n = self._reference.q.shape[1]
+        if given is None:
+            return np.zeros((len(t), n))
+        return np.column_stack([np.interp(t, self._reference.t, given[:, j]) for j in range(n)])
+
+
+def check_reference(reference: Reference, robot: Robot) -> None:
+    """Raise `DynidentError` where a trajectory does not fit the robot, is not finite, or does not run forward."""
+    m = len(reference.t)
+    if reference.t.ndim != 1 or m < 2:
+        raise DynidentError("a trajectory needs at least two samples", pointer="/trajectory/t", title=_TITLE)
+    parts = {"t": reference.t, "q": reference.q, "dq": reference.dq, "ddq": reference.ddq}
+    if reference.temperature is not None:
+        parts["temperature"] = reference.temperature
+    for name, values in parts.items():
+        if name != "t" and values.shape != (m, robot.n):
+            raise DynidentError(
+                f"{name} has the shape {values.shape}; {m} samples of t and {robot.n} joints need {(m, robot.n)}",
+                pointer=f"/trajectory/{name}",
+                title=_TITLE,
+            )
+        bad = np.argwhere(~np.isfinite(values.reshape(m, -1)))
+        if len(bad):
+            row, joint = int(bad[0, 0]), int(bad[0, 1])
+            of = "" if name == "t" else f" of {robot.joint_names[joint]}"
+            raise DynidentError(
+                f"{name}{of} is not a finite number in sample {row}", pointer=f"/trajectory/{name}/{row}", title=_TITLE
+            )
+    back = np.flatnonzero(np.diff(reference.t) <= 0)
+    if len(back):
+        row = int(back[0]) + 1
+        raise DynidentError(
+            f"t is {reference.t[row]} s in sample {row}, not after the {reference.t[row - 1]} s before it",
+            pointer=f"/trajectory/t/{row}",
+            title=_TITLE,
+        )

@@ -1,0 +1,147 @@
+"""What is true of a virtual robot: effects of the catalogue with values for their parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynident.effects import Column, EffectChoice, Signals, columns_of, effect_by_id
+from dynident.errors import DynidentError
+from dynident.robot.model import FloatArray, Robot
+
+_TITLE = "Unusable virtual robot"
+# Torque that these scale takes energy out of the motion; with a negative value the virtual robot would run away.
+_NEVER_NEGATIVE = frozenset({("coulomb", "Fc"), ("viscous", "Fv"), ("rotor_inertia", "Ia"), ("presliding", "Fz")})
+
+
+@dataclass(frozen=True)
+class TrueEffect:
+    """One effect on one joint ("" where it belongs to the whole robot), with its parameters and shape constants.
+
+    Parameters that are not named are zero; shape constants that are not named have their defaults.
+    """
+
+    effect: str
+    joint: str
+    values: tuple[tuple[str, float], ...]
+    shape: tuple[tuple[str, float], ...] = field(default=())
+
+    @property
+    def choice(self) -> EffectChoice:
+        """The same effect as one chooses it for an identification."""
+        return EffectChoice(self.effect, (self.joint,) if self.joint else (), self.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class TrueColumns:
+    """Columns of the true effects and their parameters (c,), in the same order."""
+
+    columns: tuple[Column, ...]
+    parameters: FloatArray
+
+
+def on_each_joint(robot: Robot, effect: str, parameter: str, values: Sequence[float]) -> tuple[TrueEffect, ...]:
+    """One parameter of one effect on every joint of a robot, from an array (n,)."""
+    if len(values) != robot.n:
+        raise DynidentError(f"{len(values)} values of {parameter} for {robot.n} joints of {robot.name}", title=_TITLE)
+    return tuple(
+        TrueEffect(effect, name, ((parameter, float(value)),))
+        for name, value in zip(robot.joint_names, values, strict=True)
+    )
+
+
+def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
+    """The inertial parameters (n, 10) of the virtual robot's links; those of the description where none are given.
+
+    Raises
+    ------
+    DynidentError
+        Where there are none at all, or their shape or values do not fit.
+    """
+    chosen = robot.inertias if inertias is None else np.asarray(inertias, dtype=np.float64)
+    if chosen is None:
+        raise DynidentError(
+            f"the description of {robot.name} gives no inertial parameters; a virtual robot needs ten a link",
+            pointer="/parameters",
+            title=_TITLE,
+        )
+    if chosen.shape != (robot.n, 10) or not np.all(np.isfinite(chosen)):
+        raise DynidentError(
+            f"inertial parameters have the shape {chosen.shape}; {robot.n} links x 10 finite numbers are needed",
+            pointer="/parameters",
+            title=_TITLE,
+        )
+    return chosen
+
+
+def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:
+    """Columns of the effects on the robot of `signals`, and the values of their parameters.
+
+    Raises
+    ------
+    DynidentError
+        For an unknown effect, joint, parameter or shape constant, a value that is not finite or must not be negative,
+        the same effect twice on a joint, or links given as an effect.
+    """
+    columns: list[Column] = []
+    parameters: list[float] = []
+    seen: set[tuple[str, str, tuple[tuple[str, float], ...]]] = set()
+    for index, effect in enumerate(effects):
+        pointer = f"/effects/{index}"
+        _check(effect, signals.robot, pointer)
+        try:
+            made = columns_of([effect.choice], signals)
+        except DynidentError as error:
+            error.pointer = pointer
+            raise
+        # The completed shape constants, so that a default written out is the same effect as one left out.
+        key = (effect.effect, effect.joint, made[0].shape)
+        if key in seen:
+            raise DynidentError(
+                f"{effect.effect} stands twice on {effect.joint or 'the robot'}", pointer=pointer, title=_TITLE
+            )
+        seen.add(key)
+        values = dict(effect.values)
+        columns += made
+        parameters += [float(values.get(column.parameter, 0.0)) for column in made]
+    return TrueColumns(tuple(columns), np.array(parameters, dtype=np.float64))
+
+
+def _check(effect: TrueEffect, robot: Robot, pointer: str) -> None:
+    described = effect_by_id(effect.effect, pointer)
+    if effect.effect == "rigid_body":
+        raise DynidentError(
+            "the links of a virtual robot are given as inertial parameters, not as an effect",
+            pointer=pointer,
+            title=_TITLE,
+        )
+    if described.scope == "joint" and not effect.joint:
+        raise DynidentError(
+            f"{effect.effect} needs a joint; {robot.name} has: {', '.join(robot.joint_names)}",
+            pointer=f"{pointer}/joint",
+            title=_TITLE,
+        )
+    known = [spec.name for spec in described.parameters]
+    for name, value in effect.values:
+        where = f"{pointer}/values/{name}"
+        if name not in known:
+            raise DynidentError(
+                f"{effect.effect} has no parameter {name!r}; it has: {', '.join(known)}", pointer=where, title=_TITLE
+            )
+        if not math.isfinite(value) or (value < 0 and (effect.effect, name) in _NEVER_NEGATIVE):
+            raise DynidentError(
+                f"{name} of {effect.effect} on {effect.joint or 'the robot'} is {value}; expected a finite number"
+                + (", zero or above" if (effect.effect, name) in _NEVER_NEGATIVE else ""),
+                pointer=where,
+                title=_TITLE,
+            )
+    for name, value in effect.shape:
+        if not math.isfinite(value):
+            raise DynidentError(
+                f"shape constant {name} of {effect.effect} is {value}; expected a finite number",
+                pointer=f"{pointer}/shape/{name}",
+                title=_TITLE,
+            )

@@ -1,0 +1,171 @@
+"""A robot that exists as numbers alone, moved and measured like a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from dynident.effects.friction import velocity_scale
+from dynident.errors import DynidentError
+from dynident.progress import Progress, silent
+from dynident.robot.model import FloatArray, Robot
+from dynident.simulation.control import (
+    FEED_FORWARD_RATE,
+    Controller,
+    Gains,
+    feed_forward_torque,
+    joint_gains,
+)
+from dynident.simulation.dynamics import Dynamics, build_dynamics, build_step
+from dynident.simulation.measurement import Measurement, Truth
+from dynident.simulation.reference import Reference, ReferencePath, check_reference
+from dynident.simulation.sensors import Sensors, check_sensors, noise_deviation, quantised, sampling_steps
+from dynident.simulation.truth import TrueEffect, true_inertias
+
+LONGEST_STEP = 0.25e-3
+"""Longest internal step in s."""
+
+_CHUNK = 1000
+# The sign of friction changes over this share of the slowest joint's velocity limit: far below any Stribeck velocity.
+_SIGN_WIDTH = 5e-4
+# A joint this far from its reference (rad or m) is not following it any more.
+_LOST = 0.5
+
+
+class VirtualRobot:
+    """A robot with known parameters and any effects of the catalogue, under joint control.
+
+    The torque that its drives give is that of M(q) ddq + c(q, dq) + all effects; it is what is measured.
+
+    Parameters
+    ----------
+    robot : Robot
+    effects : sequence of TrueEffect
+        What acts besides the links: friction, rotor inertia, whatever is to be hidden.
+    inertias : (n, 10), optional
+        Inertial parameters of the links; those of the description where none are given.
+    controller : Controller
+    longest_step : float
+        Longest internal step in s.
+
+    Raises
+    ------
+    DynidentError
+        For effects or inertial parameters that do not fit the robot.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        effects: Sequence[TrueEffect] = (),
+        *,
+        inertias: FloatArray | None = None,
+        controller: Controller | None = None,
+        longest_step: float = LONGEST_STEP,
+    ) -> None:
+        self.robot = robot
+        self.effects = tuple(effects)
+        self.inertias = true_inertias(robot, inertias)
+        self.controller = Controller() if controller is None else controller
+        self.longest_step = longest_step
+        sign_width = _SIGN_WIDTH * min(velocity_scale(robot, joint) for joint in range(robot.n))
+        self.dynamics: Dynamics = build_dynamics(robot, self.effects, self.inertias, smooth_sign=sign_width)
+
+    def measure(
+        self, reference: Reference, sensors: Sensors | None = None, *, seed: int = 0, progress: Progress = silent
+    ) -> Measurement:
+        """Let the robot follow a trajectory and record it.
+
+        Parameters
+        ----------
+        reference : Reference
+            It should begin at rest; the robot begins on it.
+        sensors : Sensors
+        seed : int
+            Of the noise and the jitter.
+        progress : Progress
+            Called a few times a simulated second; may raise to cancel.
+
+        Raises
+        ------
+        DynidentError
+            Where trajectory or sensors do not fit the robot, or it cannot follow the trajectory.
+        """
+        sensors = Sensors() if sensors is None else sensors
+        check_reference(reference, self.robot)
+        check_sensors(sensors, self.robot)
+        rng = np.random.default_rng(seed)
+        period = 1.0 / sensors.sampling_rate
+        steps_per_sample = max(1, int(np.ceil(period / self.longest_step - 1e-9)))
+        n_samples = int(np.floor(reference.duration / period + 1e-9)) + 1
+        taken = sampling_steps(sensors, steps_per_sample, n_samples, rng)
+        path = ReferencePath(reference)
+        samples = self._follow(path, reference, period / steps_per_sample, taken, progress)
+        n = self.robot.n
+        truth = Truth(*(np.ascontiguousarray(samples[:, k * n : (k + 1) * n]) for k in range(4)))
+        t = reference.t[0] + taken * (period / steps_per_sample)
+        noise = noise_deviation(sensors, self.robot, truth.tau)
+        tau = truth.tau + noise * rng.standard_normal(truth.tau.shape)
+        gains = np.array([drive.gain or np.nan for drive in self.robot.drives])
+        return Measurement(
+            robot=self.robot,
+            t=t,
+            q=quantised(sensors, self.robot, truth.q),
+            tau=tau,
+            current=tau / gains if sensors.current else None,
+            temperature=None if reference.temperature is None else path.temperature_at(t),
+            truth=truth,
+            noise=noise,
+            tracking_error=np.abs(truth.q - path.at(t)[0]).max(axis=0),
+        )
+
+    def _follow(
+        self, path: ReferencePath, reference: Reference, h: float, taken: np.ndarray, progress: Progress
+    ) -> FloatArray:
+        """Samples [q, dq, ddq, tau] (m, 4 n) at the internal steps `taken` (m,)."""
+        start, n_steps = float(reference.t[0]), int(taken[-1]) + 1
+        coarse = np.arange(0.0, reference.duration + 2 / FEED_FORWARD_RATE, 1 / FEED_FORWARD_RATE) + start
+        gains: Gains = joint_gains(self.controller, self.dynamics, path, coarse)
+        feed_forward = feed_forward_torque(self.controller, self.dynamics, path, coarse)
+        run = build_step(self.dynamics, h, gains.stiffness, gains.damping).mapaccum("run", _CHUNK)
+        state = self._initial_state(path, start, h)
+        out = np.empty((len(taken), 4 * self.robot.n))
+        done = 0
+        for first in range(0, n_steps, _CHUNK):
+            t = start + h * np.arange(first, first + _CHUNK)
+            q, dq, _ = path.at(t)
+            torque = np.column_stack([np.interp(t, coarse, feed_forward[:, j]) for j in range(self.robot.n)])
+            inputs = np.hstack([q, dq, torque, t[:, None], path.temperature_at(t)])
+            states, samples = run(state, inputs.T)
+            state = states[:, -1]
+            rows = np.asarray(ca.DM(samples), dtype=np.float64).T
+            wanted = taken[done : int(np.searchsorted(taken, first + _CHUNK))] - first
+            out[done : done + len(wanted)] = rows[wanted]
+            done += len(wanted)
+            last = min(_CHUNK, n_steps - first)
+            self._check_followed(t[:last], q[:last], rows[:last, : self.robot.n])
+            progress(min(1.0, (first + last) / n_steps), f"simulated {t[last - 1] - start:.1f} s")
+        return out
+
+    def _initial_state(self, path: ReferencePath, start: float, h: float) -> ca.DM:
+        q, dq, ddq = (values[0] for values in path.at(np.array([start])))
+        memory = np.zeros(len(self.dynamics.signals.memory_signals))
+        return ca.DM(np.concatenate([q, dq - 0.5 * h * ddq, ddq, q, memory]))
+
+    def _check_followed(self, t: FloatArray, wanted: FloatArray, q: FloatArray) -> None:
+        lost = np.argwhere(~(np.abs(q - wanted) < _LOST))
+        if not len(lost):
+            return
+        row, joint = int(lost[0, 0]), int(lost[0, 1])
+        described = self.robot.joints[joint]
+        unit = "rad" if described.kind == "revolute" else "m"
+        limit = described.limits.effort
+        cause = "" if limit is None else f"; its effort limit is {limit:g} {described.effort_unit}"
+        raise DynidentError(
+            f"the virtual robot cannot follow the trajectory: {described.name} is more than {_LOST} {unit} off at "
+            f"t = {t[row]:.3f} s{cause}. Slow the trajectory down, or check friction and limits",
+            pointer="/trajectory",
+            title="Trajectory cannot be followed",
+        )
