@@ -136,7 +136,7 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
 
     @app.exception_handler(StarletteHTTPException)
     async def on_http_error(request: Request, error: StarletteHTTPException) -> JSONResponse:
-        headers = dict(error.headers or {})
+        headers = {name.lower(): value for name, value in (error.headers or {}).items()}
         path = request.url.path
         detail = str(error.detail)
         if error.status_code == 405:

@@ -1,0 +1,1 @@
+"""Between the contract and the science: requests become dataclasses, results become JSON."""

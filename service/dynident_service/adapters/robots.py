@@ -1,0 +1,76 @@
+"""Robots between the contract and the science."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from dynident.robot import Description, Drive, Joint, Limits, Robot, robot_from_description
+from dynident_service.models import robots as wire
+from dynident_service.models.common import Limits as WireLimits
+
+
+def robot_of(stored: Mapping[str, Any]) -> Robot:
+    """Make the robot of a stored request."""
+    return robot_from_request(wire.RobotRequest.model_validate(stored))
+
+
+def robot_from_request(request: wire.RobotRequest) -> Robot:
+    """Make the robot that a request describes; `DynidentError` where it cannot be."""
+    content = request.description.content
+    text = content if isinstance(content, str) else json.dumps(content)
+    return robot_from_description(
+        request.name,
+        Description(request.description.format, text),
+        limits={name: limits_of(value) for name, value in request.limits.items()},
+        drives={name: Drive(**value.model_dump()) for name, value in request.drives.items()},
+        locked_joints=request.locked_joints,
+        gravity=request.gravity,
+    )
+
+
+def limits_of(value: WireLimits) -> Limits:
+    """Take limits off the wire."""
+    return Limits(**value.model_dump())
+
+
+def describe_robot(robot: Robot, base: wire.BaseParametersView) -> wire.RobotResult:
+    """Describe a robot for the wire."""
+    return wire.RobotResult(
+        joints=[_joint(robot, index, joint) for index, joint in enumerate(robot.joints)],
+        base_parameters=base,
+        has_inertias=robot.inertias is not None,
+    )
+
+
+def base_parameters_of(robot: Robot, tolerance: float | None) -> wire.BaseParametersView:
+    """Find the inertial base parameters of a robot."""
+    # Imported here: CasADi takes a second to load, and the rest of this module does without.
+    from dynident.effects import EffectChoice, Signals, columns_of
+    from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, base_parameters
+
+    signals = Signals(robot)
+    columns = columns_of([EffectChoice("rigid_body")], signals)
+    found = base_parameters(robot, columns, signals, tolerance=tolerance or DEFAULT_TOLERANCE)
+    return wire.BaseParametersView(
+        count=found.count, rank=found.rank, names=list(found.kept_names), groupings=list(found.groupings)
+    )
+
+
+def _joint(robot: Robot, index: int, joint: Joint) -> wire.JointView:
+    limits = joint.limits
+    return wire.JointView(
+        name=joint.name,
+        type=joint.kind,
+        limits=WireLimits(
+            position=limits.position,
+            velocity=limits.velocity,
+            acceleration=limits.acceleration,
+            jerk=limits.jerk,
+            effort=limits.effort,
+        ),
+        antecedent=robot.joint_names[joint.parent] if joint.parent >= 0 else None,
+        link=joint.link,
+        drive_gain=robot.drives[index].gain,
+    )

@@ -1,0 +1,91 @@
+"""The application: storage and engine opened, routes put together."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+from anyio import to_thread
+from fastapi import FastAPI
+from starlette.middleware.cors import CORSMiddleware
+from starlette.routing import compile_path
+
+from dynident.version import __version__
+from dynident_service import problems
+from dynident_service.keys import KeyRing
+from dynident_service.metrics import Metrics
+from dynident_service.middleware import BodyLimit, Gate, Timing
+from dynident_service.routes import ROUTERS
+from dynident_service.services import Services, open_services
+from dynident_service.settings import Settings
+
+DESCRIPTION = """Identification of the dynamic parameters of robots: a robot and its recordings give an identified
+model, what is missing in it by name, and a report. Long work is a job: the answer 202 has its resource and its
+`job_id`; `/v1/jobs/{id}/events` tells how far it is. SI units throughout; errors are `application/problem+json`."""
+log = logging.getLogger("dynident.service")
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """Put the application together; nothing is opened before it starts."""
+    settings = settings or Settings()
+    metrics = Metrics()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        opening = open_services(settings)
+        services = await to_thread.run_sync(opening.__enter__)
+        try:
+            app.state.services = services
+            app.state.keys = _keys_of(services)
+            metrics.watch_jobs(services.ledger.counts)
+            yield
+        finally:
+            await to_thread.run_sync(opening.__exit__, None, None, None)
+
+    app = FastAPI(
+        title="dynident",
+        version=__version__,
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        generate_unique_id_function=lambda route: route.name,
+        responses={"default": {"model": problems.Problem, "description": "A problem (RFC 9457)"}},
+    )
+    app.state.metrics = metrics
+    for router in ROUTERS:
+        app.include_router(router)
+    problems.install(app, _methods_by_path(app))
+    # The last one added is the first that a request meets.
+    app.add_middleware(BodyLimit, settings=settings)
+    app.add_middleware(Gate, settings=settings, keys=lambda: app.state.keys)
+    if settings.allowed_origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=settings.allowed_origins,
+            allow_methods=["*"],
+            allow_headers=["*"],
+            expose_headers=["Location"],
+        )
+    app.add_middleware(Timing, metrics=metrics)
+    return app
+
+
+def _keys_of(services: Services) -> KeyRing:
+    keys = KeyRing(services.settings, services.database)
+    if services.settings.needs_keys and keys.is_empty():
+        raise RuntimeError(
+            f"refusing to listen on {services.settings.host} without any API key: make one with "
+            "`python -m dynident_service.new_key NAME`, or listen on 127.0.0.1"
+        )
+    return keys
+
+
+def _methods_by_path(app: FastAPI) -> Callable[[str], list[str]]:
+    def allowed(path: str) -> list[str]:
+        methods: set[str] = set()
+        for template, operations in app.openapi()["paths"].items():
+            if compile_path(template)[0].match(path):
+                methods |= {name.upper() for name in operations}
+        return sorted(methods) or ["GET"]
+
+    return allowed

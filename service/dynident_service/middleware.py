@@ -1,0 +1,129 @@
+"""What stands before the routes: who may enter, how much may be sent, how long it took."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from urllib.parse import urlsplit
+
+from anyio import to_thread
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from dynident_service.keys import KeyRing
+from dynident_service.metrics import Metrics
+from dynident_service.problems import make_problem, respond
+from dynident_service.settings import Settings, is_loopback
+
+OPEN_PATHS = frozenset({"/healthz", "/readyz"})
+SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+class Gate:
+    """Asks for an API key where one is needed; elsewhere keeps pages of other origins from using the service.
+
+    A service on the loopback interface needs no key, but a browser on the same machine could be made to call it: by a
+    host name that resolves to 127.0.0.1, or by a form of another page.
+    """
+
+    def __init__(self, app: ASGIApp, settings: Settings, keys: Callable[[], KeyRing]) -> None:
+        self._app = app
+        self._settings = settings
+        self._keys = keys
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request through, or answer it with a problem."""
+        if scope["type"] != "http" or scope["path"] in OPEN_PATHS:
+            return await self._app(scope, receive, send)
+        headers = Headers(scope=scope)
+        if self._settings.needs_keys:
+            key = _key_in(headers)
+            if key is None or not await to_thread.run_sync(self._keys().knows, key):
+                detail = "This service asks for an API key, as 'Authorization: Bearer …' or 'X-API-Key: …'."
+                problem = make_problem(401, detail, title="API key needed")
+                return await respond(problem, {"www-authenticate": "Bearer"})(scope, receive, send)
+        elif not is_loopback(_host(headers.get("host", ""))):
+            detail = "Without API keys the service answers to localhost alone; set DYNIDENT_REQUIRE_KEYS to open it."
+            return await respond(make_problem(421, detail))(scope, receive, send)
+        if not self._may_come_from(headers, scope["method"]):
+            detail = "Pages of this origin may not change anything; DYNIDENT_ALLOWED_ORIGINS lists those that may."
+            return await respond(make_problem(403, detail, title="Origin not allowed"))(scope, receive, send)
+        return await self._app(scope, receive, send)
+
+    def _may_come_from(self, headers: Headers, method: str) -> bool:
+        origin = headers.get("origin")
+        if origin is None or method in SAFE_METHODS or origin in self._settings.allowed_origins:
+            return True
+        return urlsplit(origin).netloc == headers.get("host")
+
+
+class BodyLimit:
+    """Refuses bodies that are too large, whether or not they say so beforehand."""
+
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+        self._app = app
+        self._settings = settings
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Count what is received; a problem 413 when it is too much."""
+        if scope["type"] != "http":
+            return await self._app(scope, receive, send)
+        headers = Headers(scope=scope)
+        is_upload = headers.get("content-type", "").startswith("multipart/")
+        limit = self._settings.max_upload_bytes if is_upload else self._settings.max_body_bytes
+        name = "DYNIDENT_MAX_UPLOAD_BYTES" if is_upload else "DYNIDENT_MAX_BODY_BYTES"
+        detail = f"The body is larger than {limit} bytes ({name}); send a part of the recording, or as Parquet."
+        length = headers.get("content-length", "")
+        if length.isdigit() and int(length) > limit:
+            return await respond(make_problem(413, detail))(scope, receive, send)
+        received = 0
+
+        async def counted() -> Message:
+            nonlocal received
+            message = await receive()
+            received += len(message.get("body", b""))
+            if received > limit:
+                raise HTTPException(413, detail)
+            return message
+
+        return await self._app(scope, counted, send)
+
+
+class Timing:
+    """Counts requests and their duration by route."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self._app = app
+        self._metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Measure one request."""
+        if scope["type"] != "http":
+            return await self._app(scope, receive, send)
+        status = 500
+        started = time.perf_counter()
+
+        async def noted(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, noted)
+        finally:
+            # The template, not the path: one series a route, not one a resource.
+            route = getattr(scope.get("route"), "path", "none")
+            self._metrics.count(scope["method"], route, status, time.perf_counter() - started)
+
+
+def _key_in(headers: Headers) -> str | None:
+    scheme, _, token = headers.get("authorization", "").partition(" ")
+    if scheme.lower() == "bearer" and token:
+        return token.strip()
+    return headers.get("x-api-key")
+
+
+def _host(header: str) -> str:
+    return urlsplit(f"//{header}").hostname or ""

@@ -1,0 +1,76 @@
+"""What requests and answers have in common."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from dynident_service.problems import Problem
+from dynident_service.storage.records import State
+
+T = TypeVar("T")
+RequestT = TypeVar("RequestT", bound=BaseModel)
+ResultT = TypeVar("ResultT", bound=BaseModel)
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Identifier = Annotated[str, Field(min_length=1, max_length=40)]
+
+
+class Asked(BaseModel):
+    """A request, or a part of one: a field that nobody knows is an error, not ignored."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Shown(BaseModel):
+    """An answer, or a part of one; what is no finite number is shown as null."""
+
+    model_config = ConfigDict(ser_json_inf_nan="null")
+
+
+class Page(Shown, Generic[T]):
+    """A part of a list, newest first."""
+
+    items: list[T]
+    cursor: str | None = Field(default=None, description="Give it as `cursor` to get the next part; null at the end.")
+
+
+class Progress(Shown):
+    """How far a job is."""
+
+    fraction: float = Field(description="0 to 1")
+    message: str
+
+
+class Computed(Shown, Generic[RequestT, ResultT]):
+    """A resource that a job computes."""
+
+    id: str
+    name: str | None
+    created_at: datetime
+    job_id: str
+    status: State
+    progress: Progress
+    request: RequestT
+    result: ResultT | None = Field(default=None, description="There once the status is succeeded.")
+    error: Problem | None = Field(default=None, description="There if the status is failed.")
+
+
+class EffectChoice(Asked):
+    """An effect of the catalogue, on some joints."""
+
+    effect: str = Field(description="An id of GET /v1/effects")
+    joints: list[str] = Field(default=[], description="Names; all that the effect may sit on where none is given.")
+    shape_parameters: dict[str, float] = Field(default={}, description="Shape constants; searched where not given.")
+
+
+class Limits(Asked):
+    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N."""
+
+    position: tuple[float, float] | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
+    jerk: float | None = None
+    effort: float | None = None

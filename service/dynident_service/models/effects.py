@@ -1,0 +1,47 @@
+"""The catalogue of effects on the wire."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from dynident_service.models.common import Shown
+
+
+class EffectParameter(Shown):
+    """One parameter of an effect."""
+
+    name: str
+    unit: str = Field(description="On a revolute joint")
+    prismatic_unit: str
+    description: str
+
+
+class ShapeParameter(Shown):
+    """A constant inside an effect's columns, searched for rather than solved for."""
+
+    name: str
+    unit: str
+    description: str
+    default: float
+
+
+class EffectView(Shown):
+    """A physical cause of joint torque."""
+
+    id: str
+    title: str
+    formula: str = Field(description="LaTeX")
+    parameters: list[EffectParameter]
+    shape_parameters: list[ShapeParameter]
+    signature: str = Field(description="What it leaves in the residual")
+    sources: list[str]
+    confused_with: list[str]
+    scope: Literal["joint", "robot"]
+
+
+class Catalogue(Shown):
+    """All effects."""
+
+    items: list[EffectView]

@@ -1,0 +1,77 @@
+"""Robots on the wire."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import Field
+
+from dynident_service.models.common import Asked, Limits, Name, Shown
+
+
+class Description(Asked):
+    """What the robot is made from."""
+
+    format: Literal["urdf", "modified_dh"]
+    content: str | dict[str, Any] = Field(description="The URDF; or the modified Denavit-Hartenberg table, as JSON.")
+
+
+class Drive(Asked):
+    """The drive chain of a joint [12.17]: torque = drive_gain x recorded current."""
+
+    drive_gain: float | None = Field(default=None, description="N m or N per unit of current")
+    gear_ratio: float | None = None
+    torque_constant: float | None = None
+    amplifier_gain: float | None = None
+
+
+class RobotRequest(Asked):
+    """A robot to be stored."""
+
+    name: Name
+    description: Description
+    limits: dict[str, Limits] = Field(default={}, description="By joint; these win over the description's.")
+    drives: dict[str, Drive] = Field(default={}, description="By joint")
+    locked_joints: dict[str, float] = Field(default={}, description="Joint to position, rad or m")
+    gravity: tuple[float, float, float] | None = Field(default=None, description="m/s² in the base frame")
+    base_parameters_tolerance: float | None = Field(
+        default=None, gt=0, lt=0.1, description="Share of a column that others may leave unexplained."
+    )
+
+
+class JointView(Shown):
+    """One moving joint."""
+
+    name: str
+    type: Literal["revolute", "prismatic"]
+    limits: Limits
+    antecedent: str | None = Field(description="The joint before it; null on the base.")
+    link: str
+    drive_gain: float | None = None
+
+
+class BaseParametersView(Shown):
+    """The smallest set of inertial parameters that determines the model."""
+
+    count: int
+    rank: int = Field(description="Numerical rank of the observation matrix: a second opinion on the count.")
+    names: list[str]
+    groupings: list[str] = Field(description="Each written out in standard parameters.")
+
+
+class RobotResult(Shown):
+    """What follows from the description."""
+
+    joints: list[JointView]
+    base_parameters: BaseParametersView
+    has_inertias: bool = Field(description="Whether the description gives inertial parameters.")
+
+
+class RobotView(RobotResult):
+    """A stored robot."""
+
+    id: str
+    name: str
+    created_at: datetime
+    request: RobotRequest

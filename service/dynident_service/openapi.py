@@ -1,0 +1,22 @@
+"""`python -m dynident_service.openapi [FILE]` writes the contract as the service has it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from dynident_service.app import create_app
+from dynident_service.settings import Settings
+
+FILE = Path("openapi/openapi.json")
+
+
+def contract() -> str:
+    """Give the OpenAPI document as it is committed."""
+    return json.dumps(create_app(Settings()).openapi(), sort_keys=True, indent=1)
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
+    target.write_text(contract(), encoding="utf-8")

@@ -1,0 +1,132 @@
+"""What the routes have in common: lists, retries, the answer 202, dependents."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from typing import Annotated, Any, TypeVar
+
+from fastapi import Depends, Header, Query, Request, Response
+from pydantic import BaseModel
+
+from dynident_service.models.common import Computed, Page, Progress
+from dynident_service.problems import Problem, ProblemError
+from dynident_service.services import Services
+from dynident_service.storage.records import Kind, NewResource, Resource, Retry
+
+ViewT = TypeVar("ViewT", bound=BaseModel)
+ComputedT = TypeVar("ComputedT", bound=Computed[Any, Any])
+
+PATHS: dict[str, str] = {
+    "robot": "robots",
+    "measurement": "measurements",
+    "design": "designs",
+    "identification": "identifications",
+    "comparison": "comparisons",
+    "diagnosis": "diagnoses",
+    "validation": "validations",
+    "simulation": "simulations",
+    "report": "reports",
+}
+
+
+class ListQuery:
+    """`limit` and `cursor` of a list."""
+
+    def __init__(
+        self,
+        limit: Annotated[int, Query(ge=1, le=500, description="How many at most")] = 50,
+        cursor: Annotated[str | None, Query(max_length=40, description="From the part before")] = None,
+    ) -> None:
+        self.limit = limit
+        self.cursor = cursor
+
+
+class RetryKey:
+    """The `Idempotency-Key` of a POST, if it carries one."""
+
+    def __init__(
+        self,
+        request: Request,
+        idempotency_key: Annotated[
+            str | None,
+            Header(
+                min_length=1, max_length=255, description="Makes a retry safe: the same key gives the same resource."
+            ),
+        ] = None,
+    ) -> None:
+        self._scope = f"{request.method} {request.url.path}"
+        self._key = idempotency_key
+
+    def of(self, body: BaseModel, *more: str) -> Retry | None:
+        """Bind the key to what is asked, so that a retry is told from another request."""
+        if self._key is None:
+            return None
+        content = json.dumps([body.model_dump(mode="json"), *more], sort_keys=True)
+        return Retry(self._scope, self._key, hashlib.sha256(content.encode()).hexdigest())
+
+
+ListQueryDep = Annotated[ListQuery, Depends()]
+RetryKeyDep = Annotated[RetryKey, Depends()]
+
+
+def href(kind: str, identifier: str) -> str:
+    """Give the address of a resource."""
+    return f"/v1/{PATHS[kind]}/{identifier}"
+
+
+def make(services: Services, new: NewResource, response: Response) -> Resource:
+    """Store a resource, or find the one that an earlier try of the same request made; start its job."""
+    found = services.resources.known(new.retry)
+    if found is None:
+        found = services.resources.create(new)
+        if new.job is not None:
+            services.engine.nudge()
+    else:
+        response.headers["Idempotency-Replayed"] = "true"
+    response.headers["Location"] = href(found.kind, found.id)
+    return found
+
+
+def computed(view: type[ComputedT], resource: Resource, **more: Any) -> ComputedT:
+    """Show a resource that a job computes."""
+    job = resource.job
+    assert job is not None
+    return view.model_validate(
+        {
+            "id": resource.id,
+            "name": resource.name,
+            "created_at": resource.created_at,
+            "job_id": job.id,
+            "status": job.state,
+            "progress": Progress(fraction=job.fraction, message=job.message),
+            "request": resource.request,
+            "result": resource.result,
+            "error": None if job.error is None else Problem.model_validate(job.error),
+            **more,
+        }
+    )
+
+
+def page_of(
+    services: Services, kind: Kind, query: ListQuery, show: Callable[[Resource], ViewT], on_id: str | None = None
+) -> Page[ViewT]:
+    """Show a part of the list of a kind."""
+    page = services.resources.page(kind, query.limit, query.cursor, on_id)
+    return Page(items=[show(resource) for resource in page.items], cursor=page.cursor)
+
+
+def succeeded(resource: Resource) -> Resource:
+    """Insist that a resource has been computed; a problem 409 that says where it stands."""
+    job = resource.job
+    if job is not None and job.state != "succeeded":
+        detail = f"The {resource.kind} {resource.id} is {job.state}; this is there once its job {job.id} succeeded."
+        raise ProblemError(409, detail, title="Not computed")
+    return resource
+
+
+def plain(model: BaseModel) -> dict[str, Any]:
+    """Give a model as it is stored: JSON values only, nothing that is not finite."""
+    stored: dict[str, Any] = json.loads(model.model_dump_json(exclude_unset=False))
+    return stored

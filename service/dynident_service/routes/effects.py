@@ -1,0 +1,17 @@
+"""The catalogue of effects."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from dynident_service.models.effects import Catalogue
+
+router = APIRouter(prefix="/v1/effects", tags=["effects"])
+
+
+@router.get("")
+def list_effects() -> Catalogue:
+    """List every effect that the product knows."""
+    from dynident_service.adapters.effects import catalogue
+
+    return catalogue()

@@ -1,0 +1,94 @@
+"""Jobs: list, look, follow, cancel."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Annotated
+
+from anyio import to_thread
+from fastapi import APIRouter, Depends, Header, Query
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+
+from dynident_service.models.common import Page, Progress
+from dynident_service.models.jobs import JobResource, JobView
+from dynident_service.problems import Problem
+from dynident_service.routes.common import ListQueryDep, href
+from dynident_service.services import ServicesDep
+from dynident_service.storage.identifiers import PREFIXES
+from dynident_service.storage.records import Job, JobKind, State
+
+router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
+
+LOOK = 0.05
+"""How often, in seconds, a stream looks for new events."""
+KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
+
+
+def existing_job(job_id: str, services: ServicesDep) -> Job:
+    """Find the job before the stream begins: afterwards it is too late for a 404."""
+    return services.ledger.get(job_id)
+
+
+@router.get("")
+def list_jobs(
+    services: ServicesDep,
+    query: ListQueryDep,
+    state: Annotated[State | None, Query()] = None,
+    kind: Annotated[JobKind | None, Query()] = None,
+) -> Page[JobView]:
+    """List the jobs, newest first."""
+    jobs, cursor = services.ledger.page(query.limit, query.cursor, state, kind)
+    return Page(items=[show(job) for job in jobs], cursor=cursor)
+
+
+@router.get("/{job_id}")
+def get_job(job_id: str, services: ServicesDep) -> JobView:
+    """Tell where a job stands."""
+    return show(services.ledger.get(job_id))
+
+
+@router.post("/{job_id}/cancel")
+def cancel_job(job_id: str, services: ServicesDep) -> JobView:
+    """Stop a job, also inside a solver; within two seconds it is cancelled. Asking twice does no harm."""
+    return show(services.ledger.cancel(job_id))
+
+
+@router.get("/{job_id}/events", response_class=EventSourceResponse)
+async def follow_job(
+    job: Annotated[Job, Depends(existing_job)],
+    services: ServicesDep,
+    last_event_id: Annotated[str | None, Header(description="Resume after this event")] = None,
+) -> AsyncIterator[ServerSentEvent]:
+    """Follow a job: events `progress` and `state`, from the first, until it ends."""
+    last = int(last_event_id) if last_event_id is not None and last_event_id.isdecimal() else 0
+    ended = False
+    while not ended:
+        events, ended = await to_thread.run_sync(services.ledger.history, job.id, last)
+        for event in events:
+            last = event.id
+            yield ServerSentEvent(event=event.event, id=str(event.id), data=event.data, retry=1000)
+        if not ended:
+            await asyncio.sleep(LOOK)
+
+
+def show(job: Job) -> JobView:
+    """Show a job."""
+    resource = None
+    if job.resource_id is not None:
+        kind = KINDS[job.resource_id.partition("_")[0]]
+        resource = JobResource(kind=kind, id=job.resource_id, href=href(kind, job.resource_id))
+    return JobView.model_validate(
+        {
+            "id": job.id,
+            "kind": job.kind,
+            "state": job.state,
+            "progress": Progress(fraction=job.fraction, message=job.message),
+            "resource": resource,
+            "error": None if job.error is None else Problem.model_validate(job.error),
+            "attempt": job.attempt,
+            "created_at": job.created_at,
+            "started_at": job.started_at,
+            "finished_at": job.finished_at,
+        }
+    )

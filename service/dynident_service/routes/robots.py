@@ -1,0 +1,54 @@
+"""Robots."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+
+from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request
+from dynident_service.models.common import Page
+from dynident_service.models.robots import RobotRequest, RobotView
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, make, page_of, plain
+from dynident_service.services import ServicesDep
+from dynident_service.storage.records import NewResource, Resource
+
+router = APIRouter(prefix="/v1/robots", tags=["robots"])
+
+
+@router.post("", status_code=201)
+def create_robot(body: RobotRequest, services: ServicesDep, retry: RetryKeyDep, response: Response) -> RobotView:
+    """Store a robot; the answer has its joints and its base parameters."""
+    robot = robot_from_request(body)
+    result = describe_robot(robot, base_parameters_of(robot, body.base_parameters_tolerance))
+    new = NewResource("robot", plain(body), name=body.name, result=plain(result), retry=retry.of(body))
+    return show(make(services, new, response))
+
+
+@router.get("")
+def list_robots(services: ServicesDep, query: ListQueryDep) -> Page[RobotView]:
+    """List the robots, newest first."""
+    return page_of(services, "robot", query, show)
+
+
+@router.get("/{robot_id}")
+def get_robot(robot_id: str, services: ServicesDep) -> RobotView:
+    """Show a robot."""
+    return show(services.resources.get("robot", robot_id))
+
+
+@router.delete("/{robot_id}", status_code=204)
+def delete_robot(robot_id: str, services: ServicesDep) -> None:
+    """Delete a robot; 409 while others rest on it."""
+    services.resources.delete("robot", robot_id)
+
+
+def show(resource: Resource) -> RobotView:
+    """Show a stored robot."""
+    return RobotView.model_validate(
+        {
+            **(resource.result or {}),
+            "id": resource.id,
+            "name": resource.name,
+            "created_at": resource.created_at,
+            "request": resource.request,
+        }
+    )

@@ -1,0 +1,63 @@
+"""Is it there, is it ready, what does it do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel
+
+from dynident.version import __version__
+from dynident_service.metrics import CONTENT_TYPE_LATEST
+from dynident_service.services import ServicesDep
+
+router = APIRouter(tags=["service"])
+
+
+class Health(BaseModel):
+    """The service answers."""
+
+    status: Literal["ok"] = "ok"
+    version: str = __version__
+
+
+class Readiness(BaseModel):
+    """Whether the service can do its work, part by part."""
+
+    status: Literal["ready", "not_ready"]
+    checks: dict[str, str]
+
+
+@router.get("/healthz")
+def health() -> Health:
+    """Tell that the service answers."""
+    return Health()
+
+
+@router.get("/readyz", responses={503: {"model": Readiness}})
+def readiness(services: ServicesDep, response: Response) -> Readiness:
+    """Tell whether database, object store and job engine work; 503 if one does not.
+
+    While the engine starts, jobs are accepted already.
+    """
+    engine = services.engine
+    checks = {"database": _checked(services.database.ping), "objects": _checked(services.objects.ping)}
+    checks["engine"] = f"failed: {engine.trouble}" if engine.state == "failed" else engine.state
+    ready = all(value in ("ok", "starting", "ready") for value in checks.values())
+    response.status_code = 200 if ready else 503
+    return Readiness(status="ready" if ready else "not_ready", checks=checks)
+
+
+@router.get("/metrics", response_class=Response, responses={200: {"content": {"text/plain": {}}}})
+def metrics(request: Request) -> Response:
+    """Give figures for Prometheus."""
+    return Response(request.app.state.metrics.text(), media_type=CONTENT_TYPE_LATEST)
+
+
+def _checked(check: Callable[[], object]) -> str:
+    try:
+        check()
+    except Exception as error:
+        return f"failed: {type(error).__name__}"
+    return "ok"

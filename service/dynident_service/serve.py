@@ -1,0 +1,24 @@
+"""Starts the service."""
+
+from __future__ import annotations
+
+import logging
+
+import uvicorn
+
+from dynident_service.app import create_app
+from dynident_service.settings import Settings
+
+
+def serve(settings: Settings | None = None) -> None:
+    """Answer requests until interrupted."""
+    settings = settings or Settings()
+    logging.basicConfig(level=settings.log_level.upper(), format="%(levelname)s %(name)s: %(message)s")
+    logging.getLogger("alembic").setLevel(logging.WARNING)
+    uvicorn.run(
+        create_app(settings),
+        host=settings.host,
+        port=settings.port,
+        log_level=settings.log_level.lower(),
+        timeout_graceful_shutdown=3,
+    )

@@ -1,0 +1,57 @@
+"""What the routes work with, opened when the application starts and closed when it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Annotated, cast
+
+from fastapi import Depends, Request
+
+from dynident_service.jobs.engine import Engine
+from dynident_service.settings import Settings
+from dynident_service.storage.database import Database
+from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.migrate import migrate
+from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.resources import Resources
+
+
+@dataclass(frozen=True)
+class Services:
+    """The storage and the engine of one running application."""
+
+    settings: Settings
+    database: Database
+    objects: ObjectStore
+    resources: Resources
+    ledger: Ledger
+    engine: Engine
+
+
+@contextmanager
+def open_services(settings: Settings) -> Iterator[Services]:
+    """Open the storage, bring the database up to date, and start the engine in the background."""
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    database = Database(settings.database)
+    try:
+        migrate(database)
+        objects = ObjectStore(settings.objects, settings.cache_dir)
+        ledger = Ledger(database, settings.max_attempts)
+        engine = Engine(settings, ledger)
+        engine.start()
+        try:
+            yield Services(settings, database, objects, Resources(database, objects), ledger, engine)
+        finally:
+            engine.close()
+    finally:
+        database.close()
+
+
+def services_of(request: Request) -> Services:
+    """Give the services of the application that answers a request."""
+    return cast(Services, request.app.state.services)
+
+
+ServicesDep = Annotated[Services, Depends(services_of)]

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from dynident_service.app import create_app
+from dynident_service.services import Services
+from dynident_service.settings import Settings
+from dynident_service.storage.database import Database
+from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.migrate import migrate
+from dynident_service.storage.records import NewJob
+
+HERE = Path(__file__).parent
+
+TWO_JOINTS = {
+    "joints": [
+        {"name": "shoulder", "alpha": 0, "d": 0, "r": 0},
+        {"name": "elbow", "alpha": 0, "d": 0.5, "r": 0},
+    ]
+}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _jobs_of_the_tests_can_be_imported_by_child_processes() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [str(HERE), os.environ.get("PYTHONPATH", "")])))
+        yield
+
+
+@pytest.fixture(scope="session")
+def settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    return Settings(data_dir=tmp_path_factory.mktemp("service"), workers=2, max_upload_bytes=3_000_000)
+
+
+@pytest.fixture(scope="session")
+def client(settings: Settings) -> Iterator[TestClient]:
+    with TestClient(create_app(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
+        yield client
+
+
+@pytest.fixture
+def services(client: TestClient) -> Services:
+    found = client.app.state.services  # type: ignore[attr-defined]
+    assert isinstance(found, Services)
+    return found
+
+
+@pytest.fixture
+def ledger(tmp_path: Path) -> Iterator[Ledger]:
+    """A ledger that no engine works on."""
+    database = Database(f"sqlite:///{tmp_path / 'ledger.sqlite3'}")
+    migrate(database)
+    yield Ledger(database, max_attempts=2)
+    database.close()
+
+
+@pytest.fixture
+def start(services: Services) -> Callable[..., str]:
+    """Starts a small job; gives its id."""
+
+    def begin(function: str, **arguments: Any) -> str:
+        job_id = services.ledger.enqueue(NewJob("report", f"small_jobs:{function}", arguments))
+        services.engine.nudge()
+        return job_id
+
+    return begin
+
+
+@pytest.fixture
+def wait(services: Services) -> Callable[..., Any]:
+    """Waits until a job has ended."""
+
+    def until_ended(job_id: str, timeout: float = 30.0) -> Any:
+        return wait_for(lambda: _ended(services, job_id), timeout)
+
+    return until_ended
+
+
+@pytest.fixture
+def robot(client: TestClient) -> dict[str, Any]:
+    body = {"name": "two joints", "description": {"format": "modified_dh", "content": TWO_JOINTS}}
+    answer = client.post("/v1/robots", json=body)
+    assert answer.status_code == 201, answer.text
+    return dict(answer.json())
+
+
+def wait_for(condition: Callable[[], Any], timeout: float = 30.0) -> Any:
+    end = time.monotonic() + timeout
+    while time.monotonic() < end:
+        if found := condition():
+            return found
+        time.sleep(0.01)
+    raise AssertionError(f"not within {timeout} s")
+
+
+def _ended(services: Services, job_id: str) -> Any:
+    job = services.ledger.get(job_id)
+    return job if job.state in ("succeeded", "failed", "cancelled") else None
