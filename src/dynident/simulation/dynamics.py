@@ -115,9 +115,7 @@ def _rest_inputs(signals: Signals) -> list[ca.SX]:
     ]
 
 
-def _expressions(
-    signals: SimulatedSignals, truth: TrueColumns, inertias: FloatArray
-) -> _Expressions:
+def _expressions(signals: SimulatedSignals, truth: TrueColumns, inertias: FloatArray) -> _Expressions:
     """Sort the torque into what the mass matrix, the position, and the velocity or memory determine."""
     n = signals.robot.n
     standard = ca.DM(inertias.reshape(-1))
@@ -170,9 +168,7 @@ def build_step(dynamics: Dynamics, time_step: float, stiffness: FloatArray, damp
     feed_forward = ca.SX.sym("tau_ff", n)
 
     predicted = velocity + 0.5 * h * before
-    tau = (
-        feed_forward + ca.DM(stiffness) * (reference - signals.q) + ca.DM(damping) * (reference_rate - predicted)
-    )
+    tau = feed_forward + ca.DM(stiffness) * (reference - signals.q) + ca.DM(damping) * (reference_rate - predicted)
     tau = ca.vertcat(*(_within(tau[j], robot.joints[j].limits.effort) for j in range(n)))
 
     states = _moved(signals.memory_signals, memory, signals.q - last)

@@ -66,9 +66,7 @@ def check_sensors(sensors: Sensors, robot: Robot) -> None:
             pointer="/noise/jitter",
             title=_TITLE,
         )
-    missing = [
-        name for name, drive in zip(robot.joint_names, robot.drives, strict=True) if not drive.gain
-    ]
+    missing = [name for name, drive in zip(robot.joint_names, robot.drives, strict=True) if not drive.gain]
     if sensors.current and missing:
         raise DynidentError(
             f"currents need the drive gain of every joint [12.17]; it is missing for {', '.join(missing)}",
