@@ -20,7 +20,7 @@ def _run(robot_name: str, duration: float, h: float, effects: tuple[TrueEffect, 
     robot = robot_from_library(robot_name)
     dynamics = build_dynamics(robot, effects, robot.inertias, smooth_sign=1e-3)
     zero = np.zeros(robot.n)
-    steps = int(round(duration / h))
+    steps = round(duration / h)
     run = build_step(dynamics, h, zero, zero).mapaccum("run", steps)
     start = np.array([np.mean(joint.limits.position or (-0.5, 1.5)) for joint in robot.joints]) + 0.3
     model = to_pinocchio(robot)

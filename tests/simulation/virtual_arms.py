@@ -27,7 +27,7 @@ def plain_friction(robot: Robot) -> tuple[TrueEffect, ...]:
 def fourier(robot: Robot, duration: float, seed: int = 0, rate: float = 500.0, amplitude: float = 0.5) -> Reference:
     """A random Fourier motion about the middle of the ranges, swelling from rest and dying away."""
     rng = np.random.default_rng(seed)
-    t = np.arange(int(round(duration * rate)) + 1) / rate
+    t = np.arange(round(duration * rate) + 1) / rate
     phases = 2 * np.pi * np.arange(1, 6)[:, None] / 10.0 * t
     q, dq, ddq = (np.zeros((len(t), robot.n)) for _ in range(3))
     rise = min(1.0, duration / 4)

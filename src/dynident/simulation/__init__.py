@@ -3,8 +3,10 @@
 from dynident.simulation.control import Controller
 from dynident.simulation.measurement import Measurement, Truth, measurement_table, write_measurement
 from dynident.simulation.reference import Reference
+from dynident.simulation.request import SimulationRequest, StandardParameters, simulate, standard_parameters
 from dynident.simulation.sensors import Sensors
 from dynident.simulation.truth import TrueEffect, on_each_joint
+from dynident.simulation.typical import typical_drive, typical_effect
 from dynident.simulation.virtual_robot import VirtualRobot
 
 __all__ = [
@@ -12,10 +14,16 @@ __all__ = [
     "Measurement",
     "Reference",
     "Sensors",
+    "SimulationRequest",
+    "StandardParameters",
     "TrueEffect",
     "Truth",
     "VirtualRobot",
     "measurement_table",
     "on_each_joint",
+    "simulate",
+    "standard_parameters",
+    "typical_drive",
+    "typical_effect",
     "write_measurement",
 ]

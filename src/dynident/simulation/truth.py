@@ -43,7 +43,9 @@ class TrueColumns:
     parameters: FloatArray
 
 
-def on_each_joint(robot: Robot, effect: str, parameter: str, values: Sequence[float]) -> tuple[TrueEffect, ...]:
+def on_each_joint(
+    robot: Robot, effect: str, parameter: str, values: Sequence[float] | FloatArray
+) -> tuple[TrueEffect, ...]:
     """One parameter of one effect on every joint of a robot, from an array (n,)."""
     if len(values) != robot.n:
         raise DynidentError(f"{len(values)} values of {parameter} for {robot.n} joints of {robot.name}", title=_TITLE)

@@ -21,7 +21,7 @@ from dynident.simulation.control import (
 from dynident.simulation.dynamics import Dynamics, build_dynamics, build_step
 from dynident.simulation.measurement import Measurement, Truth
 from dynident.simulation.reference import Reference, ReferencePath, check_reference
-from dynident.simulation.sensors import Sensors, check_sensors, noise_deviation, quantised, sampling_steps
+from dynident.simulation.sensors import IntArray, Sensors, check_sensors, noise_deviation, quantised, sampling_steps
 from dynident.simulation.truth import TrueEffect, true_inertias
 
 LONGEST_STEP = 0.25e-3
@@ -122,7 +122,7 @@ class VirtualRobot:
         )
 
     def _follow(
-        self, path: ReferencePath, reference: Reference, h: float, taken: np.ndarray, progress: Progress
+        self, path: ReferencePath, reference: Reference, h: float, taken: IntArray, progress: Progress
     ) -> FloatArray:
         """Samples [q, dq, ddq, tau] (m, 4 n) at the internal steps `taken` (m,)."""
         start, n_steps = float(reference.t[0]), int(taken[-1]) + 1
@@ -134,7 +134,7 @@ class VirtualRobot:
         out = np.empty((len(taken), 4 * self.robot.n))
         done = 0
         for first in range(0, n_steps, _CHUNK):
-            t = start + h * np.arange(first, first + _CHUNK)
+            t: FloatArray = np.arange(first, first + _CHUNK, dtype=np.float64) * h + start
             q, dq, _ = path.at(t)
             torque = np.column_stack([np.interp(t, coarse, feed_forward[:, j]) for j in range(self.robot.n)])
             inputs = np.hstack([q, dq, torque, t[:, None], path.temperature_at(t)])
