@@ -143,7 +143,7 @@ def _noise(data: Products, base: tuple[int, ...]) -> FloatArray:
     columns = np.array(base, dtype=np.intp)
     squares = held_out_errors(data, columns, np.ones(data.n_joints), "interleaved").sum(axis=0)
     sigma = np.sqrt(squares / data.counts.sum())
-    return np.maximum(sigma, 1e-9 * max(float(sigma.max()), 1e-12))
+    return np.asarray(np.maximum(sigma, 1e-9 * max(float(sigma.max()), 1e-12)))
 
 
 def _superseded(candidate: Candidate, chosen: Candidate) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
@@ -47,8 +47,8 @@ class ShapeSpec:
 class Column:
     """One column of W: the torque (n, 1) on every joint for a unit value of its parameter.
 
-    `name` is the parameter's name with the joint's number behind it, as in [12.1] ("ZZ2", "Fc3"). `energy` is the
-    row (1, 1) of stored energy where the effect stores any.
+    `name` is the parameter's name with the joint's number behind it, as in [12.1] ("ZZ2", "Fc3"). `energy` gives the
+    row (1, 1) of stored energy, where the effect stores any: called only by models that need it.
     """
 
     effect: str
@@ -58,7 +58,7 @@ class Column:
     unit: str
     torque: ca.SX
     shape: tuple[tuple[str, float], ...] = ()
-    energy: ca.SX | None = None
+    energy: Callable[[], ca.SX] | None = None
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Effect(ABC):
         joint: int,
         torque: ca.SX,
         shape: Mapping[str, float] | None = None,
-        energy: ca.SX | None = None,
+        energy: Callable[[], ca.SX] | None = None,
     ) -> Column:
         """A column whose torque acts on one joint; `torque` is (1, 1)."""
         described = signals.robot.joints[joint]
@@ -138,8 +138,3 @@ def geometric_grid(first: float, last: float, factor: float) -> list[float]:
     while values[-1] * factor <= last * (1 + 1e-9):
         values.append(values[-1] * factor)
     return values
-
-
-def names_of(items: Iterable[Effect]) -> str:
-    """The ids of effects, comma separated, for messages."""
-    return ", ".join(item.id for item in items)

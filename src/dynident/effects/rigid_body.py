@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import casadi as ca
 
@@ -33,8 +34,6 @@ class RigidBody(Effect):
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Ten columns for every link in `joints`."""
-        kinetic, potential = signals.mechanics.energies
-        energy = kinetic + potential
         rows = signals.mechanics.rows
         return [
             Column(
@@ -44,7 +43,7 @@ class RigidBody(Effect):
                 link=signals.robot.joints[link].name,
                 unit=spec.unit,
                 torque=rows[:, 10 * link + k],
-                energy=energy[10 * link + k],
+                energy=partial(_stored, signals, 10 * link + k),
             )
             for link in joints
             for k, spec in enumerate(self.parameters)
@@ -72,7 +71,18 @@ class RotorInertia(Effect):
                 self.parameters[0],
                 j,
                 signals.ddq[j],
-                energy=ca.SX(0.5) * signals.dq[j] * signals.dq[j],
+                energy=partial(_rotor_energy, signals, j),
             )
             for j in joints
         ]
+
+
+def _stored(signals: Signals, index: int) -> ca.SX:
+    """Kinetic and potential energy of one standard inertial parameter, [12.33] and [12.34]."""
+    kinetic, potential = signals.mechanics.energies
+    return kinetic[index] + potential[index]
+
+
+def _rotor_energy(signals: Signals, joint: int) -> ca.SX:
+    """e_Ia of [12.33]."""
+    return 0.5 * signals.dq[joint] * signals.dq[joint]

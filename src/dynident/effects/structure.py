@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -46,9 +47,9 @@ class JointSpring(Effect):
         """The position and a constant: the rest position is part of the effect."""
         made = []
         for j in joints:
-            half_square = 0.5 * signals.q[j] * signals.q[j]
-            made.append(self._column(signals, self.parameters[0], j, signals.q[j], energy=half_square))
-            made.append(self._column(signals, self.parameters[1], j, ca.SX(1.0), energy=signals.q[j]))
+            q = signals.q[j]
+            made.append(self._column(signals, self.parameters[0], j, q, energy=partial(_half_square, q)))
+            made.append(self._column(signals, self.parameters[1], j, ca.SX(1.0), energy=partial(ca.SX, q)))
         return made
 
 
@@ -182,3 +183,7 @@ def across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
     first /= np.linalg.norm(first)
     second = np.cross(-down, first)
     return first, second
+
+
+def _half_square(q: ca.SX) -> ca.SX:
+    return 0.5 * q * q

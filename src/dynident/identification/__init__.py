@@ -1,7 +1,7 @@
 """The strategies: from recordings to an identified model."""
 
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.identify import extend, identify
+from dynident.identification.identify import extend, identify, identify_model
 from dynident.identification.result import Identification, IdentifiedParameter
 from dynident.identification.storage import from_bytes, to_bytes
 
@@ -12,5 +12,6 @@ __all__ = [
     "extend",
     "from_bytes",
     "identify",
+    "identify_model",
     "to_bytes",
 ]

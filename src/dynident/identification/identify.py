@@ -57,7 +57,7 @@ def identify(
     preprocessing = choices.preprocessing or choose_preprocessing(recordings)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
     reference = _first_reference(model, recordings, preprocessing, choices, part(progress, 0.0, 0.4))
-    return _identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.4, 1.0))
+    return identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.4, 1.0))
 
 
 def extend(
@@ -88,7 +88,7 @@ def extend(
             title="Nothing to add",
         )
     reference = identification.standard_inertia() if model.needs_load else identification.reference
-    grown = _identify_model(model, recordings, validation, choices, identification.preprocessing, reference, progress)
+    grown = identify_model(model, recordings, validation, choices, identification.preprocessing, reference, progress)
     return replace(grown, parent=identification, added=new)
 
 
@@ -97,7 +97,7 @@ def solve_reduced(reduction: Reduction, estimator: EstimatorName) -> Solution:
     return ordinary(reduction) if estimator == "ols" else weighted(reduction)
 
 
-def _identify_model(
+def identify_model(
     model: Model,
     recordings: Sequence[Recording],
     validation: Sequence[Recording],
@@ -106,6 +106,13 @@ def _identify_model(
     reference: FloatArray,
     progress: Progress,
 ) -> Identification:
+    """Identify the parameters of a model that is built already, with everything decided.
+
+    Parameters
+    ----------
+    reference : (10 n,)
+        Standard inertial parameters for load predictions; any where no effect needs the load.
+    """
     share = 0.9 * len(recordings) / (len(recordings) + len(validation))
     training = reduce_recordings(model.observation, recordings, preprocessing, reference, part(progress, 0.0, share))
     held_out_data = None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.effects import EffectChoice, Signals, columns_of
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.robot.model import FloatArray, Robot
@@ -24,14 +23,13 @@ def smallest_inertia_eigenvalue(model: Model, values: FloatArray, *, seed: int =
     if not inertial:
         return float("nan")
     q = random_postures(robot, _POSTURES, seed)
-    matrix = np.empty((len(q), n, n))
-    observation = _inertial_observation(model, inertial)
-    still = np.zeros_like(q)
-    at_rest = _torque(observation, q, still, values[inertial])
-    for joint in range(n):
-        unit = np.zeros_like(q)
-        unit[:, joint] = 1.0
-        matrix[:, :, joint] = _torque(observation, q, unit, values[inertial]) - at_rest
+    inertial_values = np.zeros(model.n_parameters)
+    inertial_values[inertial] = values[inertial]
+    # Torque at rest, then for a unit acceleration of each joint; what does not depend on acceleration cancels.
+    accelerations = np.repeat(np.vstack([np.zeros(n), np.eye(n)]), len(q), axis=0)
+    torque = _torque(model.observation, np.tile(q, (n + 1, 1)), accelerations, inertial_values)
+    torque = torque.reshape(n + 1, len(q), n)
+    matrix = (torque[1:] - torque[0]).transpose(1, 2, 0)
     matrix = 0.5 * (matrix + matrix.transpose(0, 2, 1))
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
     if np.any(diagonal <= 0):
@@ -50,14 +48,6 @@ def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
         bounds.append((max(low, -2 * np.pi), min(high, 2 * np.pi)) if joint.kind == "revolute" else (low, high))
     low, high = np.array(bounds).T
     return np.asarray(rng.uniform(low, high, (count, robot.n)))
-
-
-def _inertial_observation(model: Model, inertial: list[int]) -> Observation:
-    signals = Signals(model.robot)
-    chosen = [c for c in model.effects if c.effect in ("rigid_body", "rotor_inertia")]
-    names = {(model.kept[k].effect, model.kept[k].name) for k in inertial}
-    columns = columns_of([EffectChoice(c.effect, c.joints) for c in chosen], signals)
-    return Observation.of(model.robot, [c for c in columns if (c.effect, c.name) in names], signals)
 
 
 def _torque(observation: Observation, q: FloatArray, ddq: FloatArray, values: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from dynident.effects import Column, Signals
 from dynident.regressors.observation import Observation
 from dynident.robot.model import FloatArray, Robot
 
-DEFAULT_TOLERANCE = 1e-6
+DEFAULT_TOLERANCE = 2e-5
 """Share of a column that may be left outside the kept ones: above what rounded right angles in a URDF leave behind."""
 
 _NULL = 1e-8

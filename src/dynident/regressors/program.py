@@ -6,6 +6,7 @@ block of samples, which is 10 to 40 times faster and needs no C compiler on the 
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -186,6 +187,15 @@ class BlockProgram:
         self._constants = constants
         self._steps = steps + copies
         self._n_scratch = n_scratch
+        self._bounds = threading.local()
+
+    def _bound_for(self, block: int) -> _Bound:
+        """The memory of this thread for blocks of this length; binding costs as much as evaluating a short block."""
+        kept: dict[Any, _Bound] = self._bounds.__dict__
+        if block not in kept:
+            kept.clear()
+            kept[block] = self._bind(block)
+        return kept[block]
 
     def _bind(self, block: int) -> _Bound:
         """Memory for one block length and the calls on it."""
@@ -221,7 +231,7 @@ class BlockProgram:
         block = min(BLOCK, m)
         if block == 0:
             return out
-        bound = self._bind(block)
+        bound = self._bound_for(block)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for first in range(0, m, block):
                 # The last block is taken from the end: a few samples twice rather than a second set of buffers.

@@ -1,4 +1,4 @@
-"""From recordings to rows of W and Y: evaluated at the full rate, filtered and decimated alike, block by block (§12.4)."""
+"""From recordings to rows of W and Y: evaluated at the full rate, filtered and decimated alike, in blocks (§12.4)."""
 
 from __future__ import annotations
 
