@@ -21,6 +21,7 @@ from dynident.estimation import (
 from dynident.identification.choices import EstimatorName, IdentificationChoices
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.identification.result import Identification
+from dynident.identification.shapes import check_shapes_given, complete_shapes, lacks_shape
 from dynident.identification.warnings import unseen_parameters, warnings_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
@@ -55,9 +56,10 @@ def identify(
     choices = choices or IdentificationChoices()
     _check_recordings(robot, recordings, validation)
     preprocessing = choices.preprocessing or choose_preprocessing(recordings)
+    check_shapes_given(choices.effects)
+    choices, reference = _prepared(robot, recordings, preprocessing, choices, part(progress, 0.0, 0.5))
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
-    reference = _first_reference(model, recordings, preprocessing, choices, part(progress, 0.0, 0.4))
-    return identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.4, 1.0))
+    return identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.5, 1.0))
 
 
 def extend(
@@ -77,8 +79,17 @@ def extend(
     new = tuple(choice for choice in added if choice not in identification.choices.effects)
     if not new:
         raise DynidentError("all of these effects are in the model already", pointer="/effects", title="Nothing to add")
-    choices = replace(identification.choices, effects=identification.choices.effects + new)
+    check_shapes_given(new)
     _check_recordings(identification.model.robot, recordings, validation)
+    new = complete_shapes(
+        identification.model,
+        new,
+        recordings,
+        identification.preprocessing,
+        identification.standard_inertia(),
+        part(progress, 0.0, 0.5),
+    )
+    choices = replace(identification.choices, effects=identification.choices.effects + new)
     model = build_model(identification.model.robot, choices.effects, tolerance=choices.tolerance)
     if model.n_parameters == identification.model.n_parameters:
         raise DynidentError(
@@ -88,7 +99,9 @@ def extend(
             title="Nothing to add",
         )
     reference = identification.standard_inertia() if model.needs_load else identification.reference
-    grown = identify_model(model, recordings, validation, choices, identification.preprocessing, reference, progress)
+    grown = identify_model(
+        model, recordings, validation, choices, identification.preprocessing, reference, part(progress, 0.5, 1.0)
+    )
     return replace(grown, parent=identification, added=new)
 
 
@@ -161,23 +174,33 @@ def conclude(
     return replace(result, warnings=warnings_of(result))
 
 
-def _first_reference(
-    model: Model,
+def _prepared(
+    robot: Robot,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     choices: IdentificationChoices,
     progress: Progress,
-) -> FloatArray:
-    """Standard inertial parameters for load predictions: those of a first fit without the effects that need them."""
-    if not model.needs_load:
-        return np.zeros(10 * model.robot.n)
-    plain = tuple(choice for choice in choices.effects if not effect_by_id(choice.effect).needs_load)
+) -> tuple[IdentificationChoices, FloatArray]:
+    """The choices with every shape constant found, and the standard inertial parameters for load predictions.
+
+    Both come from a first fit without the effects that need them.
+    """
+    plain = tuple(c for c in choices.effects if not effect_by_id(c.effect).needs_load and not lacks_shape(c))
+    if len(plain) == len(choices.effects):
+        return choices, np.zeros(10 * robot.n)
     if not any(choice.effect == "rigid_body" for choice in plain):
-        raise DynidentError("effects that depend on the load need rigid_body beside them", pointer="/effects")
-    first = build_model(model.robot, plain, tolerance=choices.tolerance)
-    reduction = reduce_recordings(first.observation, recordings, preprocessing, np.zeros(10 * model.robot.n), progress)
+        raise DynidentError(
+            "effects that depend on the load or whose shape is to be found need rigid_body beside them",
+            pointer="/effects",
+        )
+    first = build_model(robot, plain, tolerance=choices.tolerance)
+    zeros = np.zeros(10 * robot.n)
+    reduction = reduce_recordings(first.observation, recordings, preprocessing, zeros, part(progress, 0.0, 0.5))
     _check_reduction(first, reduction)
-    return first.standard_inertia(solve_reduced(reduction, choices.estimator).values)
+    reference = first.standard_inertia(solve_reduced(reduction, choices.estimator).values)
+    others = tuple(choice for choice in choices.effects if choice not in plain)
+    found = complete_shapes(first, others, recordings, preprocessing, reference, part(progress, 0.5, 1.0))
+    return replace(choices, effects=plain + found), reference
 
 
 def _check_recordings(robot: Robot, recordings: Sequence[Recording], validation: Sequence[Recording]) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 
 from dynident.effects import Column, EffectChoice, Signals, columns_of, effect_by_id
 from dynident.effects.catalogue import joints_of
-from dynident.estimation import Reduction, noise_levels, ordinary, weighted_factor
-from dynident.progress import Progress, silent
+from dynident.errors import DynidentError
+from dynident.estimation import noise_levels, ordinary, weighted_factor
+from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
@@ -24,6 +25,42 @@ def lacks_shape(choice: EffectChoice) -> bool:
     """Whether a choice leaves shape constants open that are to be found from the data."""
     effect = effect_by_id(choice.effect)
     return any(spec.name not in choice.shape_values and spec.proposal == "grid" for spec in effect.shapes)
+
+
+def check_shapes_given(choices: Sequence[EffectChoice]) -> None:
+    """Raise where a choice leaves a shape constant open that no grid of ours can find.
+
+    Raises
+    ------
+    DynidentError
+    """
+    for index, choice in enumerate(choices):
+        for spec in effect_by_id(choice.effect, f"/effects/{index}/effect").shapes:
+            if spec.proposal != "grid" and spec.name not in choice.shape_values:
+                raise DynidentError(
+                    f"{choice.effect} needs its {spec.description} ({spec.name}, {spec.unit}); a diagnosis finds it in "
+                    "the residual, or give it as a shape constant",
+                    pointer=f"/effects/{index}/shape/{spec.name}",
+                    title="Missing shape constant",
+                )
+
+
+def complete_shapes(
+    model: Model,
+    added: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress = silent,
+) -> tuple[EffectChoice, ...]:
+    """Find the shape constants that were left open, on the grid and then between its points; keep those given."""
+    if not any(lacks_shape(choice) for choice in added):
+        return tuple(added)
+    given = tuple(choice for choice in added if not lacks_shape(choice))
+    still_open = one_joint_each([choice for choice in added if lacks_shape(choice)], model.robot)
+    coarse = find_shapes(model, (*given, *still_open), recordings, preprocessing, reference, part(progress, 0.0, 0.5))
+    fine = refine_shapes(model, coarse[len(given) :], recordings, preprocessing, reference, part(progress, 0.5, 1.0))
+    return given + fine
 
 
 def one_joint_each(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoice, ...]:
@@ -110,28 +147,28 @@ def _search(
     observation = Observation.of(model.robot, columns, signals)
     reduction = reduce_recordings(observation, recordings, preprocessing, reference, progress)
     base = list(range(model.n_parameters))
-    noise = noise_levels(reduction.select(base), ordinary(reduction.select(base)).values)
-    chosen = [_best_alone(reduction, base, group, noise) for group in numbers]
+    alone = reduction.select(base)
+    # The factor of all rows together: every option is then a small problem, whatever the length of the data.
+    factor = weighted_factor(reduction, noise_levels(alone, ordinary(alone).values))
+    chosen = [_best(factor, base, group) for group in numbers]
     for _ in range(2):  # each choice again beside the others'
         for k, group in enumerate(numbers):
             if len(group) > 1:
                 others = [c for i, picked in enumerate(chosen) if i != k for c in numbers[i][picked]]
-                chosen[k] = _best_alone(reduction, base + others, group, noise)
+                chosen[k] = _best(factor, base + others, group)
     return tuple(choices[k] for choices, k in zip(options, chosen, strict=True))
 
 
-def _best_alone(reduction: Reduction, base: list[int], group: list[list[int]], noise: FloatArray) -> int:
+def _best(factor: FloatArray, base: list[int], group: list[list[int]]) -> int:
     """Index of the option with the smallest weighted squared error beside the columns `base`."""
     if len(group) == 1:
         return 0
-    return int(np.argmin([_weighted_error(reduction.select(base + option), noise) for option in group]))
+    return int(np.argmin([_squared_error(factor, base + option) for option in group]))
 
 
-def _weighted_error(reduction: Reduction, noise: FloatArray) -> float:
-    """Weighted squared error of the least-squares solution; the columns may depend on one another."""
-    r = weighted_factor(reduction, noise)
-    c = reduction.n_columns
-    scale = np.maximum(np.linalg.norm(r[:, :c], axis=0), np.finfo(float).tiny)
-    w, y = r[:, :c] / scale, r[:, c]
+def _squared_error(factor: FloatArray, columns: list[int]) -> float:
+    """Squared error of the least-squares solution on these columns, which may depend on one another."""
+    w, y = factor[:, columns], factor[:, -1]
+    w = w / np.maximum(np.linalg.norm(w, axis=0), np.finfo(float).tiny)
     rest = y - w @ np.linalg.lstsq(w, y, rcond=1e-10)[0]
     return float(rest @ rest)
