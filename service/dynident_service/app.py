@@ -12,10 +12,11 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.routing import compile_path
 
 from dynident.version import __version__
-from dynident_service import problems
 from dynident_service.keys import KeyRing
 from dynident_service.metrics import Metrics
 from dynident_service.middleware import BodyLimit, Gate, Timing
+from dynident_service.problem_responses import install as install_problems
+from dynident_service.problems import Problem
 from dynident_service.routes import ROUTERS
 from dynident_service.services import Services, open_services
 from dynident_service.settings import Settings
@@ -49,12 +50,12 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         description=DESCRIPTION,
         lifespan=lifespan,
         generate_unique_id_function=lambda route: route.name,
-        responses={"default": {"model": problems.Problem, "description": "A problem (RFC 9457)"}},
+        responses={"default": {"model": Problem, "description": "A problem (RFC 9457)"}},
     )
     app.state.metrics = metrics
     for router in ROUTERS:
         app.include_router(router)
-    problems.install(app, _methods_by_path(app))
+    install_problems(app, _methods_by_path(app))
     # The last one added is the first that a request meets.
     app.add_middleware(BodyLimit, settings=settings)
     app.add_middleware(Gate, settings=settings, keys=lambda: app.state.keys)

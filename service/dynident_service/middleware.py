@@ -13,7 +13,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dynident_service.keys import KeyRing
 from dynident_service.metrics import Metrics
-from dynident_service.problems import make_problem, respond
+from dynident_service.problem_responses import respond
+from dynident_service.problems import make_problem
 from dynident_service.settings import Settings, is_loopback
 
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import logging
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any
 
-from fastapi import FastAPI, Request
-from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from pydantic_core import ErrorDetails
-from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from dynident.errors import DynidentError
 
 MEDIA_TYPE = "application/problem+json"
-log = logging.getLogger("dynident.service")
 
 
 class ProblemField(BaseModel):
     """One field, column or parameter that is wrong."""
 
-    pointer: str = Field(description="A JSON pointer into the body, or the name of a query or path parameter.")
+    pointer: str = Field(description="A JSON pointer into the body, a column of a file, or the name of a parameter.")
     detail: str
+    row: int | None = Field(default=None, description="Data row of a file, from 1")
+    time: float | None = Field(default=None, description="Seconds of t")
 
 
 class Dependent(BaseModel):
@@ -44,6 +40,7 @@ class Problem(BaseModel):
     detail: str
     errors: list[ProblemField] | None = None
     dependents: list[Dependent] | None = Field(default=None, description="On 409: what has to be deleted first.")
+    checks: list[dict[str, Any]] | None = Field(default=None, description="All that was found in a file.")
     available: list[str] | None = Field(default=None, description="On 501: what there is instead.")
 
 
@@ -53,7 +50,13 @@ class ProblemError(Exception):
     def __init__(self, status: int, detail: str, *, title: str = "", **more: Any) -> None:
         super().__init__(detail)
         self.problem = make_problem(status, detail, title=title, **more)
-        self.headers: dict[str, str] = {}
+
+    @classmethod
+    def of(cls, problem: Problem) -> ProblemError:
+        """End a request with a problem that is there already."""
+        error = cls(problem.status, problem.detail)
+        error.problem = problem
+        return error
 
 
 def make_problem(status: int, detail: str, *, title: str = "", **more: Any) -> Problem:
@@ -77,11 +80,6 @@ def problem_of(error: DynidentError) -> Problem:
     """Turn an error that the user can mend into a problem."""
     fields = [ProblemField(pointer=error.pointer, detail=error.detail)]
     return make_problem(422, error.detail, title=error.title, errors=fields)
-
-
-def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
-    """Answer a request with a problem."""
-    return JSONResponse(problem.model_dump(exclude_none=True), problem.status, headers=headers, media_type=MEDIA_TYPE)
 
 
 def pointer_of(location: Sequence[int | str]) -> str:
@@ -114,40 +112,3 @@ def validation_problem(fields: list[ProblemField]) -> Problem:
     summary = "; ".join(f"{field.pointer or 'body'}: {field.detail}" for field in fields[:5])
     more = f"; and {len(fields) - 5} more" if len(fields) > 5 else ""
     return make_problem(422, summary + more, title="Request does not fit the contract", errors=fields)
-
-
-def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
-    """Make every error of the application a problem.
-
-    `allowed_methods` gives the methods that a path answers to, for 405.
-    """
-
-    @app.exception_handler(ProblemError)
-    async def on_problem(_: Request, error: ProblemError) -> JSONResponse:
-        return respond(error.problem, error.headers)
-
-    @app.exception_handler(DynidentError)
-    async def on_unusable_input(_: Request, error: DynidentError) -> JSONResponse:
-        return respond(problem_of(error))
-
-    @app.exception_handler(RequestValidationError)
-    async def on_invalid_request(_: Request, error: RequestValidationError) -> JSONResponse:
-        return respond(validation_problem(fields_of(error.errors())))
-
-    @app.exception_handler(StarletteHTTPException)
-    async def on_http_error(request: Request, error: StarletteHTTPException) -> JSONResponse:
-        headers = {name.lower(): value for name, value in (error.headers or {}).items()}
-        path = request.url.path
-        detail = str(error.detail)
-        if error.status_code == 405:
-            methods = allowed_methods(path)
-            headers["allow"] = ", ".join(methods)
-            detail = f"{path} does not answer to {request.method}; it answers to {', '.join(methods)}."
-        elif error.status_code == 404 and detail == HTTPStatus.NOT_FOUND.phrase:
-            detail = f"There is nothing at {path}; /docs lists what there is."
-        return respond(make_problem(error.status_code, detail), headers)
-
-    @app.exception_handler(Exception)
-    async def on_unexpected(request: Request, error: Exception) -> JSONResponse:
-        log.error("%s %s failed unexpectedly", request.method, request.url.path, exc_info=error)
-        return respond(make_problem(500, "The service failed unexpectedly; its log says where. Nothing was stored."))

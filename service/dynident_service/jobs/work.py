@@ -35,15 +35,19 @@ class Memory:
 
     def recall(self, kind: type[T], identifier: str, make: Callable[[], T]) -> T:
         """Give the object of an id, made anew if it is not remembered."""
-        key = (kind.__qualname__, identifier)
-        found = self._kept.get(key)
+        found = self._kept.get((kind.__qualname__, identifier))
         if not isinstance(found, kind):
             found = make()
-            self._kept[key] = found
+        self.keep(kind, identifier, found)
+        return found
+
+    def keep(self, kind: type[T], identifier: str, made: T) -> None:
+        """Remember an object; those not asked for longest are forgotten."""
+        key = (kind.__qualname__, identifier)
+        self._kept[key] = made
         self._kept.move_to_end(key)
         while len(self._kept) > KEPT:
             self._kept.popitem(last=False)
-        return found
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from datetime import datetime
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -74,3 +75,9 @@ class Limits(Asked):
     acceleration: float | None = None
     jerk: float | None = None
     effort: float | None = None
+
+
+def plain(model: BaseModel) -> dict[str, Any]:
+    """Give a model as it is stored: JSON values only, nothing that is not finite."""
+    stored: dict[str, Any] = json.loads(model.model_dump_json())
+    return stored

@@ -78,15 +78,21 @@ def href(kind: str, identifier: str) -> str:
 
 def make(services: Services, new: NewResource, response: Response) -> Resource:
     """Store a resource, or find the one that an earlier try of the same request made; start its job."""
-    found = services.resources.known(new.retry)
-    if found is None:
-        found = services.resources.create(new)
-        if new.job is not None:
-            services.engine.nudge()
-    else:
-        response.headers["Idempotency-Replayed"] = "true"
-    response.headers["Location"] = href(found.kind, found.id)
-    return found
+    known = services.resources.known(new.retry)
+    if known is not None:
+        return again(known, response)
+    made = services.resources.create(new)
+    if new.job is not None:
+        services.engine.nudge()
+    response.headers["Location"] = href(made.kind, made.id)
+    return made
+
+
+def again(known: Resource, response: Response) -> Resource:
+    """Answer a retry with what the first try made."""
+    response.headers["Idempotency-Replayed"] = "true"
+    response.headers["Location"] = href(known.kind, known.id)
+    return known
 
 
 def computed(view: type[ComputedT], resource: Resource, **more: Any) -> ComputedT:
@@ -124,9 +130,3 @@ def succeeded(resource: Resource) -> Resource:
         detail = f"The {resource.kind} {resource.id} is {job.state}; this is there once its job {job.id} succeeded."
         raise ProblemError(409, detail, title="Not computed")
     return resource
-
-
-def plain(model: BaseModel) -> dict[str, Any]:
-    """Give a model as it is stored: JSON values only, nothing that is not finite."""
-    stored: dict[str, Any] = json.loads(model.model_dump_json(exclude_unset=False))
-    return stored

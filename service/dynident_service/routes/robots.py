@@ -5,9 +5,9 @@ from __future__ import annotations
 from fastapi import APIRouter, Response
 
 from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request
-from dynident_service.models.common import Page
+from dynident_service.models.common import Page, plain
 from dynident_service.models.robots import RobotRequest, RobotView
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, make, page_of, plain
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, make, page_of
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import NewResource, Resource
 

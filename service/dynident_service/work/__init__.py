@@ -1,1 +1,5 @@
 """What jobs do: read the inputs, call the science, give the results. Imported ahead by the child processes."""
+
+from dynident_service.work import identifications
+
+__all__ = ["identifications"]

@@ -1,0 +1,124 @@
+"""Identifications between the contract and the science."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.effects import EffectChoice
+from dynident.effects.catalogue import check_shape, joints_of
+from dynident.estimation import Errors
+from dynident.identification import Identification, IdentificationChoices
+from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
+from dynident.robot import Robot
+from dynident_service.adapters.effects import choices_of, show_choice
+from dynident_service.models import identifications as wire
+from dynident_service.models.common import EffectChoice as WireEffect
+from dynident_service.problems import unusable
+
+
+def choices_from_request(
+    request: wire.IdentificationRequest, robot: Robot, recordings: Sequence[Recording] = ()
+) -> IdentificationChoices:
+    """Take the choices of a request; `DynidentError` where they do not fit the robot, exist, or are available.
+
+    The preprocessing is left to the data where there are no recordings to choose it from.
+    """
+    if request.prior is not None:
+        raise unusable("a prior is not available in this version; leave it out", "/prior")
+    choices = IdentificationChoices(
+        effects=choices_of(request.effects),
+        model=request.model,
+        strategy=request.strategy,
+        estimator=request.estimator,
+        preprocessing=_preprocessing(request, recordings) if recordings else None,
+    )
+    check_effects(choices.effects, robot)
+    return choices
+
+
+def check_effects(effects: Sequence[EffectChoice], robot: Robot) -> None:
+    """Raise `DynidentError`, which names the field, where an effect cannot sit where it is asked to."""
+    for index, choice in enumerate(effects):
+        pointer = f"/effects/{index}"
+        check_shape(choice, pointer)
+        joints_of(choice, robot, pointer)
+
+
+def describe_identification(found: Identification, parent_id: str | None) -> wire.IdentificationResult:
+    """Describe an identified model for the wire."""
+    robot = found.model.robot
+    return wire.IdentificationResult(
+        parameters=[
+            wire.ParameterView(
+                name=one.name,
+                value=one.value,
+                unit=one.unit,
+                standard_deviation=finite(one.standard_deviation),
+                relative_standard_deviation=finite(one.relative_standard_deviation),
+                well_identified=one.well_identified,
+                effect=one.effect,
+                link=one.link,
+                grouping=one.grouping,
+                shape_parameters=dict(one.shape),
+            )
+            for one in found.parameters
+        ],
+        residual=show_errors(found.fit, found.statistics.noise),
+        validation=None if found.held_out is None else show_errors(found.held_out),
+        condition_number=finite(found.condition_number),
+        n_equations=found.n_equations,
+        equations_per_parameter=found.equations_per_parameter,
+        effective_rows=[float(value) for value in found.effective_rows],
+        inertia_matrix_positive_definite=found.inertia_matrix_positive_definite,
+        effects=[show_choice(one) for one in found.choices.effects],
+        preprocessing=show_preprocessing(found.preprocessing),
+        warnings=list(found.warnings),
+        parent_id=parent_id,
+        joints=list(robot.joint_names),
+        effort_units=[joint.effort_unit for joint in robot.joints],
+    )
+
+
+def show_errors(errors: Errors, sigma: NDArray[np.float64] | None = None) -> wire.ErrorsView:
+    """Show the errors of a model on data."""
+    return wire.ErrorsView(
+        rms=numbers(errors.rms),
+        relative=numbers(errors.relative),
+        relative_total=finite(errors.relative_total),
+        sigma=None if sigma is None else numbers(sigma),
+    )
+
+
+def show_preprocessing(used: Preprocessing) -> wire.UsedPreprocessing:
+    """Show the filters that were used."""
+    return wire.UsedPreprocessing(
+        position_cutoff=used.position_cutoff,
+        torque_cutoff=used.torque_cutoff,
+        decimation=used.decimation,
+        filter_order=used.filter_order,
+        reasons=list(used.reasons),
+    )
+
+
+def effects_in(request: Mapping[str, object]) -> list[WireEffect]:
+    """Take the effects out of a stored request."""
+    return wire.IdentificationRequest.model_validate(request).effects
+
+
+def finite(value: float) -> float | None:
+    """Give a number, or `None` for what JSON cannot say."""
+    return float(value) if math.isfinite(value) else None
+
+
+def numbers(values: NDArray[np.float64]) -> list[float | None]:
+    """Give an array (n,) as JSON numbers."""
+    return [finite(value) for value in values.tolist()]
+
+
+def _preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing:
+    asked = request.preprocessing
+    return preprocessing_from_request(asked if isinstance(asked, str) else asked.model_dump(), recordings)

@@ -1,0 +1,93 @@
+"""Recordings between the contract and the science."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from dynident.recordings import (
+    Check,
+    JointLimits,
+    Recording,
+    RecordingError,
+    RecordingMetadata,
+    import_recording,
+    open_recording,
+)
+from dynident.robot import Robot
+from dynident_service.models import measurements as wire
+from dynident_service.problems import Problem, ProblemField, problem_of
+from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.records import Resource
+
+
+def import_file(
+    source: Path, destination: Path, robot: Robot, metadata: wire.MeasurementMetadata
+) -> tuple[Recording, tuple[Check, ...]]:
+    """Check a user's file and store it as a canonical recording."""
+    return import_recording(
+        source,
+        destination,
+        joint_names=robot.joint_names,
+        gains=[drive.gain for drive in robot.drives],
+        metadata=RecordingMetadata(
+            name=metadata.name,
+            format=metadata.format,
+            columns=metadata.columns,
+            units=metadata.units,
+            role=metadata.role,
+            windows=tuple(metadata.windows),
+            payload=metadata.payload,
+            accept=tuple(metadata.accept),
+        ),
+        limits=[
+            JointLimits(joint.kind, joint.limits.position, joint.limits.velocity, joint.limits.effort)
+            for joint in robot.joints
+        ],
+    )
+
+
+def describe_recording(recording: Recording, checks: Sequence[Check], sha256: str) -> wire.MeasurementResult:
+    """Describe a recording for the wire."""
+    return wire.MeasurementResult(
+        sha256=sha256,
+        n_samples=recording.n_samples,
+        sampling_rate=recording.sampling_rate,
+        joints=list(recording.joint_names),
+        segments=[
+            wire.SegmentView(
+                start_time=segment.start_time,
+                end_time=segment.start_time + (segment.length - 1) * recording.period,
+                n_samples=segment.length,
+                label=segment.label,
+            )
+            for segment in recording.segments
+        ],
+        has_temperature=recording.has_temperature,
+        checks=show_checks(checks),
+    )
+
+
+def show_checks(checks: Sequence[Check]) -> list[wire.CheckView]:
+    """Show what was looked at."""
+    return [
+        wire.CheckView(
+            name=one.name, status=one.status, detail=one.detail, column=one.column, row=one.row, time=one.time
+        )
+        for one in checks
+    ]
+
+
+def problem_with_file(error: RecordingError) -> Problem:
+    """Say what is wrong with a file: the column, the row or the time; and all else that was found."""
+    problem = problem_of(error)
+    # What is said of the file is a part of the form; a column of the file is named as it is.
+    pointer = f"/metadata{error.pointer}" if error.pointer.startswith("/") else error.pointer
+    field = ProblemField(pointer=pointer, detail=error.detail, row=error.row, time=error.time)
+    checks = [one.model_dump() for one in show_checks(error.checks)]
+    return problem.model_copy(update={"errors": [field], "checks": checks or None})
+
+
+def recording_of(resource: Resource, objects: ObjectStore) -> Recording:
+    """Open the recording of a stored measurement."""
+    return open_recording(objects.path(resource.objects["recording"].key))

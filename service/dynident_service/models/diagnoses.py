@@ -1,0 +1,93 @@
+"""Diagnoses on the wire."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Name, Shown
+
+
+class DiagnosisRequest(Asked):
+    """Which model is questioned, on which measurements."""
+
+    identification_id: Identifier
+    measurement_ids: list[Identifier] | None = Field(
+        default=None, min_length=1, max_length=100, description="Those it was identified from where not given."
+    )
+    candidates: list[str] | None = Field(default=None, min_length=1, description="Effect ids; all where not given.")
+    max_effects: int | None = Field(default=None, ge=1, le=100)
+    name: Name | None = None
+
+
+class Candidate(Shown):
+    """One family of effects, at its best place and shape; errors are relative, held out, on the joints named."""
+
+    rank: int
+    effect: str
+    joints: list[str]
+    error_before: float | None
+    error_after: float | None
+    error_drop: float | None
+    t_value: float | None
+    p_value: float | None
+    significant: bool
+    evidence: str
+    equivalent: list[str] = Field(description="Effects that this data cannot tell apart from it")
+    separability: float | None = Field(description="Share of its column that is left after the model")
+    shape_parameters: dict[str, float]
+
+
+class UnknownPattern(Shown):
+    """A dependence of the residual that no effect of the catalogue explains."""
+
+    joint: str
+    variable: Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]
+    share: float | None
+
+
+class NotVisible(Shown):
+    """An effect that this data could not have shown."""
+
+    effect: str
+    joints: list[str]
+    reason: str
+
+
+class FailureSpot(Shown):
+    """Where a joint's residual is large over one variable."""
+
+    joint: str
+    variable: str
+    unit: str
+    low: float
+    high: float
+    rms: float
+    ratio: float | None
+
+
+class NextExperiment(Shown):
+    """The experiment that would tell more."""
+
+    reason: str
+    design: dict[str, Any] = Field(description="A body for POST /v1/designs")
+
+
+class DiagnosisResult(Shown):
+    """What is missing in a model."""
+
+    verdict: Literal["adequate", "missing_effect", "unexplained"]
+    summary: str
+    noise_floor: list[float | None]
+    residual_rms: list[float | None]
+    candidates: list[Candidate]
+    recommended: list[EffectChoice]
+    unknown: list[UnknownPattern]
+    not_visible: list[NotVisible]
+    failure_map: list[FailureSpot]
+    next_experiment: NextExperiment | None
+
+
+class DiagnosisView(Computed[DiagnosisRequest, DiagnosisResult]):
+    """A diagnosis."""

@@ -1,0 +1,136 @@
+"""Identifications on the wire."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Name, Shown
+
+MODELS = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
+STRATEGIES = Literal["global", "sequential", "separate_friction"]
+ESTIMATORS = Literal["ols", "wls", "irls", "feasible", "iv"]
+DEFAULT_EFFECTS = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
+
+Cutoff = float | Literal["auto"] | None
+
+
+class Preprocessing(Asked):
+    """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
+
+    position_cutoff: Cutoff = "auto"
+    torque_cutoff: Cutoff = "auto"
+    decimation: int | Literal["auto"] = "auto"
+    filter_order: int | Literal["auto"] = "auto"
+
+
+class IdentificationRequest(Asked):
+    """What is to be identified, from which measurements, and how."""
+
+    robot_id: Identifier
+    measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
+    validation_ids: list[Identifier] = Field(default=[], max_length=100)
+    name: Name | None = None
+    effects: list[EffectChoice] = Field(
+        default=[EffectChoice(effect=name) for name in DEFAULT_EFFECTS], min_length=1, max_length=200
+    )
+    model: MODELS = "dynamic"
+    strategy: STRATEGIES = "global"
+    estimator: ESTIMATORS = "wls"
+    prior: Literal["description"] | None = None
+    preprocessing: Preprocessing | Literal["auto"] = "auto"
+
+
+class ExtensionRequest(Asked):
+    """Effects to be added to an identified model."""
+
+    effects: list[EffectChoice] = Field(min_length=1, max_length=200)
+    name: Name | None = None
+
+
+class StoredIdentification(IdentificationRequest):
+    """A request as it is stored: with what was added to the parent."""
+
+    added: list[EffectChoice] = Field(default=[])
+
+
+class ParameterView(Shown):
+    """One base parameter."""
+
+    name: str
+    value: float
+    unit: str
+    standard_deviation: float | None
+    relative_standard_deviation: float | None = Field(description="A fraction")
+    well_identified: bool
+    effect: str
+    link: str
+    grouping: str = Field(description="Written out in standard parameters")
+    shape_parameters: dict[str, float]
+
+
+class ErrorsView(Shown):
+    """Errors of a model on data: rms in N m or N, relative as ||y − ŷ|| / ||y||."""
+
+    rms: list[float | None] = Field(description="Per joint")
+    relative: list[float | None] = Field(description="Per joint")
+    relative_total: float | None
+    sigma: list[float | None] | None = Field(default=None, description="Standard deviation of the residual per joint")
+
+
+class UsedPreprocessing(Shown):
+    """The filters that were used, and why."""
+
+    position_cutoff: float | None
+    torque_cutoff: float | None
+    decimation: int
+    filter_order: int
+    reasons: list[str]
+
+
+class IdentificationResult(Shown):
+    """An identified model."""
+
+    parameters: list[ParameterView]
+    residual: ErrorsView
+    validation: ErrorsView | None
+    condition_number: float | None
+    n_equations: int
+    equations_per_parameter: float
+    effective_rows: list[float] = Field(description="Independent samples that each joint's rows are worth")
+    inertia_matrix_positive_definite: bool
+    effects: list[EffectChoice]
+    preprocessing: UsedPreprocessing
+    warnings: list[str]
+    parent_id: str | None
+    joints: list[str]
+    effort_units: list[str]
+
+
+class IdentificationView(Computed[IdentificationRequest, IdentificationResult]):
+    """An identification."""
+
+    robot_id: str
+    parent_id: str | None
+    added: list[EffectChoice] = Field(description="What was added to the parent.")
+
+
+class Rung(Shown):
+    """One model of the ladder."""
+
+    id: str
+    name: str | None
+    parent_id: str | None
+    status: str
+    added: list[EffectChoice]
+    effects: list[EffectChoice]
+    n_parameters: int | None
+    residual: ErrorsView | None
+    validation: ErrorsView | None
+
+
+class Lineage(Shown):
+    """The models that led to one, the first one first."""
+
+    items: list[Rung]

@@ -1,0 +1,70 @@
+"""Measurements on the wire."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import Field
+
+from dynident_service.models.common import Asked, Identifier, Name, Shown
+
+Role = Literal["identification", "validation", "friction", "payload"]
+
+
+class MeasurementMetadata(Asked):
+    """What is said about an uploaded file."""
+
+    robot_id: Identifier
+    name: Name
+    format: Literal["csv", "parquet"] | None = Field(default=None, description="Told from the file where not given.")
+    columns: dict[str, str] = Field(default={}, description='Our name to the file\'s: {"q1": "shoulder_angle"}')
+    units: dict[str, str] = Field(default={}, description='By kind of signal or by column: {"q": "deg"}; SI elsewhere')
+    role: Role | None = None
+    windows: list[tuple[float, float]] = Field(default=[], description="Seconds of t to use, [from, to]; else all")
+    payload: dict[str, Any] | None = None
+    accept: list[str] = Field(default=[], description="Names of checks whose errors are to count as warnings.")
+
+
+class CheckView(Shown):
+    """One thing that was looked at, what was found, and what to do about it."""
+
+    name: str
+    status: Literal["ok", "warning", "error"]
+    detail: str
+    column: str = Field(default="", description="Of the file")
+    row: int | None = Field(default=None, description="Data row of the file, from 1")
+    time: float | None = Field(default=None, description="Seconds of t")
+
+
+class SegmentView(Shown):
+    """A stretch of uniformly sampled rows that nothing is filtered across."""
+
+    start_time: float
+    end_time: float
+    n_samples: int
+    label: int
+
+
+class MeasurementResult(Shown):
+    """What is in a recording."""
+
+    sha256: str
+    n_samples: int
+    sampling_rate: float = Field(description="Hz, after resampling to a uniform grid")
+    joints: list[str]
+    segments: list[SegmentView]
+    has_temperature: bool
+    checks: list[CheckView]
+
+
+class MeasurementView(MeasurementResult):
+    """A stored measurement."""
+
+    id: str
+    name: str
+    created_at: datetime
+    robot_id: str
+    role: Role | None
+    windows: list[tuple[float, float]]
+    request: MeasurementMetadata

@@ -1,0 +1,67 @@
+"""Every error of the application is answered as a problem."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from http import HTTPStatus
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException as StarletteHTTPException
+
+from dynident.errors import DynidentError
+from dynident_service.problems import (
+    MEDIA_TYPE,
+    Problem,
+    ProblemError,
+    fields_of,
+    make_problem,
+    problem_of,
+    validation_problem,
+)
+
+log = logging.getLogger("dynident.service")
+
+
+def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
+    """Answer a request with a problem."""
+    return JSONResponse(problem.model_dump(exclude_none=True), problem.status, headers=headers, media_type=MEDIA_TYPE)
+
+
+def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
+    """Make every error of the application a problem.
+
+    `allowed_methods` gives the methods that a path answers to, for 405.
+    """
+
+    @app.exception_handler(ProblemError)
+    async def on_problem(_: Request, error: ProblemError) -> JSONResponse:
+        return respond(error.problem)
+
+    @app.exception_handler(DynidentError)
+    async def on_unusable_input(_: Request, error: DynidentError) -> JSONResponse:
+        return respond(problem_of(error))
+
+    @app.exception_handler(RequestValidationError)
+    async def on_invalid_request(_: Request, error: RequestValidationError) -> JSONResponse:
+        return respond(validation_problem(fields_of(error.errors())))
+
+    @app.exception_handler(StarletteHTTPException)
+    async def on_http_error(request: Request, error: StarletteHTTPException) -> JSONResponse:
+        headers = {name.lower(): value for name, value in (error.headers or {}).items()}
+        path = request.url.path
+        detail = str(error.detail)
+        if error.status_code == 405:
+            methods = allowed_methods(path)
+            headers["allow"] = ", ".join(methods)
+            detail = f"{path} does not answer to {request.method}; it answers to {', '.join(methods)}."
+        elif error.status_code == 404 and detail == HTTPStatus.NOT_FOUND.phrase:
+            detail = f"There is nothing at {path}; /docs lists what there is."
+        return respond(make_problem(error.status_code, detail), headers)
+
+    @app.exception_handler(Exception)
+    async def on_unexpected(request: Request, error: Exception) -> JSONResponse:
+        log.error("%s %s failed unexpectedly", request.method, request.url.path, exc_info=error)
+        return respond(make_problem(500, "The service failed unexpectedly; its log says where. Nothing was stored."))

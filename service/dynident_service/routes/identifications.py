@@ -1,0 +1,158 @@
+"""Identifications: identify, add effects, look back, take the model along."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Response
+
+from dynident_service.adapters.effects import choices_of
+from dynident_service.adapters.identifications import check_effects, choices_from_request
+from dynident_service.adapters.robots import robot_of
+from dynident_service.models.common import Page, plain
+from dynident_service.models.identifications import (
+    ExtensionRequest,
+    IdentificationRequest,
+    IdentificationView,
+    Lineage,
+    Rung,
+    StoredIdentification,
+)
+from dynident_service.problems import ProblemError
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.needs import needed_measurements, needed_robot
+from dynident_service.services import ServicesDep
+from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+
+router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
+
+ExportFormat = Literal["urdf", "json", "mjcf", "c"]
+EXPORTS: dict[ExportFormat, str] = {"json": "application/json"}
+EXPORTED: dict[str, Any] = {media_type: {} for media_type in EXPORTS.values()}
+JOB = NewJob("identification", "dynident_service.work.identifications:identify_model")
+EXTENSION = NewJob("extension", "dynident_service.work.identifications:extend_model")
+
+
+@router.post("", status_code=202)
+def create_identification(
+    body: IdentificationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
+) -> IdentificationView:
+    """Identify the base parameters of a robot from measurements."""
+    robot = needed_robot(services, body.robot_id)
+    choices_from_request(body, robot_of(robot.request))
+    needs = (
+        RestsOn(body.robot_id, "robot", "robot", "/robot_id"),
+        *needed_measurements(services, robot, body.measurement_ids, "training", "/measurement_ids"),
+        *needed_measurements(services, robot, body.validation_ids, "validation", "/validation_ids"),
+    )
+    new = NewResource("identification", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
+    return show(make(services, new, response))
+
+
+@router.get("")
+def list_identifications(
+    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
+) -> Page[IdentificationView]:
+    """List the identifications, newest first; those of one robot if asked."""
+    return page_of(services, "identification", query, show, robot_id)
+
+
+@router.get("/{identification_id}")
+def get_identification(identification_id: str, services: ServicesDep) -> IdentificationView:
+    """Show an identification, with its result once there is one."""
+    return show(services.resources.get("identification", identification_id))
+
+
+@router.delete("/{identification_id}", status_code=204)
+def delete_identification(identification_id: str, services: ServicesDep) -> None:
+    """Delete an identification; 409 while others rest on it."""
+    services.resources.delete("identification", identification_id)
+
+
+@router.post("/{identification_id}/extend", status_code=202)
+def extend_identification(
+    identification_id: str, body: ExtensionRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
+) -> IdentificationView:
+    """Add effects to an identified model: a new identification, whose parent is this one."""
+    parent = succeeded(services.resources.get("identification", identification_id))
+    asked = StoredIdentification.model_validate(parent.request)
+    robot = needed_robot(services, parent.one("robot"))
+    check_effects(choices_of(body.effects), robot_of(robot.request))
+    grown = asked.model_copy(
+        update={
+            "effects": [*asked.effects, *body.effects],
+            "added": body.effects,
+            "name": body.name or asked.name,
+        }
+    )
+    new = NewResource(
+        "identification",
+        plain(grown),
+        name=grown.name,
+        rests_on=(
+            RestsOn(parent.id, "identification", "parent", "/"),
+            RestsOn(robot.id, "robot", "robot", "/"),
+            *(RestsOn(one, "measurement", "training", "/") for one in asked.measurement_ids),
+            *(RestsOn(one, "measurement", "validation", "/") for one in asked.validation_ids),
+        ),
+        job=EXTENSION,
+        retry=retry.of(body),
+    )
+    return show(make(services, new, response))
+
+
+@router.get("/{identification_id}/lineage")
+def get_lineage(identification_id: str, services: ServicesDep) -> Lineage:
+    """Show the ladder of models that led here, with what was added and the errors at each rung."""
+    rungs = []
+    next_id: str | None = identification_id
+    while next_id is not None:
+        view = show(services.resources.get("identification", next_id))
+        rungs.append(_rung(view))
+        next_id = view.parent_id
+    return Lineage(items=rungs[::-1])
+
+
+@router.get("/{identification_id}/export", response_class=Response, responses={200: {"content": EXPORTED}})
+def export_identification(
+    identification_id: str,
+    services: ServicesDep,
+    format: Annotated[ExportFormat, Query(description="What the model is to be written as")] = "json",
+) -> Response:
+    """Give the identified model in a format that other programs read."""
+    found = succeeded(services.resources.get("identification", identification_id))
+    if format not in EXPORTS:
+        detail = f"A model cannot be exported as {format} in this version; choose from: {', '.join(EXPORTS)}."
+        raise ProblemError(501, detail, title="Export not available", available=list(EXPORTS))
+    document = {"robot": services.resources.get("robot", found.one("robot")).request, **plain(show(found))}
+    return Response(json.dumps(document, indent=1), media_type=EXPORTS[format])
+
+
+def show(resource: Resource) -> IdentificationView:
+    """Show a stored identification."""
+    stored = StoredIdentification.model_validate(resource.request)
+    parents = resource.all("parent")
+    return computed(
+        IdentificationView,
+        resource,
+        request=stored.model_dump(exclude={"added"}),
+        robot_id=resource.one("robot"),
+        parent_id=parents[0] if parents else None,
+        added=stored.added,
+    )
+
+
+def _rung(view: IdentificationView) -> Rung:
+    result = view.result
+    return Rung(
+        id=view.id,
+        name=view.name,
+        parent_id=view.parent_id,
+        status=view.status,
+        added=view.added,
+        effects=view.request.effects,
+        n_parameters=None if result is None else len(result.parameters),
+        residual=None if result is None else result.residual,
+        validation=None if result is None else result.validation,
+    )

@@ -1,0 +1,149 @@
+"""Measurements: upload with checks, look, fetch what was uploaded, delete."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from fastapi import APIRouter, File, Form, Query, Response, UploadFile
+from fastapi.responses import StreamingResponse
+from pydantic import ValidationError
+
+from dynident.recordings import RecordingError
+from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
+from dynident_service.adapters.robots import robot_of
+from dynident_service.models.common import Page, plain
+from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
+from dynident_service.problems import ProblemError, fields_of, not_found, unusable, validation_problem
+from dynident_service.routes.common import ListQueryDep, RetryKey, RetryKeyDep, again, make, page_of
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.objects import digest
+from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn
+
+router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
+
+MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}
+
+
+@router.post("", status_code=201)
+def upload_measurement(
+    services: ServicesDep,
+    retry: RetryKeyDep,
+    response: Response,
+    file: Annotated[UploadFile, File(description="CSV or Parquet: t, q…, tau… or current…, …")],
+    metadata: Annotated[str, Form(description="A JSON object: see MeasurementMetadata")],
+) -> MeasurementView:
+    """Store a recording, checked; one that cannot be used is refused with the column and the row or time."""
+    said = _metadata(metadata)
+    folder = services.settings.data_dir / "uploads"
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        return show(_store(services, said, file, Path(name), retry, response))
+
+
+@router.get("")
+def list_measurements(
+    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
+) -> Page[MeasurementView]:
+    """List the measurements, newest first; those of one robot if asked."""
+    return page_of(services, "measurement", query, show, robot_id)
+
+
+@router.get("/{measurement_id}")
+def get_measurement(measurement_id: str, services: ServicesDep) -> MeasurementView:
+    """Show a measurement."""
+    return show(services.resources.get("measurement", measurement_id))
+
+
+@router.get("/{measurement_id}/content", response_class=StreamingResponse)
+def get_measurement_content(measurement_id: str, services: ServicesDep) -> StreamingResponse:
+    """Give the file back as it was uploaded."""
+    found = services.resources.get("measurement", measurement_id)
+    original = found.objects.get("original")
+    if original is None:
+        raise not_found("file of measurement", measurement_id)
+    headers = {"Content-Length": str(original.size), "ETag": f'"{original.key}"'}
+    return StreamingResponse(services.objects.stream(original.key), media_type=original.media_type, headers=headers)
+
+
+@router.delete("/{measurement_id}", status_code=204)
+def delete_measurement(measurement_id: str, services: ServicesDep) -> None:
+    """Delete a measurement; 409 while others rest on it."""
+    services.resources.delete("measurement", measurement_id)
+
+
+def show(resource: Resource) -> MeasurementView:
+    """Show a stored measurement."""
+    said = MeasurementMetadata.model_validate(resource.request)
+    return MeasurementView.model_validate(
+        {
+            **(resource.result or {}),
+            "id": resource.id,
+            "name": resource.name,
+            "created_at": resource.created_at,
+            "robot_id": said.robot_id,
+            "role": said.role,
+            "windows": said.windows,
+            "request": said,
+        }
+    )
+
+
+def _metadata(text: str) -> MeasurementMetadata:
+    try:
+        return MeasurementMetadata.model_validate_json(text)
+    except ValidationError as error:
+        errors = error.errors()
+        if errors[0]["type"] == "json_invalid":
+            raise unusable(f"the metadata is not JSON: {errors[0]['msg']}", "/metadata") from error
+        raise ProblemError.of(validation_problem(fields_of(errors, ("body", "metadata")))) from error
+
+
+def _store(
+    services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey, response: Response
+) -> Resource:
+    source, canonical = folder / "source", folder / "recording.parquet"
+    with source.open("wb") as target:
+        shutil.copyfileobj(file.file, target, 1 << 20)
+    with source.open("rb") as opened:
+        sha256, _ = digest(opened)
+    retry = key.of(said, sha256)
+    if (known := services.resources.known(retry)) is not None:
+        return again(known, response)
+    robot = services.resources.find(said.robot_id)
+    if robot is None or robot.kind != "robot":
+        raise unusable(f"there is no robot {said.robot_id!r}", "/metadata/robot_id", title="Unknown resource")
+    try:
+        recording, checks = import_file(source, canonical, robot_of(robot.request), said)
+    except RecordingError as error:
+        raise ProblemError.of(problem_with_file(error)) from error
+    owned = _keep(services, source, canonical)
+    try:
+        new = NewResource(
+            "measurement",
+            plain(said),
+            name=said.name,
+            result=plain(describe_recording(recording, checks, sha256)),
+            rests_on=(RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),),
+            objects=tuple(one for one, _ in owned),
+            retry=retry,
+        )
+        return make(services, new, response)
+    except BaseException:
+        for one, created in owned:
+            if created and not services.resources.is_held(one.key):
+                services.objects.delete(one.key)
+        raise
+
+
+def _keep(services: Services, source: Path, canonical: Path) -> Sequence[tuple[Owned, bool]]:
+    with source.open("rb") as opened:
+        media_type = MEDIA_TYPES["parquet" if opened.read(4) == b"PAR1" else "csv"]
+    kept = []
+    for role, path, kind in (("original", source, media_type), ("recording", canonical, MEDIA_TYPES["parquet"])):
+        stored = services.objects.put_path(path)
+        kept.append((Owned(role, stored.key, stored.size, kind), stored.created))
+    return kept

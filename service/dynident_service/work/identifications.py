@@ -1,0 +1,43 @@
+"""Jobs that identify a model, or add effects to one."""
+
+from __future__ import annotations
+
+from dynident.identification import Identification, extend, identify, to_bytes
+from dynident_service.adapters.effects import choices_of
+from dynident_service.adapters.identifications import choices_from_request, describe_identification
+from dynident_service.jobs.work import Outcome, Task
+from dynident_service.models.common import plain
+from dynident_service.models.identifications import StoredIdentification
+from dynident_service.work.means import model_by_id, recordings_by_id, robot_by_id
+
+
+def identify_model(task: Task) -> Outcome:
+    """Identify the base parameters of a robot from measurements."""
+    subject = task.subject
+    request = StoredIdentification.model_validate(subject.request)
+    robot = robot_by_id(task, request.robot_id)
+    training = recordings_by_id(task, request.measurement_ids)
+    validation = recordings_by_id(task, request.validation_ids)
+    choices = choices_from_request(request, robot, training)
+    return _outcome(task, identify(robot, training, validation, choices, task.progress), None)
+
+
+def extend_model(task: Task) -> Outcome:
+    """Add effects to an identified model."""
+    subject = task.subject
+    parent_id = subject.one("parent")
+    request = StoredIdentification.model_validate(subject.request)
+    found = extend(
+        model_by_id(task, parent_id),
+        choices_of(request.added),
+        recordings_by_id(task, request.measurement_ids),
+        recordings_by_id(task, request.validation_ids),
+        task.progress,
+    )
+    return _outcome(task, found, parent_id)
+
+
+def _outcome(task: Task, found: Identification, parent_id: str | None) -> Outcome:
+    task.memory.keep(Identification, task.subject.id, found)
+    model = task.keep("model", to_bytes(found), "application/vnd.dynident.model+npz")
+    return Outcome(plain(describe_identification(found, parent_id)), (model,))
