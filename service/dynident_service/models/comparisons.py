@@ -18,7 +18,7 @@ class ComparisonRequest(Asked):
 class WorstStretch(Shown):
     """A stretch of time where a joint's residual is large."""
 
-    model_config = ConfigDict(populate_by_name=True, serialize_by_alias=True)
+    model_config = ConfigDict(serialize_by_alias=True)
 
     joint: str
     start: float = Field(alias="from", description="s")

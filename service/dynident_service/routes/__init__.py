@@ -1,7 +1,25 @@
 """The routes, one module a resource."""
 
-from dynident_service.routes import effects, identifications, jobs, measurements, robots, system
+from dynident_service.routes import (
+    comparisons,
+    diagnoses,
+    effects,
+    identifications,
+    jobs,
+    measurements,
+    robots,
+    system,
+)
 
-ROUTERS = (system.router, robots.router, effects.router, measurements.router, identifications.router, jobs.router)
+ROUTERS = (
+    system.router,
+    robots.router,
+    effects.router,
+    measurements.router,
+    identifications.router,
+    comparisons.router,
+    diagnoses.router,
+    jobs.router,
+)
 
 __all__ = ["ROUTERS"]

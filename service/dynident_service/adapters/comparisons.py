@@ -1,0 +1,147 @@
+"""Comparisons between the contract and the science: their figures, and their signals as a Parquet file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from scipy.stats import binned_statistic_2d
+from tsdownsample import MinMaxLTTBDownsampler
+
+from dynident.diagnosis import Comparison
+from dynident.errors import DynidentError
+from dynident_service.adapters.identifications import finite, numbers
+from dynident_service.models import comparisons as wire
+
+SIGNALS = ("measured", "predicted", "deviation", "q", "dq", "ddq", "load")
+METADATA_KEY = b"dynident.comparison"
+FloatArray = NDArray[np.float64]
+
+
+def describe_comparison(found: Comparison) -> wire.ComparisonResult:
+    """Describe a comparison for the wire."""
+    return wire.ComparisonResult(
+        joints=list(found.joint_names),
+        effort_units=list(found.units),
+        n_samples=len(found.t),
+        start_time=float(found.t[0]),
+        end_time=float(found.t[-1]),
+        rms=numbers(found.errors.rms),
+        relative=numbers(found.errors.relative),
+        relative_total=finite(found.errors.relative_total),
+        worst=[
+            wire.WorstStretch.model_validate(
+                {"joint": one.joint, "from": one.start, "to": one.end, "rms": one.rms, "ratio": one.ratio}
+            )
+            for one in found.worst
+        ],
+    )
+
+
+def write_comparison(found: Comparison, path: Path) -> Path:
+    """Write the signals of a comparison, a column for each signal of each joint."""
+    columns: dict[str, FloatArray] = {"t": found.t, "segment": found.segment}
+    for signal in SIGNALS:
+        values: FloatArray = getattr(found, signal)
+        for index, joint in enumerate(found.joint_names):
+            columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
+    header = {"joint_names": found.joint_names, "units": found.units, "noise": found.noise.tolist()}
+    table = pa.table(columns).replace_schema_metadata({METADATA_KEY: json.dumps(header).encode()})
+    pq.write_table(table, path)
+    return path
+
+
+class StoredComparison:
+    """The signals of a comparison in a file, read as they are asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = pq.ParquetFile(path)
+        header = json.loads(self._file.schema_arrow.metadata[METADATA_KEY])
+        self.joint_names: list[str] = header["joint_names"]
+        self._units: list[str] = header["units"]
+        self._noise: list[float] = header["noise"]
+
+    def series(self, joint: str, start: float | None, end: float | None, points: int) -> wire.Series:
+        """Give one joint's signals between two times, thinned to about so many points with their extremes kept."""
+        index = self._index(joint)
+        t, segment, measured, predicted, deviation, q, dq = self._read(
+            "t", "segment", *(f"{signal}_{joint}" for signal in ("measured", "predicted", "deviation", "q", "dq"))
+        )
+        inside = np.flatnonzero((t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end)))
+        residual = measured - predicted
+        shown = inside[_thinned(points, measured[inside], predicted[inside], residual[inside])]
+        band = 1.96 * np.sqrt(deviation**2 + self._noise[index] ** 2)
+        return wire.Series(
+            joint=joint,
+            effort_unit=self._units[index],
+            n_samples=len(inside),
+            t=t[shown].tolist(),
+            segment=segment[shown].astype(int).tolist(),
+            measured=measured[shown].tolist(),
+            predicted=predicted[shown].tolist(),
+            residual=residual[shown].tolist(),
+            band=band[shown].tolist(),
+            q=q[shown].tolist(),
+            dq=dq[shown].tolist(),
+        )
+
+    def residual_map(self, joint: str, x: str, y: str | None, bins: int) -> wire.ResidualMap:
+        """Bin a joint's residual over one or two signals."""
+        index = self._index(joint)
+        names = [x] if y is None else [x, y]
+        columns = [self._column(name, pointer) for name, pointer in zip(names, ("x", "y"), strict=False)]
+        measured, predicted, over_x, *rest = self._read(f"measured_{joint}", f"predicted_{joint}", *columns)
+        residual = measured - predicted
+        over_y = rest[0] if rest else np.zeros_like(over_x)
+        numbers_of_bins = [bins, bins if rest else 1]
+        mean, x_edges, y_edges, _ = binned_statistic_2d(over_x, over_y, residual, "mean", numbers_of_bins)
+        spread, *_ = binned_statistic_2d(over_x, over_y, residual, "std", numbers_of_bins)
+        count, *_ = binned_statistic_2d(over_x, over_y, residual, "count", numbers_of_bins)
+        return wire.ResidualMap(
+            joint=joint,
+            effort_unit=self._units[index],
+            x=x,
+            y=y,
+            x_edges=x_edges.tolist(),
+            y_edges=y_edges.tolist() if rest else None,
+            mean=[numbers(row) for row in np.asarray(mean, dtype=np.float64)],
+            spread=[numbers(np.where(filled > 0, row, np.nan)) for row, filled in zip(spread, count, strict=True)],
+            count=count.astype(int).tolist(),
+        )
+
+    def _read(self, *columns: str) -> list[FloatArray]:
+        table = self._file.read(columns=sorted(set(columns)))
+        return [table[name].to_numpy() for name in columns]
+
+    def _index(self, joint: str) -> int:
+        if joint not in self.joint_names:
+            detail = f"there is no joint {joint!r}; there are: {', '.join(self.joint_names)}"
+            raise DynidentError(detail, pointer="joint", title="Unknown joint")
+        return self.joint_names.index(joint)
+
+    def _column(self, name: str, pointer: str) -> str:
+        kind, _, joint = name.partition("_")
+        stored = {"q": "q", "dq": "dq", "ddq": "ddq", "load": "load", "tau": "measured"}
+        if name in ("t", "time"):
+            return "t"
+        if kind in stored and joint in self.joint_names:
+            return f"{stored[kind]}_{joint}"
+        detail = (
+            f"there is no signal {name!r}; there are t, and {', '.join(f'{one}_' for one in stored)} followed by one "
+            f"of: {', '.join(self.joint_names)}"
+        )
+        raise DynidentError(detail, pointer=pointer, title="Unknown signal")
+
+
+def _thinned(points: int, *signals: FloatArray) -> NDArray[np.intp]:
+    """Indices of samples whose lines look like those of all samples: the extremes of every signal among them."""
+    count = len(signals[0])
+    if count <= points:
+        return np.arange(count)
+    share = max(4, points // len(signals))
+    picked = [MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(one), n_out=share) for one in signals]
+    return np.unique(np.concatenate(picked)).astype(np.intp)

@@ -1,0 +1,88 @@
+"""Comparisons: measured against predicted torque."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from dynident_service.adapters.comparisons import StoredComparison
+from dynident_service.models.common import Page, plain
+from dynident_service.models.comparisons import ComparisonRequest, ComparisonView, ResidualMap, Series
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.needs import needed_measurements, needed_model
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+
+router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
+
+JOB = NewJob("comparison", "dynident_service.work.comparisons:compare_model")
+
+
+@router.post("", status_code=202)
+def create_comparison(
+    body: ComparisonRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
+) -> ComparisonView:
+    """Hold a model against a measurement."""
+    model = needed_model(services, body.identification_id)
+    robot = services.resources.get("robot", model.one("robot"))
+    (measurement,) = needed_measurements(services, robot, [body.measurement_id], "measurement", "/measurement_id")
+    needs = (RestsOn(model.id, "identification", "identification", "/identification_id"), measurement)
+    new = NewResource("comparison", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
+    return show(make(services, new, response))
+
+
+@router.get("")
+def list_comparisons(
+    services: ServicesDep, query: ListQueryDep, identification_id: Annotated[str | None, Query()] = None
+) -> Page[ComparisonView]:
+    """List the comparisons, newest first; those of one identification if asked."""
+    return page_of(services, "comparison", query, show, identification_id)
+
+
+@router.get("/{comparison_id}")
+def get_comparison(comparison_id: str, services: ServicesDep) -> ComparisonView:
+    """Show a comparison, with its result once there is one."""
+    return show(services.resources.get("comparison", comparison_id))
+
+
+@router.delete("/{comparison_id}", status_code=204)
+def delete_comparison(comparison_id: str, services: ServicesDep) -> None:
+    """Delete a comparison."""
+    services.resources.delete("comparison", comparison_id)
+
+
+@router.get("/{comparison_id}/series")
+def get_series(
+    comparison_id: str,
+    services: ServicesDep,
+    joint: Annotated[str, Query(description="Name")],
+    start: Annotated[float | None, Query(alias="from", allow_inf_nan=False, description="s")] = None,
+    end: Annotated[float | None, Query(alias="to", allow_inf_nan=False, description="s")] = None,
+    points: Annotated[int, Query(ge=12, le=100_000, description="About how many")] = 2000,
+) -> Series:
+    """Give a joint's measured and predicted torque and residual over time, thinned so that extremes survive."""
+    return _stored(services, comparison_id).series(joint, start, end, points)
+
+
+@router.get("/{comparison_id}/residual_map")
+def get_residual_map(
+    comparison_id: str,
+    services: ServicesDep,
+    joint: Annotated[str, Query(description="Name")],
+    x: Annotated[str, Query(description="t, or q_, dq_, ddq_, load_ or tau_ and a joint's name")],
+    y: Annotated[str | None, Query(description="As x; one dimension where not given")] = None,
+    bins: Annotated[int, Query(ge=2, le=200, description="In each direction")] = 30,
+) -> ResidualMap:
+    """Give mean, spread and count of a joint's residual over any two signals."""
+    return _stored(services, comparison_id).residual_map(joint, x, y, bins)
+
+
+def show(resource: Resource) -> ComparisonView:
+    """Show a stored comparison."""
+    return computed(ComparisonView, resource)
+
+
+def _stored(services: Services, identifier: str) -> StoredComparison:
+    found = succeeded(services.resources.get("comparison", identifier))
+    return StoredComparison(services.objects.path(found.objects["signals"].key))

@@ -1,0 +1,24 @@
+"""Jobs that hold a model against a measurement."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from dynident.diagnosis import compare
+from dynident_service.adapters.comparisons import describe_comparison, write_comparison
+from dynident_service.jobs.work import Outcome, Task
+from dynident_service.models.common import plain
+from dynident_service.models.comparisons import ComparisonRequest
+from dynident_service.work.means import model_by_id, recording_by_id
+
+
+def compare_model(task: Task) -> Outcome:
+    """Predict the torque along a measurement and hold it against what was measured."""
+    request = ComparisonRequest.model_validate(task.subject.request)
+    model = model_by_id(task, request.identification_id)
+    found = compare(model, recording_by_id(task, request.measurement_id), task.progress)
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_comparison(found, Path(folder) / "signals.parquet")
+        signals = task.keep("signals", path, "application/vnd.apache.parquet")
+    return Outcome(plain(describe_comparison(found)), (signals,))

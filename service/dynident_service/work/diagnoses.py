@@ -1,0 +1,27 @@
+"""Jobs that find what is missing in a model."""
+
+from __future__ import annotations
+
+from dynident.diagnosis import diagnose
+from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
+from dynident_service.adapters.diagnoses import describe_diagnosis
+from dynident_service.jobs.work import Outcome, Task
+from dynident_service.models.common import plain
+from dynident_service.models.diagnoses import DiagnosisRequest
+from dynident_service.work.means import model_by_id, recordings_by_id
+
+
+def diagnose_model(task: Task) -> Outcome:
+    """Find what is missing in an identified model."""
+    subject = task.subject
+    request = DiagnosisRequest.model_validate(subject.request)
+    identification = task.resources.get("identification", request.identification_id)
+    measurement_ids = request.measurement_ids or identification.request["measurement_ids"]
+    found = diagnose(
+        model_by_id(task, request.identification_id),
+        recordings_by_id(task, measurement_ids),
+        candidates=request.candidates,
+        most_effects=request.max_effects or DEFAULT_MOST_EFFECTS,
+        progress=task.progress,
+    )
+    return Outcome(plain(describe_diagnosis(found, identification.one("robot"))))
