@@ -201,7 +201,7 @@ def _simulate(arm: Arm, motion: Motion) -> tuple[FloatArray, FloatArray, FloatAr
     mujoco.mj_forward(known, plan)
     inertia = _mass_diagonal(known, plan)
     friction = drives.coulomb + drives.viscous * np.abs(motion.dq).max(axis=0)
-    rate = np.maximum(2 * np.pi * 8.0, np.sqrt(friction / 0.01 / inertia))
+    rate = np.maximum(2 * np.pi * 15.0, np.sqrt(friction / 1.5e-3 / inertia))
     stiffness, damping = inertia * rate**2, 2 * inertia * rate
     limit = effort_limits(arm.robot)
     extra = _Extra(arm)

@@ -31,9 +31,9 @@ class Controller:
     """
 
     feed_forward: FeedForward = "computed_torque"
-    bandwidth: float = 8.0
+    bandwidth: float = 15.0
     damping_ratio: float = 1.0
-    largest_lag: float = 0.01
+    largest_lag: float = 1.5e-3
 
 
 @dataclass(frozen=True, eq=False)
