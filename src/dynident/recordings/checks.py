@@ -1,10 +1,14 @@
-"""All checks of a recording in one place."""
+"""All checks of a recording in one place, and what a finding means for the file as a whole."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from dynident.recordings.checks_of_motion import motion_checks
+from dynident.recordings.checks_of_torque import torque_checks
 from dynident.recordings.columns import Layout
 from dynident.recordings.sampling import RawSample
-from dynident.recordings.types import Check, JointLimits, Recording
+from dynident.recordings.types import Check, JointLimits, Recording, RecordingError
 
 
 def run_checks(
@@ -15,5 +19,39 @@ def run_checks(
     found: tuple[Check, ...],
     accept: tuple[str, ...],
 ) -> tuple[Check, ...]:
-    """Run every check."""
-    return found
+    """Run the checks of motion and torque and judge them together with those of time.
+
+    Findings of checks that the user has accepted by name count as warnings.
+
+    Raises
+    ------
+    RecordingError
+        For the first finding that makes the file unusable; its `checks` hold all of them.
+    """
+    checks = list(found)
+    checks += motion_checks(recording, sample, layout, limits)
+    # Wrong units would only make the evidence of torque against motion misleading.
+    if not any(check.status == "error" for check in _accepted(checks, accept)):
+        checks += torque_checks(recording, sample, layout, limits)
+    judged = _accepted(checks, accept)
+    wrong = [check for check in judged if check.status == "error"]
+    if wrong:
+        first = wrong[0]
+        raise RecordingError(
+            f'{first.detail} If the recording is right all the same, say "accept": ["{first.name}"].',
+            pointer=first.column,
+            title=first.name.replace("_", " ").capitalize(),
+            row=first.row,
+            time=first.time,
+            checks=judged,
+        )
+    return judged
+
+
+def _accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check, ...]:
+    return tuple(
+        replace(check, status="warning", detail=f"{check.detail} (Accepted.)")
+        if check.status == "error" and check.name in accept
+        else check
+        for check in checks
+    )

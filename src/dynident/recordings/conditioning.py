@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.recordings.columns import Layout
 from dynident.recordings.raw import RawRows
-from dynident.recordings.resampling import Resampler
+from dynident.recordings.resampling import ShiftedResampler
 from dynident.recordings.timebase import TimeBase
 from dynident.recordings.types import BoolArray, FloatArray, RecordingError, Segment, Windows, inside
 
@@ -34,15 +34,16 @@ class Conditioner:
     Temperatures hold their last value between readings.
     """
 
-    def __init__(self, layout: Layout, base: TimeBase, windows: Windows) -> None:
+    def __init__(self, layout: Layout, base: TimeBase, windows: Windows, torque_delay: float = 0.0) -> None:
         self._layout = layout
         self._base = base
         self._windows = windows
+        self._torque_delay = torque_delay
         # q and tau have to be numbers; dq and ddq are kept as they come and used by the checks alone.
         self._needed = 2 * len(layout.q)
         self._last: tuple[float, int, FloatArray] | None = None
         self._temperature: FloatArray | None = None
-        self._resampler: Resampler | None = None
+        self._resampler: ShiftedResampler | None = None
         self._held: list[GridRows] = []
         self._n_held = 0
         self._open: Segment | None = None
@@ -97,8 +98,8 @@ class Conditioner:
         return tuple(self._closed)
 
     def _begin(self, start: float, label: int) -> None:
-        self._resampler = Resampler(self._base.period)
-        self._open = Segment(self._n_written, 0, start, label)
+        self._resampler = ShiftedResampler(self._base.period, len(self._layout.q), self._torque_delay)
+        self._open = Segment(self._n_written, 0, start + self._resampler.lead, label)
         self._held, self._n_held = [], 0
 
     def _add(self, t: FloatArray, values: FloatArray) -> Iterator[GridRows]:

@@ -81,7 +81,7 @@ def import_recording(
     try:
         base = scan_time(source, layout, metadata.windows, part(progress, 0.0, 0.2))
         with ParquetSink(temporary, tuple(joint_names), layout.kinds) as sink:
-            segments, sample = _convert(source, layout, base, metadata.windows, sink, part(progress, 0.2, 0.8))
+            segments, sample = _convert(source, layout, base, metadata, sink, part(progress, 0.2, 0.8))
             recording = Recording(
                 name=metadata.name,
                 joint_names=tuple(joint_names),
@@ -130,9 +130,10 @@ def recording_from_arrays(
     """
     source = _Arrays(t, q, tau, temperature, segment, tuple(joint_names))
     layout = source.layout
+    metadata = RecordingMetadata(name=name, windows=windows)
     base = scan_time(source, layout, windows)
     sink = ArraySink()
-    segments, _ = _convert(source, layout, base, windows, sink, silent, sampled=False)
+    segments, _ = _convert(source, layout, base, metadata, sink, silent, sampled=False)
     n = len(joint_names)
     values = sink.values()
     held = values[:, 2 * n :] if temperature is not None else None
@@ -170,18 +171,18 @@ def _convert(
     source: RawSource,
     layout: Layout,
     base: TimeBase,
-    windows: Windows,
+    metadata: RecordingMetadata,
     sink: ParquetSink | ArraySink,
     progress: Progress,
     *,
     sampled: bool = True,
 ) -> tuple[tuple[Segment, ...], RawSample]:
     """Second pass: condition the rows and write them; keep a bounded sample of the raw rows for the checks."""
-    conditioner = Conditioner(layout, base, windows)
+    conditioner = Conditioner(layout, base, metadata.windows, metadata.torque_delay)
     collector = SampleCollector(base.n_rows, len(layout.q), layout.kinds)
     for rows in source.rows(layout):
         if sampled:
-            collector.feed(rows, inside(rows.t, windows))
+            collector.feed(rows, inside(rows.t, metadata.windows))
         for values in conditioner.push(rows):
             sink.write(values)
         progress((rows.first_row + len(rows.t)) / base.n_rows, "reading the samples")

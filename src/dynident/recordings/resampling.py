@@ -18,14 +18,17 @@ TOO_CLOSE = 0.25
 class Resampler:
     """Interpolates one gap-free stretch of samples at t0, t0 + T, t0 + 2 T, …; block borders leave no trace.
 
+    t0 is the time of the first sample, plus `lead` in s.
+
     Cubic (Lagrange, through the two samples on either side): a straight line would leave an error of h² q̈ / 8 in q,
     for steps of 10 ms and 5 rad/s² as large as 6e-5 rad and as rough as the jitter itself, which two differentiations
     bring to the front. Torque goes the same way, so that both are treated alike. A sample that lies on the grid is
     kept unchanged.
     """
 
-    def __init__(self, period: float) -> None:
+    def __init__(self, period: float, lead: float = 0.0) -> None:
         self._period = period
+        self._lead = lead
         self._t = np.empty(0)
         self._values = np.empty((0, 0))
         self._start = 0.0
@@ -35,7 +38,7 @@ class Resampler:
     def push(self, t: FloatArray, values: FloatArray) -> FloatArray:
         """Take samples at increasing times t (m,), values (m, c); give the grid rows that are now settled."""
         if not self._started:
-            self._start, self._started = float(t[0]), True
+            self._start, self._started = float(t[0]) + self._lead, True
             self._t, self._values = t, values
         else:
             self._t, self._values = np.concatenate([self._t, t]), np.concatenate([self._values, values])
@@ -62,6 +65,42 @@ class Resampler:
         wanted = self._start + (self._n_given + np.arange(count, dtype=np.float64)) * self._period
         self._n_given += count
         return interpolated(self._t, self._values, wanted, self._period)
+
+
+class ShiftedResampler:
+    """Resamples a stretch whose torque (columns n to 2 n) is read `delay` s later than the rest of a row."""
+
+    def __init__(self, period: float, n: int, delay: float) -> None:
+        self._n = n
+        self._delay = delay
+        self._rest = Resampler(period, max(0.0, -delay))
+        self._torque = Resampler(period, max(0.0, delay))
+        self._waiting_rest = np.empty((0, 0))
+        self._waiting_torque = np.empty((0, n))
+
+    @property
+    def lead(self) -> float:
+        """Seconds from the first sample to the first row."""
+        return max(0.0, -self._delay)
+
+    def push(self, t: FloatArray, values: FloatArray) -> FloatArray:
+        """Take samples; give the rows of which all parts are settled."""
+        torque = values[:, self._n : 2 * self._n]
+        rest = np.delete(values, np.s_[self._n : 2 * self._n], axis=1)
+        return self._joined(self._rest.push(t, rest), self._torque.push(t, torque))
+
+    def finish(self) -> FloatArray:
+        """End the stretch: give the rows that have all their parts."""
+        return self._joined(self._rest.finish(), self._torque.finish())
+
+    def _joined(self, rest: FloatArray, torque: FloatArray) -> FloatArray:
+        if len(self._waiting_rest):
+            rest = np.concatenate([self._waiting_rest, rest])
+        if len(self._waiting_torque):
+            torque = np.concatenate([self._waiting_torque, torque])
+        count = min(len(rest), len(torque))
+        self._waiting_rest, self._waiting_torque = rest[count:], torque[count:]
+        return np.concatenate([rest[:count, : self._n], torque[:count], rest[:count, self._n :]], axis=1)
 
 
 def interpolated(t: FloatArray, values: FloatArray, wanted: FloatArray, period: float) -> FloatArray:

@@ -95,6 +95,8 @@ class RecordingMetadata:
         Seconds of t to use; empty: all.
     payload : mapping or None
         Kept as it came.
+    torque_delay : float
+        Seconds by which the file's torque is late: it is read so much later than the positions of its row.
     accept : names of checks
         Findings of these checks are reported as warnings, whatever they are: the user knows better.
     """
@@ -106,9 +108,15 @@ class RecordingMetadata:
     role: str | None = None
     windows: Windows = ()
     payload: Mapping[str, Any] | None = None
+    torque_delay: float = 0.0
     accept: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if not abs(self.torque_delay) <= 1.0:
+            raise RecordingError(
+                f"torque_delay is {self.torque_delay} s; give a number of seconds between -1 and 1.",
+                pointer="/torque_delay",
+            )
         for index, (start, end) in enumerate(self.windows):
             if not (np.isfinite(start) and np.isfinite(end) and start < end):
                 raise RecordingError(

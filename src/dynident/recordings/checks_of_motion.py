@@ -1,0 +1,282 @@
+"""Checks of positions: standstill, joints that never moved, units, limits, quantisation, velocity beside position."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+
+from dynident.recordings.columns import Column, Layout
+from dynident.recordings.sampling import RawSample
+from dynident.recordings.types import BoolArray, Check, FloatArray, JointLimits, Recording, Status
+
+DEGREE = pi / 180.0
+MOVED = {"revolute": 2e-3, "prismatic": 5e-4}
+"""A joint whose position spans less (rad or m) has not moved."""
+
+BIN = 0.25
+"""Standstill is judged in stretches of so many s."""
+
+STILL_SHARE = 2e-3
+"""A joint stands still where it moves less than this share of its whole range in one such stretch."""
+
+FASTEST = 25.0
+"""No joint of an arm turns faster, in rad/s (240 rpm)."""
+
+STEPS_NEEDED = 100
+STEPS_WANTED = 1000
+
+
+def motion_checks(
+    recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
+) -> list[Check]:
+    """Check the positions of the windows' rows, as they were measured."""
+    if sample.used.sum() < 2:
+        return [Check("length", "error", "The windows hold fewer than 2 rows; give wider ones.", layout.t.source)]
+    seen = _Seen(sample, limits)
+    return [
+        _length(recording, layout),
+        _standstill(recording, seen, layout),
+        _moved(recording, seen, layout),
+        _units(recording, seen, layout, limits),
+        _quantisation(recording, seen, layout),
+        *_velocity(recording, seen, layout),
+    ]
+
+
+class _Seen:
+    """Positions of the used rows and what follows from them directly."""
+
+    def __init__(self, sample: RawSample, limits: tuple[JointLimits, ...]) -> None:
+        used = sample.used
+        self.row, self.t, self.q = sample.row[used], sample.t[used], sample.q[used]
+        self.dq = None if sample.dq is None else sample.dq[used]
+        self.joined = sample.joined[used] & np.concatenate([[False], np.diff(self.row) == 1])
+        self.complete = sample.complete
+        self.low, self.high = self.q.min(axis=0), self.q.max(axis=0)
+        self.span = self.high - self.low
+        kinds = np.array([MOVED[limit.kind] for limit in limits])
+        self.moved: BoolArray = self.span > kinds
+
+    def derivative(self) -> tuple[FloatArray, BoolArray]:
+        """Give central differences (m, n) and the rows (m,) that have both neighbours."""
+        inner = np.zeros(len(self.t), dtype=bool)
+        inner[1:-1] = self.joined[1:-1] & self.joined[2:]
+        speed = np.zeros_like(self.q)
+        step = np.ones(len(self.t))
+        step[1:-1] = np.where(inner[1:-1], self.t[2:] - self.t[:-2], 1.0)
+        speed[1:-1] = (self.q[2:] - self.q[:-2]) / step[1:-1, None]
+        return speed, inner
+
+
+def _length(recording: Recording, layout: Layout) -> Check:
+    seconds = recording.n_samples * recording.period
+    if recording.windows:
+        seconds = min(seconds, sum(end - start for start, end in recording.windows))
+    if seconds < 2.0:
+        return Check(
+            "length",
+            "warning",
+            f"Only {seconds:.2g} s are used; an exciting trajectory of 10 s or more, repeated, tells the parameters "
+            "apart and gives a standard deviation to trust.",
+            layout.t.source,
+        )
+    return Check("length", "ok", f"{seconds:.4g} s in {len(recording.segments)} segment(s).")
+
+
+def _standstill(recording: Recording, seen: _Seen, layout: Layout) -> Check:
+    still = _still(seen, recording.period)
+    if still.all():
+        return Check(
+            "standstill",
+            "error",
+            f"No joint moves between t = {seen.t[0]:.6g} and {seen.t[-1]:.6g} s (rows {seen.row[0]} to "
+            f"{seen.row[-1]}). Choose windows that hold the motion.",
+            layout.q[0].source,
+            int(seen.row[0]),
+            float(seen.t[0]),
+        )
+    moving = np.flatnonzero(~still)
+    first, last = int(moving[0]), int(moving[-1])
+    before, after = float(seen.t[first] - seen.t[0]), float(seen.t[-1] - seen.t[last])
+    share = float(still.mean())
+    if before < 1.0 and after < 1.0 and share < 0.3:
+        return Check("standstill", "ok", f"All joints stand still for {100 * share:.2g} % of the time.")
+    ends = ""
+    if (before >= 1.0 or after >= 1.0) and seen.complete:
+        ends = (
+            f", {before:.3g} s of it at the beginning and {after:.3g} s at the end: friction has no sign there. Use "
+            f'"windows": [[{seen.t[first]:.6g}, {seen.t[last]:.6g}]]'
+        )
+    return Check(
+        "standstill",
+        "warning",
+        f"All joints stand still for {100 * share:.2g} % of the time{ends}.",
+        layout.t.source,
+        int(seen.row[first]),
+        float(seen.t[first]),
+    )
+
+
+def _still(seen: _Seen, period: float) -> BoolArray:
+    """Mark the rows (m,) of stretches in which no joint moves."""
+    length = max(4, round(BIN / period))
+    count = max(1, len(seen.t) // length)
+    edges = np.arange(count) * length
+    reach = np.maximum.reduceat(seen.q, edges, axis=0) - np.minimum.reduceat(seen.q, edges, axis=0)
+    # Noise of the sensor: what the quietest stretch shows, if it is far below what the moving ones do.
+    quiet = np.where(reach.min(axis=0) < 0.02 * reach.max(axis=0), 2.0 * reach.min(axis=0), 0.0)
+    still = (reach <= np.maximum(STILL_SHARE * seen.span, quiet)).all(axis=1) | (not seen.moved.any())
+    marks: BoolArray = np.repeat(still, np.diff([*edges, len(seen.t)]))
+    return marks
+
+
+def _moved(recording: Recording, seen: _Seen, layout: Layout) -> Check:
+    resting = np.flatnonzero(~seen.moved)
+    if not len(resting):
+        return Check("joint_motion", "ok", "Every joint moves.")
+    names = ", ".join(recording.joint_names[joint] for joint in resting)
+    columns = ", ".join(layout.q[joint].source for joint in resting)
+    whole = recording.role in (None, "identification")
+    status: Status = "error" if whole else "ok" if recording.role == "friction" else "warning"
+    detail = (
+        f"Joint{'s' if len(resting) > 1 else ''} {names} never moved ({columns} spans less than "
+        f"{MOVED['revolute']:g} from row {seen.row[0]}, t = {seen.t[0]:.6g} s, to row {seen.row[-1]}): neither "
+        "friction nor inertia can be told from it. Lock the joint in the robot's description (locked_joints), say "
+        '"role": "friction" for a test of single joints, or record a motion of all joints.'
+    )
+    return Check("joint_motion", status, detail, layout.q[resting[0]].source, int(seen.row[0]), float(seen.t[0]))
+
+
+def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
+    speed, inner = seen.derivative()
+    fastest = np.percentile(np.abs(speed[inner]), 99.0, axis=0) if inner.any() else np.zeros(recording.n)
+    doubtful: Check | None = None
+    for joint, limit in enumerate(limits):
+        column = layout.q[joint].source
+        row = int(np.abs(seen.q[:, joint]).argmax())
+        low, high, rate = float(seen.low[joint]), float(seen.high[joint]), float(fastest[joint])
+        small, unit, ours = (DEGREE, "deg", "rad") if limit.kind == "revolute" else (1e-3, "mm", "m")
+        where = int(seen.row[row]), float(seen.t[row])
+        if _other_unit(limit, low, high, rate, small):
+            return Check(
+                "position_unit",
+                "error",
+                f"{column} runs from {low:.4g} to {high:.4g} {ours} at up to {rate:.3g} {ours}/s (farthest in row "
+                f'{where[0]}, t = {where[1]:.6g} s); that looks like {unit}. Say "units": {{"q": "{unit}"}}.',
+                column,
+                *where,
+            )
+        if limit.position is not None and doubtful is None:
+            slack = 0.02 * (limit.position[1] - limit.position[0])
+            if low < limit.position[0] - slack or high > limit.position[1] + slack:
+                doubtful = Check(
+                    "position_unit",
+                    "warning",
+                    f"{column} runs from {low:.4g} to {high:.4g} {ours}, beyond the limits of "
+                    f"{recording.joint_names[joint]} ({limit.position[0]:.4g} to {limit.position[1]:.4g}), in row "
+                    f"{where[0]}. Check the encoder's zero and the limits.",
+                    column,
+                    *where,
+                )
+    return doubtful or Check(
+        "position_unit", "ok", "Positions and speeds are those of a joint in rad (m if prismatic)."
+    )
+
+
+def _other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
+    """Tell whether a position makes sense in degrees (millimetres), and none in ours."""
+    if limit.position is not None:
+        lower, upper = limit.position
+        slack = 0.1 * (upper - lower)
+        beyond = low < lower - slack or high > upper + slack
+        inside = lower - slack <= low * small and high * small <= upper + slack
+        return beyond and inside and max(abs(low), abs(high)) > 2.0 * max(abs(lower), abs(upper))
+    fastest = 3.0 * limit.velocity if limit.velocity is not None else (FASTEST if limit.kind == "revolute" else 20.0)
+    widest = 8.0 * pi if limit.kind == "revolute" else 20.0
+    return rate > fastest or (max(abs(low), abs(high)) > widest and high - low > widest)
+
+
+def _quantisation(recording: Recording, seen: _Seen, layout: Layout) -> Check:
+    counting = seen.moved & (seen.span > 0.05 * seen.span.max())
+    steps = [_step(seen.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
+    levels = [seen.span[joint] / step if step else np.inf for joint, step in enumerate(steps)]
+    worst = int(np.argmin(levels))
+    if not steps[worst]:
+        return Check("quantisation", "ok", "Positions come in no visible steps.")
+    status: Status = "ok"
+    if levels[worst] < STEPS_WANTED:
+        status = "error" if levels[worst] < STEPS_NEEDED else "warning"
+    advice = (
+        "" if status == "ok" else " Log the encoder with all its digits, or move farther: steps become acceleration."
+    )
+    changes = np.flatnonzero(np.diff(seen.q[:, worst]) != 0)
+    row = int(changes[0]) + 1 if len(changes) else 0
+    return Check(
+        "quantisation",
+        status,
+        f"{layout.q[worst].source} comes in steps of {steps[worst]:.3g}, {levels[worst]:.3g} of them over its motion "
+        f"(the first in row {seen.row[row]}).{advice}",
+        layout.q[worst].source,
+        int(seen.row[row]),
+        float(seen.t[row]),
+    )
+
+
+def _step(values: FloatArray) -> float:
+    """Give the step that a signal comes in, 0 where it shows none."""
+    levels = np.unique(values)
+    levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
+    if len(levels) < 3 or len(levels) > 0.5 * len(values):
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min() + 1e-300]))
+    whole = gaps / step
+    # A grid: all gaps are whole numbers of steps.
+    return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0
+
+
+def _velocity(recording: Recording, seen: _Seen, layout: Layout) -> list[Check]:
+    if seen.dq is None:
+        return []
+    speed, inner = seen.derivative()
+    for joint in np.flatnonzero(seen.moved):
+        given, own = seen.dq[inner, joint], speed[inner, joint]
+        if not np.isfinite(given).all() or not given.any() or not own.any():
+            continue
+        alike = float(given @ own / np.sqrt((given @ given) * (own @ own)))
+        if abs(alike) < 0.7:
+            continue
+        found = _ratio(layout.dq[joint], layout.q[joint], float(np.sqrt((given @ given) / (own @ own))), alike)
+        if found is not None:
+            row = int(np.flatnonzero(inner)[np.abs(given).argmax()])
+            status, detail = found
+            where = f" (fastest in row {seen.row[row]})."
+            return [
+                Check(
+                    "velocity_unit",
+                    status,
+                    detail + where,
+                    layout.dq[joint].source,
+                    int(seen.row[row]),
+                    float(seen.t[row]),
+                )
+            ]
+    return [Check("velocity_unit", "ok", "The velocity columns are the derivatives of the positions.")]
+
+
+def _ratio(velocity: Column, position: Column, ratio: float, alike: float) -> tuple[Status, str] | None:
+    known = {
+        1.0 / DEGREE: 'one is in degrees, the other in radians. Say "units": {"dq": "deg/s"}, or {"q": …}',
+        DEGREE: 'positions look like degrees beside velocities in rad/s. Say "units": {"q": "deg"}',
+        30.0 / pi: 'that is rpm. Say "units": {"dq": "rpm"}',
+    }
+    claim = f"{velocity.source} is {ratio:.4g} times the derivative of {position.source}"
+    for factor, meaning in known.items():
+        if abs(ratio / factor - 1.0) < 0.1:
+            return "error", f"{claim}: {meaning}"
+    if alike < 0.0:
+        return "warning", f"{velocity.source} has the opposite sign of the derivative of {position.source}"
+    if not 0.7 < ratio < 1.4:
+        return "warning", f"{claim}; it is not used, but one of the two has another unit, or is on the motor's side"
+    return None

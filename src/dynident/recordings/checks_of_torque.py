@@ -1,0 +1,211 @@
+"""Checks of torque: saturation, constancy, sign and order against the motion, alignment in time."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from dynident.recordings import evidence as against_motion
+from dynident.recordings.columns import Layout
+from dynident.recordings.evidence import Evidence
+from dynident.recordings.sampling import RawSample
+from dynident.recordings.types import BoolArray, Check, FloatArray, IntArray, JointLimits, Recording, Status
+
+SATURATED = 5e-3
+"""Torque counts as saturated where it stays within this share of its range at its extreme."""
+
+RUN = 5
+"""Rows in a row at the extreme make a plateau."""
+
+AGAINST_DOUBT, AGAINST_CERTAIN = -2.2, -3.2
+"""Joint evidence (standard errors) of a torque against its motion."""
+
+OWNED = 3e-3
+"""Least share of a torque's variance that another joint's friction has to explain before an order is doubted."""
+
+LATE_CERTAIN = 0.02
+"""A misalignment of more s spoils every estimate."""
+
+
+def torque_checks(
+    recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
+) -> list[Check]:
+    """Check the torques of the windows' rows: by themselves, then against the motion."""
+    checks = [_saturation(sample, layout, limits), _constant(recording, sample, layout)]
+    if any(check.status == "error" for check in checks):
+        return checks
+    evidence = against_motion.gather(recording)
+    if evidence is None:
+        nothing = "The recording is too short, or moves too little, to tell without a model."
+        return [*checks, *(Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))]
+    order = _order(recording, evidence, layout, sample)
+    # A torque of another joint's has no sign to speak of.
+    sign = _sign(recording, evidence, layout, sample) if order.status == "ok" else []
+    return [*checks, order, *sign, _alignment(recording, evidence, layout, sample)]
+
+
+def _saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
+    tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
+    worst: Check | None = None
+    most = 0.0
+    for joint in range(tau.shape[1]):
+        flat = _plateaus(tau[:, joint])
+        effort = limits[joint].effort
+        if effort is not None and np.ptp(tau[:, joint]) > 0:
+            at_limit = np.abs(np.abs(tau[:, joint]) / effort - 1.0) < SATURATED if effort > 0 else flat
+            flat |= at_limit & (np.convolve(at_limit, np.ones(RUN), "same") >= RUN)
+        share = float(flat.mean())
+        if share > most and flat.sum() >= RUN:
+            most = share
+            first = int(np.flatnonzero(flat)[0])
+            status: Status = "error" if share > 0.2 else "warning"
+            worst = Check(
+                "saturation",
+                status,
+                f"{layout.tau[joint].source} stays at its extreme ({tau[first, joint]:.4g} N m) for "
+                f"{100 * share:.2g} % of the rows, first in row {row[first]} (t = {t[first]:.6g} s): the drive, or the "
+                "log, saturates there. Move slower or with less payload, or choose windows without it.",
+                layout.tau[joint].source,
+                int(row[first]),
+                float(t[first]),
+            )
+    return worst or Check("saturation", "ok", "No torque stays at its extreme.")
+
+
+def _plateaus(tau: FloatArray) -> BoolArray:
+    """Mark the rows of runs at the largest or smallest value that last longer than a smooth peak would."""
+    marks = np.zeros(len(tau), dtype=bool)
+    reach = float(np.ptp(tau))
+    if reach == 0.0 or len(tau) < 10 * RUN:
+        return marks
+    for extreme in (float(tau.max()), float(tau.min())):
+        # The same value exactly, or to the last digit: a peak of a measured signal is never flat so long.
+        at = np.abs(tau - extreme) <= 1e-9 * reach
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            steps = np.abs(np.diff(tau[max(0, start - 20) : end + 20]))
+            changing = np.count_nonzero(steps) > 0.2 * max(1, len(steps) - (end - start))
+            if end - start >= RUN and changing:
+                marks[start:end] = True
+    return marks
+
+
+def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
+    tau, q = sample.tau[sample.used], sample.q[sample.used]
+    for joint in range(recording.n):
+        if np.ptp(tau[:, joint]) <= 1e-9 * max(1.0, float(np.abs(tau[:, joint]).max())) and np.ptp(q[:, joint]) > 2e-3:
+            first = int(np.flatnonzero(sample.used)[0])
+            return Check(
+                "constant_torque",
+                "error",
+                f"{layout.tau[joint].source} is {tau[0, joint]:.4g} in every row from row {sample.row[first]} on, "
+                f"while {layout.q[joint].source} moves: the torque was not recorded.",
+                layout.tau[joint].source,
+                int(sample.row[first]),
+                float(sample.t[first]),
+            )
+    return Check("constant_torque", "ok", "Every torque varies.")
+
+
+def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> Check:
+    shares = against_motion.ownership(evidence)
+    n = recording.n
+    owner = linear_sum_assignment(-shares)[1].astype(np.int64)
+    swapped = [
+        joint
+        for joint in range(n)
+        if owner[joint] != joint
+        and evidence.moving[joint]
+        and all(shares[i, owner[i]] >= max(OWNED, 8.0 * shares[i, i]) for i in _cycle(owner, joint))
+    ]
+    if not swapped:
+        return Check("torque_order", "ok", "No torque shows the friction of another joint than its own.")
+    claims = ", ".join(
+        f"{layout.tau[i].source} shows the friction of {recording.joint_names[owner[i]]} (not of "
+        f"{recording.joint_names[i]})"
+        for i in swapped
+    )
+    first = int(np.flatnonzero(sample.used)[0])
+    return Check(
+        "torque_order",
+        "error",
+        f"The torque columns seem to be in another order than the joints: {claims}, over all rows from row "
+        f"{sample.row[first]} on. Map them by columns.",
+        layout.tau[swapped[0]].source,
+        int(sample.row[first]),
+        float(sample.t[first]),
+    )
+
+
+def _cycle(owner: IntArray, joint: int) -> list[int]:
+    """Give the joints that change places together with `joint`."""
+    cycle = [joint]
+    while int(owner[cycle[-1]]) != joint:
+        cycle.append(int(owner[cycle[-1]]))
+    return cycle
+
+
+def _sign(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> list[Check]:
+    certain: list[int] = []
+    doubtful: list[int] = []
+    for joint in np.flatnonzero(evidence.moving):
+        friction, inertia = against_motion.direction(evidence, int(joint))
+        together = (friction + inertia) / np.sqrt(2.0)
+        if friction < 0.0 and inertia < 0.0 and together < AGAINST_DOUBT:
+            (certain if together < AGAINST_CERTAIN else doubtful).append(int(joint))
+    against = certain + doubtful
+    if not against:
+        return [Check("torque_sign", "ok", "No torque goes against its motion.")]
+    named = ", ".join(f"{layout.tau[joint].source} ({recording.joint_names[joint]})" for joint in sorted(against))
+    first = int(np.flatnonzero(sample.used)[0])
+    return [
+        Check(
+            "torque_sign",
+            "error" if certain else "warning",
+            f"The sign of {named} seems to be against the motion: friction would drive the joint and its inertia be "
+            f"negative, over all rows from row {sample.row[first]} on. Turn the sign of the torque (or of the drive "
+            "gain), or of the position, or the joint's axis in the description.",
+            layout.tau[against[0]].source,
+            int(sample.row[first]),
+            float(sample.t[first]),
+        )
+    ]
+
+
+def _alignment(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> Check:
+    if recording.role == "friction":
+        # Friction alone, at constant speeds, has no corners in time but those of presliding.
+        return Check("torque_alignment", "ok", "Not looked for in a test of friction.")
+    whole = against_motion.lag(evidence, steady_only=False)
+    steady = against_motion.lag(evidence, steady_only=True)
+    if whole is None or steady is None:
+        return Check("torque_alignment", "ok", "How torque and position are aligned cannot be told without a model.")
+    certain = (
+        whole.seconds * steady.seconds > 0.0
+        and abs(whole.seconds) > 4.0 * whole.error
+        and abs(steady.seconds) > 3.0 * steady.error
+        and min(whole.gain, steady.gain) > 0.01
+    )
+    if not certain:
+        spread = 3.0 * max(whole.error, steady.error, 0.5 * abs(whole.seconds - steady.seconds))
+        return Check(
+            "torque_alignment",
+            "ok",
+            f"No shift of torque against position beyond what this data can show (about {1e3 * spread:.1g} ms).",
+        )
+    low, high = sorted((whole.seconds, steady.seconds), key=abs)
+    least = abs(low) - 3.0 * max(whole.error, steady.error)
+    word = "late" if low > 0 else "early"
+    first = int(np.flatnonzero(sample.used)[0])
+    middle = 0.5 * (whole.seconds + steady.seconds)
+    return Check(
+        "torque_alignment",
+        "error" if least > LATE_CERTAIN else "warning",
+        f"Torque comes {1e3 * abs(low):.3g} to {1e3 * abs(high):.3g} ms {word} against position "
+        f"({layout.tau[0].source} … {layout.tau[-1].source}, from row {sample.row[first]}, t = "
+        f"{sample.t[first]:.6g} s, on). Log both at the same instant, or mend it by "
+        f'"torque_delay": {middle:.2g} (in s).',
+        layout.tau[0].source,
+        int(sample.row[first]),
+        float(sample.t[first]),
+    )

@@ -1,0 +1,306 @@
+"""What torque has to do with motion, told without a model of the robot: the base of the checks of torque.
+
+Each joint's torque is explained by smooth functions of all positions (gravity), all accelerations (inertia) and the
+friction of its own joint. It is no model to predict with; it is enough to see a torque that belongs to another joint,
+is turned round, or comes late.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from dynident.errors import DynidentError
+from dynident.recordings.choosing import choose_preprocessing
+from dynident.recordings.filtering import filtered_blocks
+from dynident.recordings.parallel import FilteredRows, ParallelFilter
+from dynident.recordings.preprocessing import Preprocessing
+from dynident.recordings.types import BoolArray, FloatArray, IntArray, Recording, SampleBlock, Segment
+
+MAX_ROWS = 10_000
+"""Decimated rows to look at, from stretches evenly spread over the recording."""
+
+STRETCHES = 8
+BLOCKS = 12
+"""Blocks of time for the jackknife: neighbouring rows are not independent."""
+
+ROWS_PER_COLUMN = 5
+SPAN = 0.2
+"""Largest misalignment that is looked for, in s."""
+
+EXPLAINED = 0.9
+"""Share of a torque's variance that the motion has to explain before its alignment says anything."""
+
+_RANK = 1e-10
+
+
+class Shiftable(NamedTuple):
+    """One contiguous run of torque (a spline over time) and the times of its rows."""
+
+    torque: CubicSpline
+    t: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Decimated rows in order: smooth (r, k), friction (r, n, 2), tau (r, n), steady (r, n), block (r,), moving (n,).
+
+    `smooth` holds 1, sines and cosines of q and products of neighbours', and last q̈ (n columns); `friction` the
+    velocity and a rounded sign of it; `steady` is true clear of a joint's reversals; `series` gives the same rows'
+    torque at other times; `resolution` is the step in s at which such shifts are told apart.
+    """
+
+    smooth: FloatArray
+    friction: FloatArray
+    tau: FloatArray
+    steady: BoolArray
+    block: IntArray
+    moving: BoolArray
+    series: tuple[Shiftable, ...]
+    resolution: float
+
+
+class Direction(NamedTuple):
+    """How a joint's torque goes with its own motion, each figure over its standard error.
+
+    `friction`: the power that its own friction takes; `inertia`: the slope against its own acceleration. Both are
+    positive in every machine.
+    """
+
+    friction: float
+    inertia: float
+
+
+class Lag(NamedTuple):
+    """Time by which all torques are late against motion in s (negative: early), standard error, gain in fit."""
+
+    seconds: float
+    error: float
+    gain: float
+
+
+def gather(recording: Recording) -> Evidence | None:
+    """Collect the rows; `None` where the recording is too short, or moves too little, to say anything."""
+    try:
+        choice = choose_preprocessing([recording])
+    except DynidentError:
+        return None
+    stretch = _shortened(recording, choice.decimation)
+    blocks = [block for block in filtered_blocks(stretch, choice) if block.used.any()]
+    if not blocks:
+        return None
+    speed = _rms_speed(blocks)
+    moving: BoolArray = speed > 1e-3 * speed.max()
+    if not moving.any():
+        return None
+    runs = _filtered(blocks, np.maximum(0.1 * speed, 1e-12), recording.sampling_rate, choice)
+    evidence = _arranged(runs, recording.n, moving, 0.06 / (choice.torque_cutoff or 5.0)) if runs else None
+    if evidence is None or len(evidence.tau) < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
+        return None
+    return evidence
+
+
+def direction(evidence: Evidence, joint: int) -> Direction:
+    """Tell whether a joint's torque goes with its motion or against it."""
+    n = evidence.tau.shape[1]
+    own = evidence.smooth.shape[1] - n + joint
+    friction = evidence.friction[:, joint]
+    others = orthonormal(np.delete(evidence.smooth, own, axis=1))
+    columns = np.column_stack([others, evidence.smooth[:, own], friction])
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    weights = [w / scale for w in _jackknife(columns / scale, evidence.tau[:, joint], evidence.block)]
+    power = [float(np.mean(friction[:, 0] * (friction @ w[-2:]))) for w in weights]
+    inertia = [float(w[-3]) for w in weights]
+    return Direction(_over_error(power), _over_error(inertia))
+
+
+def ownership(evidence: Evidence) -> FloatArray:
+    """Give (n, n): the share of torque i's variance that the friction of joint j explains beside gravity and inertia.
+
+    A share counts only where it dissipates: friction that drives its joint is no friction.
+    """
+    n = evidence.tau.shape[1]
+    shares = np.zeros((n, n))
+    basis = orthonormal(evidence.smooth)
+    rest = evidence.tau - basis @ (basis.T @ evidence.tau)
+    variance = np.maximum(((evidence.tau - evidence.tau.mean(axis=0)) ** 2).sum(axis=0), 1e-300)
+    for j in np.flatnonzero(evidence.moving):
+        own = evidence.friction[:, j]
+        left = own - basis @ (basis.T @ own)
+        weights = np.linalg.lstsq(left, rest, rcond=1e-9)[0]
+        dissipates = own[:, 0] @ (own @ weights) > 0.0
+        shares[:, j] = np.where(dissipates, ((left @ weights) ** 2).sum(axis=0) / variance, 0.0)
+    return shares
+
+
+def lag(evidence: Evidence, *, steady_only: bool) -> Lag | None:
+    """Find the common shift of all torques that the motion explains best; None where that cannot be told.
+
+    With `steady_only` the rows around reversals are left out: there presliding looks like lateness.
+    """
+    count = round(SPAN / evidence.resolution)
+    shifts = evidence.resolution * np.arange(-count, count + 1, dtype=np.float64)
+    curves = np.zeros((BLOCKS, len(shifts)))
+    n_counting = 0
+    for joint in np.flatnonzero(evidence.moving):
+        chosen = evidence.steady[:, joint] if steady_only else np.ones(len(evidence.tau), dtype=bool)
+        if chosen.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
+            continue
+        columns = orthonormal(np.column_stack([evidence.smooth, evidence.friction[:, joint]])[chosen])
+        shifted = _at_shifts(evidence, int(joint), shifts)[chosen]
+        residual = shifted - columns @ (columns.T @ shifted)
+        spread = shifted - shifted.mean(axis=0)
+        if (residual**2).sum(axis=0).min() > (1.0 - EXPLAINED) * (spread**2).sum(axis=0).mean():
+            continue
+        errors = np.zeros_like(curves)
+        np.add.at(errors, evidence.block[chosen], residual**2)
+        # Every joint counts in units of its own noise.
+        n_counting += 1
+        curves += errors / max(float(errors.sum(axis=0).min()), 1e-300)
+    total = curves.sum(axis=0)
+    at = int(total.argmin())
+    # One joint alone may be late by its presliding; a log that is late is so for all.
+    if n_counting < 2 or at in (0, len(shifts) - 1):
+        return None
+    found = [_minimum(total - curves[block], shifts) for block in range(BLOCKS)]
+    gain = 1.0 - float(total.min()) / max(float(total[len(shifts) // 2]), 1e-300)
+    return Lag(_minimum(total, shifts), _jackknife_error(found), gain)
+
+
+def orthonormal(columns: FloatArray) -> FloatArray:
+    """Give an orthonormal basis of the columns' span, directions of rounding error left out."""
+    norms = np.linalg.norm(columns, axis=0)
+    scaled = columns / np.where(norms > 0, norms, 1.0)
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    kept = values > _RANK * values[-1]
+    # Once more by QR: the Gram matrix squares the condition number.
+    basis: FloatArray = np.linalg.qr(scaled @ (vectors[:, kept] / np.sqrt(values[kept])))[0]
+    return basis
+
+
+def _shortened(recording: Recording, decimation: int) -> Recording:
+    """Cut a long recording down to evenly spread stretches of its windows' neighbourhood."""
+    allowed = MAX_ROWS * decimation
+    if recording.n_samples <= allowed:
+        return recording
+    length = allowed // STRETCHES
+    share = recording.n_samples / STRETCHES
+    segments: list[Segment] = []
+    for segment in recording.segments:
+        pieces = max(1, round(segment.length / share))
+        starts = np.linspace(0, max(0, segment.length - length), pieces).astype(int)
+        segments += [_part(segment, int(start), length, recording.period) for start in starts]
+    return replace(recording, segments=tuple(segments))
+
+
+def _part(segment: Segment, start: int, length: int, period: float) -> Segment:
+    return Segment(
+        first_row=segment.first_row + start,
+        length=min(length, segment.length - start),
+        start_time=segment.start_time + start * period,
+        label=segment.label,
+    )
+
+
+def _rms_speed(blocks: list[SampleBlock]) -> FloatArray:
+    total = np.sum([(block.dq[block.used] ** 2).sum(axis=0) for block in blocks], axis=0)
+    speed: FloatArray = np.sqrt(total / sum(int(block.used.sum()) for block in blocks))
+    return speed
+
+
+def _columns(block: SampleBlock, rounding: FloatArray) -> FloatArray:
+    """Give the unfiltered columns: smooth functions of q, q̈, q̇, rounded signs, marks of reversals, τ."""
+    n = block.q.shape[1]
+    shapes = np.sin(block.q), np.cos(block.q)
+    neighbours = [a[:, i] * b[:, i + 1] for i in range(n - 1) for a, b in product(shapes, shapes)]
+    reversal = np.zeros_like(block.dq)
+    reversal[1:] = np.diff(np.sign(block.dq), axis=0) != 0
+    sign = np.tanh(block.dq / rounding)
+    return np.column_stack(
+        [np.ones(len(block.t)), *shapes, *neighbours, block.ddq, block.dq, sign, reversal, block.tau]
+    )
+
+
+def _filtered(
+    blocks: list[SampleBlock], rounding: FloatArray, rate: float, choice: Preprocessing
+) -> list[FilteredRows]:
+    """Filter and decimate; one result for each contiguous run of blocks."""
+    parallel = ParallelFilter(rate, choice.torque_cutoff, choice.decimation)
+    runs: list[FilteredRows] = []
+    parts: list[FilteredRows] = []
+
+    def close() -> None:
+        parts.append(parallel.flush())
+        run = FilteredRows(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        if len(run.t) > 8 and run.t[-1] - run.t[0] > 2.0 * SPAN:
+            runs.append(run)
+        parts.clear()
+
+    previous: SampleBlock | None = None
+    for block in blocks:
+        if previous is not None and (block.segment != previous.segment or block.t[0] > previous.t[-1] + 1.5 / rate):
+            close()
+        parts.append(parallel.push(_columns(block, rounding), block.t, block.used))
+        previous = block
+    close()
+    return runs
+
+
+def _arranged(runs: list[FilteredRows], n: int, moving: BoolArray, resolution: float) -> Evidence:
+    kept = [run.used & (run.t >= run.t[0] + SPAN) & (run.t <= run.t[-1] - SPAN) for run in runs]
+    values = np.concatenate([run.values[keep] for run, keep in zip(runs, kept, strict=True)])
+    series = [Shiftable(CubicSpline(r.t, r.values[:, -n:]), r.t[keep]) for r, keep in zip(runs, kept, strict=True)]
+    smooth, speed, sign, reversal, tau = np.split(values, values.shape[1] - n * np.array([4, 3, 2, 1]), axis=1)
+    return Evidence(
+        smooth=smooth,
+        friction=np.stack([speed, sign], axis=2),
+        tau=tau,
+        # The low-passed mark of a reversal is far from 0 only within about a period of the cut-off around it.
+        steady=np.abs(reversal) < 1e-3,
+        block=np.arange(len(values)) * BLOCKS // max(len(values), 1),
+        moving=moving,
+        series=tuple(series),
+        resolution=resolution,
+    )
+
+
+def _at_shifts(evidence: Evidence, joint: int, shifts: FloatArray) -> FloatArray:
+    """Give a joint's torque at its rows' times plus every shift (r, len(shifts))."""
+    parts = []
+    for run in evidence.series:
+        own = CubicSpline.construct_fast(run.torque.c[:, :, joint], run.torque.x)
+        parts.append(own(run.t[:, None] + shifts))
+    return np.concatenate(parts)
+
+
+def _jackknife(columns: FloatArray, tau: FloatArray, block: IntArray) -> list[FloatArray]:
+    """Give the least-squares weights of all rows, then those without each block; the columns are of unit length."""
+    parts = [block == index for index in range(BLOCKS)]
+    grams = np.array([columns[part].T @ columns[part] for part in parts])
+    sides = np.array([columns[part].T @ tau[part] for part in parts])
+    gram, side = grams.sum(axis=0) + 1e-9 * np.eye(columns.shape[1]), sides.sum(axis=0)
+    without = [np.linalg.solve(gram - g, side - s) for g, s in zip(grams, sides, strict=True)]
+    return [np.linalg.solve(gram, side), *without]
+
+
+def _over_error(values: list[float]) -> float:
+    """Give the first value over the jackknife error of the others."""
+    return values[0] / max(_jackknife_error(values[1:]), 1e-300)
+
+
+def _jackknife_error(values: list[float]) -> float:
+    spread = np.asarray(values) - np.mean(values)
+    return float(np.sqrt((len(values) - 1) / len(values) * (spread**2).sum()))
+
+
+def _minimum(curve: FloatArray, at: FloatArray) -> float:
+    """Find the lowest point of a sampled curve by a parabola."""
+    index = int(np.clip(curve.argmin(), 1, len(curve) - 2))
+    left, middle, right = curve[index - 1 : index + 2]
+    bend = left - 2.0 * middle + right
+    offset = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    return float(at[index] + (at[1] - at[0]) * np.clip(offset, -1.0, 1.0))
