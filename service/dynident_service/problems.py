@@ -13,6 +13,7 @@ from pydantic_core import ErrorDetails
 from dynident.errors import DynidentError
 
 MEDIA_TYPE = "application/problem+json"
+_NOWHERE = object()
 
 
 class ProblemField(BaseModel):
@@ -82,26 +83,45 @@ def problem_of(error: DynidentError) -> Problem:
     return make_problem(422, error.detail, title=error.title, errors=fields)
 
 
-def pointer_of(location: Sequence[int | str]) -> str:
-    """Turn pydantic's location of an error into a JSON pointer; the query and the path give the parameter's name."""
+def pointer_of(location: Sequence[int | str], error_type: str, body: object) -> str:
+    """Turn pydantic's location of an error into a JSON pointer; the query and the path give the parameter's name.
+
+    Pydantic puts the name of a union's member into the location; what is not in the body is therefore passed over,
+    but for the field that is missing there.
+    """
     first, *rest = location or ("body",)
     if first != "body":
         return ".".join(str(part) for part in rest)
-    escaped = (str(part).replace("~", "~0").replace("/", "~1") for part in rest)
-    return "".join(f"/{part}" for part in escaped)
+    kept = []
+    for index, part in enumerate(rest):
+        inside = _inside(body, part)
+        is_missing = error_type == "missing" and index == len(rest) - 1
+        if inside is not _NOWHERE or is_missing:
+            kept.append(str(part).replace("~", "~0").replace("/", "~1"))
+        body = body if inside is _NOWHERE else inside
+    return "".join(f"/{part}" for part in kept)
 
 
-def fields_of(errors: Sequence[ErrorDetails | dict[str, Any]], prefix: tuple[str, ...] = ()) -> list[ProblemField]:
+def _inside(body: object, part: int | str) -> object:
+    if isinstance(body, dict):
+        return body.get(part, _NOWHERE)
+    if isinstance(body, list) and isinstance(part, int) and part < len(body):
+        return body[part]
+    return _NOWHERE
+
+
+def fields_of(errors: Sequence[ErrorDetails | dict[str, Any]], body: object, prefix: str = "") -> list[ProblemField]:
     """Turn pydantic's errors into the fields of a problem; several for one pointer are joined."""
     joined: dict[str, list[str]] = {}
     for error in errors:
-        location = (*prefix, *error["loc"])
+        location: Sequence[int | str] = error["loc"]
         if error["type"] == "json_invalid":
             location = ("body",)
             detail = f"the body is not JSON: {error.get('ctx', {}).get('error', 'it cannot be parsed')}"
         else:
             detail = str(error["msg"]).removeprefix("Value error, ")
-        details = joined.setdefault(pointer_of(location), [])
+        pointer = prefix + pointer_of(location, error["type"], body)
+        details = joined.setdefault(pointer, [])
         if detail not in details:
             details.append(detail)
     return [ProblemField(pointer=pointer, detail="; or ".join(details)) for pointer, details in joined.items()]

@@ -25,7 +25,7 @@ from dynident_service.problems import ProblemError, make_problem, problem_of
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Claim, Ledger, LostClaim
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.resources import Resources, insert, own
+from dynident_service.storage.resources import Resources, insert, own, rest
 from dynident_service.storage.tables import ResourceRow
 
 PRELOADED = ("dynident_service.work",)
@@ -115,7 +115,10 @@ class Reporter:
 def _store(session: Session, claim: Claim, outcome: Outcome) -> None:
     result: dict[str, Any] = dict(outcome.result)
     if outcome.creates is not None:
-        result[f"{outcome.creates.kind}_id"] = insert(session, outcome.creates)
+        made = insert(session, outcome.creates)
+        result[f"{outcome.creates.kind}_id"] = made
+        if claim.resource_id is not None:
+            rest(session, claim.resource_id, made, "result")
     if claim.resource_id is not None:
         row = session.get_one(ResourceRow, claim.resource_id)
         row.result = result

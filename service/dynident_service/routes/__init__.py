@@ -2,12 +2,14 @@
 
 from dynident_service.routes import (
     comparisons,
+    designs,
     diagnoses,
     effects,
     identifications,
     jobs,
     measurements,
     robots,
+    simulations,
     system,
 )
 
@@ -15,6 +17,8 @@ ROUTERS = (
     system.router,
     robots.router,
     effects.router,
+    designs.router,
+    simulations.router,
     measurements.router,
     identifications.router,
     comparisons.router,

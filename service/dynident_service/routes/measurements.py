@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -94,12 +95,14 @@ def show(resource: Resource) -> MeasurementView:
 
 def _metadata(text: str) -> MeasurementMetadata:
     try:
+        said = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise unusable(f"the metadata is not JSON: {error}", "/metadata") from error
+    try:
         return MeasurementMetadata.model_validate_json(text)
     except ValidationError as error:
-        errors = error.errors()
-        if errors[0]["type"] == "json_invalid":
-            raise unusable(f"the metadata is not JSON: {errors[0]['msg']}", "/metadata") from error
-        raise ProblemError.of(validation_problem(fields_of(errors, ("body", "metadata")))) from error
+        errors = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
+        raise ProblemError.of(validation_problem(fields_of(errors, said, "/metadata"))) from error
 
 
 def _store(

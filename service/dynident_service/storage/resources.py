@@ -113,8 +113,8 @@ def insert(session: Session, new: NewResource) -> str:
     )
     session.add(row)
     session.flush()
-    for needed in {(one.id, one.role) for one in new.rests_on}:
-        session.add(DependencyRow(dependent_id=row.id, on_id=needed[0], role=needed[1]))
+    for on_id, role in {(one.id, one.role) for one in new.rests_on}:
+        rest(session, row.id, on_id, role)
     own(session, row.id, new.objects)
     if new.job is not None:
         add_job(session, new.job, row.id)
@@ -123,6 +123,11 @@ def insert(session: Session, new: NewResource) -> str:
         session.add(RetryRow(scope=retry.scope, key=retry.key, fingerprint=retry.fingerprint, resource_id=row.id))
     session.flush()
     return row.id
+
+
+def rest(session: Session, identifier: str, on_id: str, role: str) -> None:
+    """Record that a resource rests on another."""
+    session.add(DependencyRow(dependent_id=identifier, on_id=on_id, role=role))
 
 
 def own(session: Session, identifier: str, objects: Sequence[Owned]) -> None:

@@ -1,0 +1,129 @@
+"""Designs of experiments between the contract and the science."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+
+from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
+from dynident.excitation.request import check_request
+from dynident.robot import Robot
+from dynident.simulation import Reference
+from dynident_service.adapters.effects import choices_of
+from dynident_service.adapters.identifications import check_effects, finite
+from dynident_service.adapters.robots import limits_of
+from dynident_service.models import designs as wire
+from dynident_service.problems import unusable
+
+ROWS = 65_536
+
+
+def request_of(asked: wire.DesignRequest, robot: Robot) -> DesignRequest:
+    """Take a design off the wire; `DynidentError` where it asks for what cannot be designed for this robot."""
+    if asked.model not in (None, "dynamic"):
+        detail = f"designs for the {asked.model} model are not available in this version; leave it out"
+        raise unusable(detail, "/model")
+    trajectory, criterion = asked.trajectory, asked.criterion
+    speeds = {} if trajectory.speeds is None else {"speeds": tuple(trajectory.speeds)}
+    request = DesignRequest(
+        kind=asked.kind,
+        effects=None if asked.effects is None else choices_of(asked.effects),
+        criterion=CriterionChoice(criterion.name, criterion.weight, criterion.a_priori),
+        trajectory=TrajectoryRequest(
+            family=trajectory.family,
+            duration=trajectory.duration,
+            harmonics=trajectory.harmonics,
+            periods=trajectory.periods,
+            sampling_rate=trajectory.sampling_rate,
+            **speeds,
+        ),
+        limits={name: limits_of(value) for name, value in asked.limits.items()},
+        home=None if asked.home is None else tuple(asked.home),
+        time_budget=asked.time_budget,
+        starts=asked.starts,
+        random_trajectories=asked.random_trajectories,
+        seed=asked.seed,
+    )
+    check_request(request)
+    check_effects(request.wanted_effects, robot)
+    return request
+
+
+def describe_design(found: Design) -> wire.DesignResult:
+    """Describe a design for the wire."""
+    baseline = found.baseline
+    return wire.DesignResult(
+        criterion_values=wire.CriterionValues(**_values(found.criterion_values)),
+        baseline_values=None
+        if baseline is None
+        else wire.BaselineValues(
+            **_values(baseline.best),
+            count=baseline.count,
+            median_condition_number=finite(baseline.median_condition_number),
+        ),
+        margins=[
+            wire.Margin(joint=one.joint, limit=one.limit, value=one.value, bound=one.bound, share=finite(one.share))
+            for one in found.margins
+        ],
+        n_samples=found.n_samples,
+        sampling_rate=found.sampling_rate,
+        duration=found.duration,
+        exciting=found.exciting,
+        period=found.period,
+        parameter_names=list(found.parameter_names),
+        joints=list(found.joint_names),
+        notes=list(found.notes),
+    )
+
+
+def write_trajectory(found: Design, path: Path) -> Path:
+    """Write the trajectory of a design as it is stored."""
+    pq.write_table(design_table(found), path)
+    return path
+
+
+def trajectory_as_csv(path: Path) -> Iterator[bytes]:
+    """Give a stored trajectory as CSV, a part at a time."""
+    file = pq.ParquetFile(path)
+    for index, batch in enumerate(file.iter_batches(ROWS)):
+        sink = pa.BufferOutputStream()
+        options = pacsv.WriteOptions(include_header=index == 0, quoting_style="none", quoting_header="none")
+        pacsv.write_csv(pa.Table.from_batches([batch]), sink, options)
+        yield sink.getvalue().to_pybytes()
+
+
+def trajectory_as_samples(path: Path, joints: list[str]) -> wire.TrajectorySamples:
+    """Give a stored trajectory as JSON arrays, [sample][joint]."""
+    reference = stored_reference(path, joints)
+    return wire.TrajectorySamples(
+        joints=joints,
+        t=reference.t.tolist(),
+        q=reference.q.tolist(),
+        dq=reference.dq.tolist(),
+        ddq=reference.ddq.tolist(),
+    )
+
+
+def stored_reference(path: Path, joints: list[str]) -> Reference:
+    """Read a stored trajectory."""
+    table = pq.read_table(path)
+
+    def matrix(kind: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        return np.column_stack([table[f"{kind}_{joint}"].to_numpy() for joint in joints])
+
+    return Reference(table["t"].to_numpy(), matrix("q"), matrix("dq"), matrix("ddq"))
+
+
+def reference_of_design(found: Design) -> Reference:
+    """Give the motion of a design."""
+    return Reference(found.t, found.q, found.dq, found.ddq)
+
+
+def _values(values: CriterionValues) -> dict[str, float | None]:
+    return {name: finite(value) for name, value in asdict(values).items()}

@@ -1,0 +1,117 @@
+"""Designs of experiments on the wire."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Limits, Name, Shown
+from dynident_service.models.identifications import MODELS
+
+DesignKind = Literal["optimized", "sequential", "constant_velocity", "random"]
+
+
+class Criterion(Asked):
+    """How exciting a motion is (§12.3.4.1)."""
+
+    name: Literal[
+        "condition_number",
+        "equilibrated",
+        "condition_plus_inverse_sigma",
+        "weighted",
+        "d_optimal",
+        "a_optimal",
+        "e_optimal",
+    ] = "condition_number"
+    weight: float = Field(default=1.0, description="k1 of [12.13], k2 of [12.14]")
+    a_priori: dict[str, float] = Field(default={}, description="|Z| of [12.15] by parameter")
+
+
+class Trajectory(Asked):
+    """The family of motions."""
+
+    family: Literal["fourier", "b_spline", "point_to_point"] = "fourier"
+    harmonics: int = 5
+    duration: float = Field(default=10.0, description="One period, s")
+    periods: int = 1
+    sampling_rate: float = Field(default=100.0, description="Hz")
+    speeds: list[float] | None = Field(
+        default=None, description="For constant velocity: shares of each joint's velocity limit"
+    )
+
+
+class DesignRequest(Asked):
+    """An experiment wanted."""
+
+    robot_id: Identifier
+    kind: DesignKind = "optimized"
+    name: Name | None = None
+    model: MODELS | None = None
+    effects: list[EffectChoice] | None = Field(default=None, description="What is to be identified")
+    criterion: Criterion = Criterion()
+    trajectory: Trajectory = Trajectory()
+    limits: dict[str, Limits] = Field(default={}, description="By joint; tighter ones, for this experiment")
+    home: list[float] | None = Field(default=None, description="Posture where it begins and ends, rad or m")
+    time_budget: float | None = Field(default=None, description="Seconds of optimisation")
+    starts: int | None = Field(default=None, description="Starts of the optimisation")
+    random_trajectories: int = Field(default=100, description="How many stand beside the result")
+    seed: int = 0
+
+
+class CriterionValues(Shown):
+    """What a motion is worth; singular values are those of W / √N."""
+
+    condition_number: float | None = Field(description="[12.12]; null where W has no full rank")
+    criterion: float | None
+    smallest_singular_value: float | None
+    largest_singular_value: float | None
+    log_determinant: float | None
+    trace_of_inverse: float | None
+
+
+class BaselineValues(CriterionValues):
+    """The best of the random trajectories."""
+
+    count: int
+    median_condition_number: float | None
+
+
+class Margin(Shown):
+    """How near the motion comes to a limit, on a fine grid."""
+
+    joint: str
+    limit: str
+    value: float = Field(description="The extreme one")
+    bound: float
+    share: float | None = Field(description="Of the room that is used: 1 touches the limit")
+
+
+class DesignResult(Shown):
+    """A verified experiment."""
+
+    criterion_values: CriterionValues
+    baseline_values: BaselineValues | None
+    margins: list[Margin]
+    n_samples: int
+    sampling_rate: float
+    duration: float = Field(description="s, from home to home")
+    exciting: tuple[float, float] = Field(description="Seconds between which the exciting part lies")
+    period: float | None
+    parameter_names: list[str]
+    joints: list[str]
+    notes: list[str]
+
+
+class TrajectorySamples(Shown):
+    """A trajectory sample by sample, [sample][joint]."""
+
+    joints: list[str]
+    t: list[float]
+    q: list[list[float]]
+    dq: list[list[float]]
+    ddq: list[list[float]]
+
+
+class DesignView(Computed[DesignRequest, DesignResult]):
+    """A design."""

@@ -1,0 +1,77 @@
+"""Designs of experiments."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
+
+from dynident_service.adapters.designs import request_of, trajectory_as_csv, trajectory_as_samples
+from dynident_service.adapters.robots import robot_of
+from dynident_service.models.common import Page, plain
+from dynident_service.models.designs import DesignRequest, DesignResult, DesignView, TrajectorySamples
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.needs import needed_robot
+from dynident_service.services import ServicesDep
+from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+
+router = APIRouter(prefix="/v1/designs", tags=["designs"])
+
+JOB = NewJob("design", "dynident_service.work.designs:design")
+PARQUET = "application/vnd.apache.parquet"
+
+
+@router.post("", status_code=202)
+def create_design(body: DesignRequest, services: ServicesDep, retry: RetryKeyDep, response: Response) -> DesignView:
+    """Design an experiment: a motion within the limits that tells the parameters apart."""
+    robot = needed_robot(services, body.robot_id)
+    request_of(body, robot_of(robot.request))
+    needs = (RestsOn(robot.id, "robot", "robot", "/robot_id"),)
+    new = NewResource("design", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
+    return show(make(services, new, response))
+
+
+@router.get("")
+def list_designs(
+    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
+) -> Page[DesignView]:
+    """List the designs, newest first; those of one robot if asked."""
+    return page_of(services, "design", query, show, robot_id)
+
+
+@router.get("/{design_id}")
+def get_design(design_id: str, services: ServicesDep) -> DesignView:
+    """Show a design, with its result once there is one."""
+    return show(services.resources.get("design", design_id))
+
+
+@router.delete("/{design_id}", status_code=204)
+def delete_design(design_id: str, services: ServicesDep) -> None:
+    """Delete a design; 409 while others rest on it."""
+    services.resources.delete("design", design_id)
+
+
+@router.get(
+    "/{design_id}/trajectory",
+    response_model=TrajectorySamples,
+    responses={200: {"content": {"text/csv": {}, PARQUET: {}}}},
+)
+def get_trajectory(
+    design_id: str, services: ServicesDep, format: Annotated[Literal["csv", "parquet", "json"], Query()] = "csv"
+) -> Response:
+    """Give t, q…, dq…, ddq… at the sampling rate, with the moves from and to rest."""
+    found = succeeded(services.resources.get("design", design_id))
+    path = services.objects.path(found.objects["trajectory"].key)
+    if format == "parquet":
+        return FileResponse(path, media_type=PARQUET, filename=f"{design_id}.parquet")
+    if format == "csv":
+        headers = {"Content-Disposition": f'attachment; filename="{design_id}.csv"'}
+        return StreamingResponse(trajectory_as_csv(path), media_type="text/csv", headers=headers)
+    joints = DesignResult.model_validate(found.result).joints
+    return JSONResponse(trajectory_as_samples(path, joints).model_dump())
+
+
+def show(resource: Resource) -> DesignView:
+    """Show a stored design."""
+    return computed(DesignView, resource)

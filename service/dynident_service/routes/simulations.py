@@ -1,0 +1,82 @@
+"""Simulations: virtual robots that are measured."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from dynident.robot import Robot
+from dynident_service.adapters.designs import request_of as design_request_of
+from dynident_service.adapters.robots import robot_of
+from dynident_service.adapters.simulations import reference_of, true_effects
+from dynident_service.models.common import Page, plain
+from dynident_service.models.designs import DesignRequest, Trajectory
+from dynident_service.models.simulations import Samples, SimulationRequest, SimulationView
+from dynident_service.problems import unusable
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
+from dynident_service.routes.needs import needed, needed_robot
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+
+router = APIRouter(prefix="/v1/simulations", tags=["simulations"])
+
+JOB = NewJob("simulation", "dynident_service.work.simulations:measure_virtual_robot")
+
+
+@router.post("", status_code=202)
+def create_simulation(
+    body: SimulationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
+) -> SimulationView:
+    """Have a virtual robot make a motion; it gives a measurement."""
+    robot = needed_robot(services, body.robot_id)
+    _check(body, robot_of(robot.request))
+    needs = [RestsOn(robot.id, "robot", "robot", "/robot_id")]
+    if body.design_id is not None:
+        needs.append(_design(services, body.design_id, robot))
+    new = NewResource("simulation", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
+    return show(make(services, new, response))
+
+
+@router.get("")
+def list_simulations(
+    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
+) -> Page[SimulationView]:
+    """List the simulations, newest first; those of one robot if asked."""
+    return page_of(services, "simulation", query, show, robot_id)
+
+
+@router.get("/{simulation_id}")
+def get_simulation(simulation_id: str, services: ServicesDep) -> SimulationView:
+    """Show a simulation; its result names the measurement."""
+    return show(services.resources.get("simulation", simulation_id))
+
+
+@router.delete("/{simulation_id}", status_code=204)
+def delete_simulation(simulation_id: str, services: ServicesDep) -> None:
+    """Delete a simulation; its measurement stays."""
+    services.resources.delete("simulation", simulation_id)
+
+
+def show(resource: Resource) -> SimulationView:
+    """Show a stored simulation."""
+    return computed(SimulationView, resource)
+
+
+def _check(body: SimulationRequest, robot: Robot) -> None:
+    """Refuse at once what would fail later."""
+    true_effects(body.effects, robot)
+    if isinstance(body.trajectory, Samples):
+        reference_of(body.trajectory)
+    elif isinstance(body.trajectory, Trajectory):
+        design_request_of(DesignRequest(robot_id=body.robot_id, kind="random", trajectory=body.trajectory), robot)
+
+
+def _design(services: Services, identifier: str, robot: Resource) -> RestsOn:
+    found = needed(services, "design", identifier, "/design_id")
+    if found.one("robot") != robot.id:
+        raise unusable(f"the design {identifier!r} is for another robot, {found.one('robot')}", "/design_id")
+    state = found.job.state if found.job is not None else "failed"
+    if state != "succeeded":
+        raise unusable(f"the design {identifier!r} is {state}; one that succeeded is needed", "/design_id")
+    return RestsOn(identifier, "design", "design", "/design_id")

@@ -1,0 +1,24 @@
+"""Jobs that design an experiment."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from dynident.excitation import design_experiment
+from dynident_service.adapters.designs import describe_design, request_of, write_trajectory
+from dynident_service.jobs.work import Outcome, Task
+from dynident_service.models.common import plain
+from dynident_service.models.designs import DesignRequest
+from dynident_service.work.means import robot_by_id
+
+
+def design(task: Task) -> Outcome:
+    """Design an experiment."""
+    asked = DesignRequest.model_validate(task.subject.request)
+    robot = robot_by_id(task, asked.robot_id)
+    found = design_experiment(robot, request_of(asked, robot), task.progress)
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_trajectory(found, Path(folder) / "trajectory.parquet")
+        trajectory = task.keep("trajectory", path, "application/vnd.apache.parquet")
+    return Outcome(plain(describe_design(found)), (trajectory,))
