@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
+from dynident.recordings.arrow import to_floats
 from dynident.recordings.columns import Layout
 from dynident.recordings.types import FloatArray, IntArray, RecordingError
 
@@ -192,7 +193,7 @@ def _floats(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:
     try:
         if pa.types.is_timestamp(kind):
             column = column.cast(pa.timestamp("ns")).cast(pa.int64())
-            return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)) * 1e-9
+            return to_floats(column.cast(pa.float64(), safe=False)) * 1e-9
         if not pa.types.is_float64(kind):
             column = column.cast(pa.float64(), safe=False)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
@@ -201,7 +202,7 @@ def _floats(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:
             pointer=name,
             title="Not a number",
         ) from error
-    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+    return to_floats(column)
 
 
 def _whole(values: FloatArray, name: str, first_row: int) -> IntArray:

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from dynident.recordings.arrow import from_numbers
 from dynident.recordings.conditioning import GridRows
 from dynident.recordings.sources import METADATA_KEY, describe, stored_column
 from dynident.recordings.types import FloatArray, Recording
@@ -70,6 +71,6 @@ class ParquetSink:
         t = np.concatenate([rows.t for rows in self._waiting])
         label = np.concatenate([np.full(len(rows.t), rows.label, dtype=np.int64) for rows in self._waiting])
         values = np.concatenate([rows.values for rows in self._waiting])
-        columns = [pa.array(t), pa.array(label), *(pa.array(np.ascontiguousarray(c)) for c in values.T)]
+        columns = [from_numbers(t), from_numbers(label), *(from_numbers(column) for column in values.T)]
         self._writer.write_table(pa.Table.from_arrays(columns, schema=self._schema), row_group_size=ROW_GROUP)
         self._waiting, self._n_waiting = [], 0

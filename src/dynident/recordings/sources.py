@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from dynident.recordings.arrow import to_floats
 from dynident.recordings.types import FloatArray, Recording, RecordingError, Segment, StoredRows
 
 METADATA_KEY = b"dynident.recording"
@@ -72,7 +73,7 @@ def stacked(batch: pa.RecordBatch, columns: list[str]) -> FloatArray:
     """Give the named columns side by side (m, len(columns)), in the memory order that row-wise work likes."""
     result = np.empty((batch.num_rows, len(columns)))
     for index, column in enumerate(columns):
-        result[:, index] = batch.column(column).to_numpy(zero_copy_only=False)
+        result[:, index] = to_floats(batch.column(column))
     return result
 
 
