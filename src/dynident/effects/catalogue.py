@@ -88,13 +88,20 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
 
 
 def check_shape(choice: EffectChoice, pointer: str = "") -> None:
-    """Raise where a choice gives a shape constant that its effect does not have."""
+    """Raise where a choice gives a shape constant that its effect does not have, or one that makes no sense."""
     effect = effect_by_id(choice.effect, pointer)
-    known = [spec.name for spec in effect.shapes]
-    for name, _ in choice.shape:
+    known = {spec.name: spec for spec in effect.shapes}
+    for name, value in choice.shape:
         if name not in known:
             raise UnknownEffectError(
                 f"{choice.effect} has no shape constant {name!r}; it has: {', '.join(known) or 'none'}", pointer=pointer
+            )
+        if not known[name].admits(value):
+            raise UnknownEffectError(
+                f"{name} of {choice.effect} is {value}; its {known[name].description} has to be a finite number "
+                f"{'other than' if known[name].signed else 'above'} zero",
+                pointer=f"{pointer}/shape/{name}",
+                title="Impossible shape constant",
             )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,7 +33,7 @@ class ShapeSpec:
     """A constant inside an effect's columns, searched for rather than solved for.
 
     `default` is used where nobody chose a value. `proposal` says where candidates come from: a fixed grid (`grid`), or
-    lines in the spectrum of the residual over the joint's angle.
+    lines in the spectrum of the residual over the joint's angle. A constant is above zero unless it is `signed`.
     """
 
     name: str
@@ -41,6 +42,11 @@ class ShapeSpec:
     default: float
     proposal: Literal["grid", "angle_spectrum"] = "grid"
     relative_to_velocity: bool = False
+    signed: bool = False
+
+    def admits(self, value: float) -> bool:
+        """Whether a value makes sense for this constant."""
+        return math.isfinite(value) and (value != 0 if self.signed else value > 0)
 
 
 @dataclass(frozen=True, eq=False)

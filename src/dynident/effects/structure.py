@@ -73,9 +73,11 @@ class TorqueRipple(Effect):
         constants = self.shape_with_defaults(shape)
         made = []
         for j in joints:
-            angle = constants["k"] * signals.q[j]
-            for spec, wave in zip(self.parameters, (ca.cos(angle), ca.sin(angle)), strict=True):
-                made.append(self._column(signals, spec, j, wave, constants))
+            k = constants["k"]
+            cosine, sine = ca.cos(k * signals.q[j]), ca.sin(k * signals.q[j])
+            stored = (partial(ca.SX, sine / k), partial(ca.SX, -cosine / k))
+            for spec, wave, energy in zip(self.parameters, (cosine, sine), stored, strict=True):
+                made.append(self._column(signals, spec, j, wave, constants, energy))
         return made
 
 
@@ -128,7 +130,11 @@ class TransmissionCoupling(Effect):
         ParameterSpec("Fvm", "N m s/rad", "viscous friction of the shared motor"),
         ParameterSpec("Fcm", "N m", "Coulomb friction of the shared motor"),
     )
-    shapes = (ShapeSpec("side", "-", "+1: the motor turns with the sum of the joints, -1: with the difference", 1.0),)
+    shapes = (
+        ShapeSpec(
+            "side", "-", "+1: the motor turns with the sum of the joints, -1: with the difference", 1.0, signed=True
+        ),
+    )
     signature = "the friction of a joint depends on the velocity of the next"
     confused_with = ("coulomb", "viscous")
     sources = ("Khalil and Dombre 2002, chapter 9",)
@@ -156,6 +162,7 @@ class TransmissionCoupling(Effect):
                         unit=spec.unit,
                         torque=rows,
                         shape=tuple(constants.items()),
+                        energy=partial(_half_square, velocity) if spec.name == "Iam" else None,
                     )
                 )
         return made
