@@ -8,9 +8,11 @@ from dynident_service.routes import (
     identifications,
     jobs,
     measurements,
+    reports,
     robots,
     simulations,
     system,
+    validations,
 )
 
 ROUTERS = (
@@ -23,6 +25,8 @@ ROUTERS = (
     identifications.router,
     comparisons.router,
     diagnoses.router,
+    validations.router,
+    reports.router,
     jobs.router,
 )
 

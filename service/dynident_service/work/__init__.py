@@ -1,5 +1,13 @@
 """What jobs do: read the inputs, call the science, give the results. Imported ahead by the child processes."""
 
-from dynident_service.work import comparisons, designs, diagnoses, identifications, simulations
+from dynident_service.work import (
+    comparisons,
+    designs,
+    diagnoses,
+    identifications,
+    reports,
+    simulations,
+    validations,
+)
 
-__all__ = ["comparisons", "designs", "diagnoses", "identifications", "simulations"]
+__all__ = ["comparisons", "designs", "diagnoses", "identifications", "reports", "simulations", "validations"]

@@ -1,0 +1,35 @@
+"""Reports on the wire."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
+
+ReportFormat = Literal["html", "pdf", "json"]
+
+
+class ReportRequest(Asked):
+    """What is to be reported."""
+
+    identification_id: Identifier
+    diagnosis_id: Identifier | None = Field(default=None, description="Of this model or of one it came from")
+    measurement_ids: list[Identifier] | None = Field(
+        default=None, min_length=1, max_length=100, description="Shown beside the prediction; else all it knows"
+    )
+    format: ReportFormat = "html"
+    name: Name | None = Field(default=None, description="The heading")
+
+
+class ReportResult(Shown):
+    """The document that was made."""
+
+    media_type: str
+    size: int = Field(description="Bytes")
+    href: str
+
+
+class ReportView(Computed[ReportRequest, ReportResult]):
+    """A report."""

@@ -1,0 +1,97 @@
+"""Reports."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import StreamingResponse
+
+from dynident_service.models.common import Page, plain
+from dynident_service.models.reports import ReportRequest, ReportView
+from dynident_service.problems import ProblemError, unusable
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.needs import needed, needed_measurements, needed_model
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+
+router = APIRouter(prefix="/v1/reports", tags=["reports"])
+
+JOB = NewJob("report", "dynident_service.work.reports:write_report")
+AVAILABLE = ("html", "json")
+
+
+@router.post("", status_code=202)
+def create_report(body: ReportRequest, services: ServicesDep, retry: RetryKeyDep, response: Response) -> ReportView:
+    """Write a report of an identified model, with its ladder and a diagnosis if asked."""
+    if body.format not in AVAILABLE:
+        detail = f"Reports as {body.format} are not available in this version; choose from: {', '.join(AVAILABLE)}."
+        raise ProblemError(501, detail, title="Format not available", available=list(AVAILABLE))
+    model = needed_model(services, body.identification_id)
+    robot = services.resources.get("robot", model.one("robot"))
+    needs = [
+        RestsOn(model.id, "identification", "identification", "/identification_id"),
+        *needed_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
+    ]
+    if body.diagnosis_id is not None:
+        needs.append(_diagnosis(services, body.diagnosis_id, model))
+    new = NewResource("report", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
+    return show(make(services, new, response))
+
+
+@router.get("")
+def list_reports(
+    services: ServicesDep, query: ListQueryDep, identification_id: Annotated[str | None, Query()] = None
+) -> Page[ReportView]:
+    """List the reports, newest first; those of one identification if asked."""
+    return page_of(services, "report", query, show, identification_id)
+
+
+@router.get("/{report_id}")
+def get_report(report_id: str, services: ServicesDep) -> ReportView:
+    """Show a report; its result says where the document is."""
+    return show(services.resources.get("report", report_id))
+
+
+@router.delete("/{report_id}", status_code=204)
+def delete_report(report_id: str, services: ServicesDep) -> None:
+    """Delete a report."""
+    services.resources.delete("report", report_id)
+
+
+@router.get(
+    "/{report_id}/content",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"text/html": {}, "application/json": {}}}},
+)
+def get_report_content(report_id: str, services: ServicesDep) -> StreamingResponse:
+    """Give the document."""
+    document = succeeded(services.resources.get("report", report_id)).objects["content"]
+    # The document shows names that users gave: no script in it may run, whatever they are.
+    headers = {
+        "Content-Length": str(document.size),
+        "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:",
+    }
+    return StreamingResponse(services.objects.stream(document.key), media_type=document.media_type, headers=headers)
+
+
+def show(resource: Resource) -> ReportView:
+    """Show a stored report."""
+    return computed(ReportView, resource)
+
+
+def _diagnosis(services: Services, identifier: str, model: Resource) -> RestsOn:
+    """The diagnosis must be of this model or of one that it was extended from."""
+    diagnosis = needed(services, "diagnosis", identifier, "/diagnosis_id")
+    state = diagnosis.job.state if diagnosis.job is not None else "failed"
+    if state != "succeeded":
+        raise unusable(f"the diagnosis {identifier!r} is {state}; one that succeeded is needed", "/diagnosis_id")
+    diagnosed = diagnosis.one("identification")
+    ancestor: Resource | None = model
+    while ancestor is not None and ancestor.id != diagnosed:
+        parents = ancestor.all("parent")
+        ancestor = services.resources.get("identification", parents[0]) if parents else None
+    if ancestor is None:
+        detail = f"the diagnosis {identifier!r} is of {diagnosed}, which is neither {model.id} nor what it came from"
+        raise unusable(detail, "/diagnosis_id")
+    return RestsOn(identifier, "diagnosis", "diagnosis", "/diagnosis_id")

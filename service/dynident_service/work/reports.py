@@ -1,0 +1,87 @@
+"""Jobs that write a report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from dynident.diagnosis import compare
+from dynident.identification import Identification
+from dynident.progress import part
+from dynident.recordings import Check
+from dynident.reports import ReportedRun, html_report
+from dynident_service.adapters.diagnoses import diagnosis_of
+from dynident_service.adapters.identifications import show_errors
+from dynident_service.jobs.work import Outcome, Task
+from dynident_service.models.common import plain
+from dynident_service.models.identifications import StoredIdentification
+from dynident_service.models.measurements import MeasurementResult
+from dynident_service.models.reports import ReportRequest, ReportResult
+from dynident_service.storage.records import Resource
+from dynident_service.work.means import model_by_id, recording_by_id
+
+
+def write_report(task: Task) -> Outcome:
+    """Write the report of an identified model."""
+    subject = task.subject
+    request = ReportRequest.model_validate(subject.request)
+    identification = task.resources.get("identification", request.identification_id)
+    diagnosis = task.resources.get("diagnosis", request.diagnosis_id) if request.diagnosis_id is not None else None
+    runs = _runs(task, request, identification)
+    task.progress(0.8, "writing")
+    if request.format == "json":
+        content, media_type = json.dumps(_document(identification, diagnosis, runs), indent=1), "application/json"
+    else:
+        found = None if diagnosis is None or diagnosis.result is None else diagnosis_of(diagnosis.result)
+        model = model_by_id(task, identification.id)
+        content, media_type = html_report(model, runs, diagnosis=found, title=request.name or ""), "text/html"
+    document = task.keep("content", content.encode(), media_type)
+    href = f"/v1/reports/{subject.id}/content"
+    return Outcome(plain(ReportResult(media_type=media_type, size=document.size, href=href)), (document,))
+
+
+def _runs(task: Task, request: ReportRequest, identification: Resource) -> list[ReportedRun]:
+    """The recordings to show, each with the prediction beside it."""
+    model: Identification = model_by_id(task, identification.id)
+    asked = StoredIdentification.model_validate(identification.request)
+    shown = request.measurement_ids or [*asked.measurement_ids, *asked.validation_ids]
+    runs = []
+    for index, identifier in enumerate(shown):
+        progress = part(task.progress, 0.8 * index / len(shown), 0.8 * (index + 1) / len(shown))
+        recording = recording_by_id(task, identifier)
+        held_out = identifier not in asked.measurement_ids
+        checks = _checks(task.resources.get("measurement", identifier))
+        runs.append(ReportedRun(recording, compare(model, recording, progress), held_out, checks))
+    return runs
+
+
+def _checks(measurement: Resource) -> tuple[Check, ...]:
+    found = MeasurementResult.model_validate(measurement.result).checks
+    return tuple(Check(**one.model_dump()) for one in found)
+
+
+def _document(identification: Resource, diagnosis: Resource | None, runs: Sequence[ReportedRun]) -> dict[str, Any]:
+    return {
+        "identification": _shown(identification),
+        "diagnosis": None if diagnosis is None else _shown(diagnosis),
+        "measurements": [
+            {
+                "name": run.name,
+                "held_out": run.held_out,
+                "n_samples": run.recording.n_samples,
+                "errors": plain(show_errors(run.comparison.errors)),
+            }
+            for run in runs
+        ],
+    }
+
+
+def _shown(resource: Resource) -> dict[str, Any]:
+    return {
+        "id": resource.id,
+        "name": resource.name,
+        "created_at": resource.created_at.isoformat(),
+        "request": resource.request,
+        "result": resource.result,
+    }
