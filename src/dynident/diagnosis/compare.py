@@ -15,6 +15,7 @@ from dynident.progress import Progress, silent
 from dynident.recordings import Recording, SampleBlock
 from dynident.regressors.stream import SampleFunction, parallel_filtered
 from dynident.robot.model import FloatArray
+from dynident.threads import single_threaded
 
 _STRETCH = 0.5
 _WORST = 12
@@ -107,6 +108,7 @@ class Comparison:
         )
 
 
+@single_threaded
 def compare(identification: Identification, recording: Recording, progress: Progress = silent) -> Comparison:
     """Predict the torque along a recording and hold it against what was measured.
 

@@ -21,6 +21,7 @@ from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray
+from dynident.threads import single_threaded
 
 DEFAULT_MOST_EFFECTS = 8
 _KINDS = ("interleaved", "contiguous")
@@ -37,6 +38,7 @@ class _State:
     picks: tuple[Finding, ...]
 
 
+@single_threaded
 def diagnose(
     identification: Identification,
     recordings: Sequence[Recording],

@@ -28,8 +28,10 @@ from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray, Robot
+from dynident.threads import single_threaded
 
 
+@single_threaded
 def identify(
     robot: Robot,
     recordings: Sequence[Recording],
@@ -62,6 +64,7 @@ def identify(
     return identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.5, 1.0))
 
 
+@single_threaded
 def extend(
     identification: Identification,
     added: Sequence[EffectChoice],

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray, Robot
 
-_FINE = (-0.5, -0.25, 0.0, 0.25, 0.5)
+# Steps to either side of a coarse value: two octaves in steps of a quarter, or a line by less than its own width.
+_STEPS, _STEPS_AN_OCTAVE, _LINE_STEP = 8, 4, 0.025
 
 
 def lacks_shape(choice: EffectChoice) -> bool:
@@ -87,7 +88,8 @@ def find_shapes(
     Where a choice gives its shape, it is kept. The others are taken from the effect's grid, one after another.
     """
     options = [_options(choice, model.robot) for choice in added]
-    return _search(model, options, recordings, preprocessing, reference, progress)
+    table = _tabulate(model, options, recordings, preprocessing, reference, progress)
+    return tuple(choices[k] for choices, k in zip(options, table.search()[0], strict=True))
 
 
 def refine_shapes(
@@ -98,11 +100,12 @@ def refine_shapes(
     reference: FloatArray,
     progress: Progress = silent,
 ) -> tuple[EffectChoice, ...]:
-    """Search between the grid points around shape constants that came from a grid of factors of two."""
+    """Search around shape constants that came from a coarse grid, up to four times smaller and larger."""
     options = [_finer(choice) for choice in added]
     if all(len(item) == 1 for item in options):
         return tuple(added)
-    return _search(model, options, recordings, preprocessing, reference, progress)
+    picked, errors = _tabulate(model, options, recordings, preprocessing, reference, progress).search()
+    return tuple(_vertex(group[k], k, e) for group, k, e in zip(options, picked, errors, strict=True))
 
 
 def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:
@@ -114,27 +117,75 @@ def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:
 
 
 def _finer(choice: EffectChoice) -> list[EffectChoice]:
-    effect = effect_by_id(choice.effect)
-    refined = [spec for spec in effect.shapes if spec.proposal == "grid" and spec.unit in ("rad", "rad/s")]
-    if not refined or not choice.shape:
-        return [choice]
-    name = refined[0].name
-    value = choice.shape_values[name]
-    return [replace(choice, shape=_key({**choice.shape_values, name: value * 2.0**step})) for step in _FINE]
+    """Neighbours of a choice in even steps of its shape constant; the choice alone where it is not to be refined."""
+    moved = _moves(choice)
+    return [choice] if moved is None else [_with(choice, moved[0], value) for value in moved[1]]
+
+
+def _moves(choice: EffectChoice) -> tuple[str, list[float]] | None:
+    """The shape constant to refine and its values to try: in equal ratios, or in equal steps for a line."""
+    for spec in effect_by_id(choice.effect).shapes:
+        if spec.name not in choice.shape_values:
+            continue
+        value = choice.shape_values[spec.name]
+        if spec.proposal == "angle_spectrum":
+            return spec.name, [value + _LINE_STEP * k for k in range(-_STEPS, _STEPS + 1)]
+        if spec.unit in ("rad", "rad/s"):
+            return spec.name, [value * 2.0 ** (k / _STEPS_AN_OCTAVE) for k in range(-_STEPS, _STEPS + 1)]
+    return None
+
+
+def _with(choice: EffectChoice, name: str, value: float) -> EffectChoice:
+    return replace(choice, shape=_key({**choice.shape_values, name: value}))
 
 
 def _key(shape: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
     return tuple(sorted((name, float(value)) for name, value in shape.items()))
 
 
-def _search(
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Columns of every option: `factor` is the triangular factor of [model | options | Y], all rows together.
+
+    `numbers[k][i]` are the columns of option i for choice k.
+    """
+
+    factor: FloatArray
+    n_base: int
+    numbers: list[list[list[int]]]
+
+    def errors(self, k: int, others: Sequence[int]) -> FloatArray:
+        """Squared error of every option of choice k beside the model and the columns `others`."""
+        base = [*range(self.n_base), *others]
+        return np.array([_squared_error(self.factor, base + option) for option in self.numbers[k]])
+
+    def search(self) -> tuple[list[int], list[FloatArray]]:
+        """The best option of every choice, one after another, twice; and the errors it was picked from."""
+        chosen: list[int] = []
+        found: list[FloatArray] = []
+        for k in range(len(self.numbers)):
+            found.append(self.errors(k, self._columns(chosen, range(k))))
+            chosen.append(int(np.argmin(found[k])))
+        for _ in range(2):
+            for k, group in enumerate(self.numbers):
+                if len(group) > 1:
+                    others = [i for i in range(len(self.numbers)) if i != k]
+                    found[k] = self.errors(k, self._columns(chosen, others))
+                    chosen[k] = int(np.argmin(found[k]))
+        return chosen, found
+
+    def _columns(self, chosen: Sequence[int], which: Iterable[int]) -> list[int]:
+        return [column for i in which for column in self.numbers[i][chosen[i]]]
+
+
+def _tabulate(
     model: Model,
     options: Sequence[Sequence[EffectChoice]],
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress,
-) -> tuple[EffectChoice, ...]:
+) -> _Table:
     signals: Signals = model.signals
     columns: list[Column] = list(model.kept)
     numbers: list[list[list[int]]] = []
@@ -146,24 +197,22 @@ def _search(
             columns += made
     observation = Observation.of(model.robot, columns, signals)
     reduction = reduce_recordings(observation, recordings, preprocessing, reference, progress)
-    base = list(range(model.n_parameters))
-    alone = reduction.select(base)
-    # The factor of all rows together: every option is then a small problem, whatever the length of the data.
+    alone = reduction.select(list(range(model.n_parameters)))
     factor = weighted_factor(reduction, noise_levels(alone, ordinary(alone).values))
-    chosen = [_best(factor, base, group) for group in numbers]
-    for _ in range(2):  # each choice again beside the others'
-        for k, group in enumerate(numbers):
-            if len(group) > 1:
-                others = [c for i, picked in enumerate(chosen) if i != k for c in numbers[i][picked]]
-                chosen[k] = _best(factor, base + others, group)
-    return tuple(choices[k] for choices, k in zip(options, chosen, strict=True))
+    return _Table(factor, model.n_parameters, numbers)
 
 
-def _best(factor: FloatArray, base: list[int], group: list[list[int]]) -> int:
-    """Index of the option with the smallest weighted squared error beside the columns `base`."""
-    if len(group) == 1:
-        return 0
-    return int(np.argmin([_squared_error(factor, base + option) for option in group]))
+def _vertex(choice: EffectChoice, picked: int, errors: FloatArray) -> EffectChoice:
+    """The choice at the minimum of the parabola through the best step and its neighbours."""
+    moved = _moves(choice)
+    if moved is None or not 0 < picked < len(errors) - 1:
+        return choice
+    before, here, after = errors[picked - 1 : picked + 2]
+    curvature = before - 2 * here + after
+    shift = float(0.5 * (before - after) / curvature) if curvature > 0 else 0.0
+    name, value = moved[0], choice.shape_values[moved[0]]
+    line = effect_by_id(choice.effect).shapes[0].proposal == "angle_spectrum"
+    return _with(choice, name, value + _LINE_STEP * shift if line else value * 2.0 ** (shift / _STEPS_AN_OCTAVE))
 
 
 def _squared_error(factor: FloatArray, columns: list[int]) -> float:

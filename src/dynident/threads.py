@@ -1,0 +1,27 @@
+"""BLAS on one thread, where matrices are small.
+
+On matrices of 100 x 60 a multi-threaded BLAS spends its time waking threads: the same identification takes up to ten
+times as long, and varies from run to run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
+
+
+def single_threaded(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Run a function with BLAS on one thread."""
+
+    @wraps(function)
+    def limited(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return limited
