@@ -1,15 +1,29 @@
-"""Numbers between Arrow and numpy, without the detour over pandas that Arrow's own conversion takes where it is there.
+"""Arrow at the border: files read in a stream, and columns as numpy arrays and back.
 
-(Importing pandas costs a second and 40 MB, in every process that reads a recording.)
+Arrow's own conversion takes a detour over pandas where that is installed, which costs a second and 40 MB in every
+process that reads a recording.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from dynident.recordings.types import FloatArray, IntArray
+
+READ_BYTES = 1 << 16
+
+
+def streamed_parquet(path: Path) -> pq.ParquetFile:
+    """Open a Parquet file for reading in batches, in memory that does not grow with it.
+
+    Arrow's defaults keep every byte read until the file is closed, and read a column's whole row group at once.
+    """
+    return pq.ParquetFile(path, pre_buffer=False, buffer_size=READ_BYTES)
 
 
 def to_floats(column: pa.Array) -> FloatArray:

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
-from dynident.recordings.arrow import to_floats
+from dynident.recordings.arrow import streamed_parquet, to_floats
 from dynident.recordings.columns import Layout
 from dynident.recordings.types import FloatArray, IntArray, RecordingError
 
@@ -98,7 +98,7 @@ class ParquetFileSource(FileSource):
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         try:
-            with pq.ParquetFile(self._path) as file:
+            with streamed_parquet(self._path) as file:
                 yield from file.iter_batches(BATCH_ROWS, columns=columns, use_threads=False)
         except (pa.ArrowInvalid, pa.ArrowIOError) as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title="Unreadable file") from error

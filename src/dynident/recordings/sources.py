@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from dynident.recordings.arrow import to_floats
+from dynident.recordings.arrow import streamed_parquet, to_floats
 from dynident.recordings.types import FloatArray, Recording, RecordingError, Segment, StoredRows
 
 METADATA_KEY = b"dynident.recording"
@@ -46,7 +46,7 @@ class ParquetSource:
         kinds = ("q", "tau", "temperature") if self.has_temperature else ("q", "tau")
         columns = [stored_column(kind, joint) for kind in kinds for joint in self.joint_names]
         n = len(self.joint_names)
-        with pq.ParquetFile(self.path) as file:
+        with streamed_parquet(self.path) as file:
             groups, skipped = _groups(file.metadata, first, length)
             skip, left = first - skipped, length
             for batch in file.iter_batches(block_length, row_groups=groups, columns=columns, use_threads=False):
