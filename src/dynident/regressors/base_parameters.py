@@ -12,16 +12,20 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from dynident.effects import Column, Signals
 from dynident.regressors.observation import Observation
 from dynident.robot.model import FloatArray, Robot
 
+BoolArray = NDArray[np.bool_]
+
 DEFAULT_TOLERANCE = 2e-5
 """Share of a column that may be left outside the kept ones: above what rounded right angles in a URDF leave behind."""
 
 _NULL = 1e-8
+_ROUNDING = 1e-9
 _STATES_PER_COLUMN = 2
 
 
@@ -36,6 +40,7 @@ class BaseParameters:
     names: tuple[str, ...]
     kept: tuple[int, ...]
     grouping: FloatArray
+    written: BoolArray
     without_effect: tuple[int, ...]
     rank: int
 
@@ -53,8 +58,8 @@ class BaseParameters:
     def groupings(self) -> tuple[str, ...]:
         """Each base parameter written out in standard parameters: "ZZ1 + Ia1 + 0.5 MX2"."""
         return tuple(
-            _written([self.names[k] for k in _order(row, lead)], row[_order(row, lead)])
-            for row, lead in zip(self.grouping, self.kept, strict=True)
+            _written([self.names[k] for k in _order(shown, lead)], row[_order(shown, lead)])
+            for row, shown, lead in zip(self.grouping, self.written, self.kept, strict=True)
         )
 
 
@@ -96,16 +101,20 @@ def select_base(w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAUL
             basis[:, len(kept)] = rest / size
             kept.append(int(k))
     grouping = np.zeros((len(kept), w.shape[1]))
+    written = np.zeros(grouping.shape, dtype=bool)
     if kept:
         q = basis[:, : len(kept)]
         in_kept = np.linalg.solve(q.T @ scaled[:, kept], q.T @ scaled)
         grouping = in_kept * norms / norms[kept][:, None]
-        grouping[np.abs(in_kept) < 10 * tolerance] = 0.0
+        grouping[np.abs(in_kept) < _ROUNDING] = 0.0
         grouping[:, kept] = np.eye(len(kept))
+        # What rounded right angles leave behind belongs to the grouping, but not to a formula that somebody reads.
+        written = (np.abs(in_kept) >= 10 * tolerance) & (grouping != 0)
     return BaseParameters(
         names=names,
         kept=tuple(kept),
         grouping=grouping,
+        written=written,
         without_effect=tuple(int(k) for k in np.flatnonzero(null)),
         rank=_pivoted_rank(scaled, tolerance),
     )
@@ -147,8 +156,8 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0) -
     return dense.reshape(n_states * n, observation.n_columns)
 
 
-def _order(row: FloatArray, lead: int) -> list[int]:
-    return [lead, *(int(k) for k in np.flatnonzero(row) if k != lead)]
+def _order(shown: BoolArray, lead: int) -> list[int]:
+    return [lead, *(int(k) for k in np.flatnonzero(shown) if k != lead)]
 
 
 def _written(names: list[str], weights: FloatArray) -> str:

@@ -72,7 +72,7 @@ class Model:
             return full
         inertial = [k for k, column in enumerate(self.kept) if column.effect in ("rigid_body", "rotor_inertia")]
         grouping = self.base.grouping[np.ix_(inertial, rigid)]
-        seen = np.any(grouping != 0, axis=1)
+        seen = np.any(self.base.written[np.ix_(inertial, rigid)], axis=1)
         gap = values[inertial][seen] - grouping[seen] @ nominal
         return nominal + np.linalg.pinv(grouping[seen]) @ gap
 

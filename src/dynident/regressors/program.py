@@ -225,8 +225,16 @@ class BlockProgram:
         Returns
         -------
         (m, n_outputs) : the structural non-zeros of the expression, column by column.
+
+        Raises
+        ------
+        ValueError
+            For inputs of different lengths.
         """
-        m = max(item.shape[0] for item in inputs if item.ndim == 2)
+        lengths = {item.shape[0] for item in inputs if item.ndim == 2}
+        if len(lengths) != 1:
+            raise ValueError(f"inputs of {sorted(lengths)} samples; all of them need the same number")
+        m = lengths.pop()
         out = np.empty((m, self.n_outputs))
         block = min(BLOCK, m)
         if block == 0:
