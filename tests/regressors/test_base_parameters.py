@@ -1,0 +1,197 @@
+"""The smallest set of parameters that determines the model, and how the others group into it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles import ARMS, arm, crooked_urdf, pinocchio_rows, random_states
+
+from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.regressors.base_parameters import base_parameters, select_base
+from dynident.regressors.model import build_model, inertial_base_parameters
+from dynident.robot import robot_from_urdf
+
+# Published ranks (Panda: Gaz et al. 2019; UR10: Gaz, Magrini and De Luca 2018) and numpy's for the others.
+RANKS = {"franka_panda": 43, "ur10": 36}
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_number_of_base_inertial_parameters_is_the_rank_of_pinocchios_regressor(name):
+    robot = arm(name)
+    base = inertial_base_parameters(robot)
+    rows = pinocchio_rows(robot, *random_states(robot, 60)).reshape(-1, 10 * robot.n)
+    norms = np.linalg.norm(rows, axis=0)
+    scaled = rows[:, norms > 1e-8 * norms.max()] / norms[norms > 1e-8 * norms.max()]
+    singular = np.linalg.svd(scaled, compute_uv=False)
+    assert base.count == base.rank == np.count_nonzero(singular > 1e-8 * singular[0])
+    assert base.count == RANKS.get(name, base.count)
+
+
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("effects", [("rigid_body",), ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")])
+def test_base_parameters_of_any_standard_parameters_give_the_same_torque(name, effects):
+    robot = arm(name)
+    model = build_model(robot, [EffectChoice(effect) for effect in effects])
+    states = random_states(robot, 50, 99)
+    standard = np.random.default_rng(1).normal(size=len(model.columns))
+    entries = model.observation.evaluate(*states, reference=np.zeros(10 * robot.n), memory=np.zeros((50, 0)))
+    found = model.observation.torque(entries, model.base.grouping @ standard)
+    expected = pinocchio_rows(robot, *states) @ standard[: 10 * robot.n]
+    _, dq, ddq = states
+    if len(effects) > 1:
+        ia, fc, fv, b = standard[10 * robot.n :].reshape(4, robot.n)
+        expected = expected + ia * ddq + fc * np.sign(dq) + fv * dq + b
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
+@settings(max_examples=8, deadline=None)
+@given(data=st.data(), n=st.integers(1, 5), seed=st.integers(0, 1000))
+def test_grouping_holds_for_any_tree_of_crooked_joints(data, n, seed):
+    parents = tuple(data.draw(st.integers(-1, k - 1)) for k in range(n))
+    sliding = tuple(k for k in range(n) if data.draw(st.booleans()))
+    robot = robot_from_urdf("tree", crooked_urdf(n, seed, sliding, parents))
+    base = inertial_base_parameters(robot)
+    states = random_states(robot, 40, 5)
+    rows = pinocchio_rows(robot, *states).reshape(-1, 10 * n)
+    standard = np.random.default_rng(2).normal(size=10 * n)
+    expected = rows @ standard
+    found = rows[:, list(base.kept)] @ (base.grouping @ standard)
+    np.testing.assert_allclose(found, expected, atol=1e-7 * max(1.0, np.abs(expected).max()))
+
+
+def random_matrix(seed: int, rank: int = 6, columns: int = 10) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(80, rank)) @ rng.normal(size=(rank, columns))
+
+
+NAMES = tuple("abcdefghij")
+
+
+@given(seed=st.integers(0, 10_000), scales=st.lists(st.floats(1e-3, 1e3), min_size=10, max_size=10))
+@settings(max_examples=50, deadline=None)
+def test_units_of_the_columns_do_not_change_the_choice(seed, scales):
+    w = random_matrix(seed)
+    plain, scaled = select_base(w, NAMES), select_base(w * scales, NAMES)
+    assert plain.kept == scaled.kept
+    # χ' = χ / scale, so that W' χ' = W χ; the base parameters scale like their leading column.
+    chi = np.random.default_rng(seed).normal(size=10)
+    np.testing.assert_allclose(
+        scaled.grouping @ (chi / scales) * np.array(scales)[list(scaled.kept)],
+        plain.grouping @ chi,
+        rtol=1e-6,
+        atol=1e-8,
+    )
+
+
+@given(seed=st.integers(0, 10_000), order=st.permutations(range(10)))
+@settings(max_examples=50, deadline=None)
+def test_the_order_of_columns_changes_the_choice_but_not_the_number_or_the_torque(seed, order):
+    w = random_matrix(seed)
+    base = select_base(w[:, order], tuple(NAMES[k] for k in order))
+    assert base.count == 6
+    assert base.kept == tuple(sorted(base.kept))
+    chi = np.random.default_rng(seed).normal(size=10)
+    np.testing.assert_allclose(
+        w[:, order][:, list(base.kept)] @ (base.grouping @ chi), w[:, order] @ chi, atol=1e-8 * np.abs(w).max() * 30
+    )
+
+
+@given(seed=st.integers(0, 10_000), order=st.permutations(range(80)))
+@settings(max_examples=25, deadline=None)
+def test_the_order_of_rows_changes_nothing(seed, order):
+    w = random_matrix(seed)
+    assert select_base(w[order], NAMES).kept == select_base(w, NAMES).kept
+
+
+def test_earlier_columns_are_preferred():
+    w = np.random.default_rng(0).normal(size=(30, 3))
+    base = select_base(np.column_stack([w[:, 0], w[:, 1], w[:, 0] + 2 * w[:, 1], w[:, 2]]), tuple("pqrs"))
+    assert base.kept_names == ("p", "q", "s")
+    assert base.groupings == ("p + r", "q + 2 r", "s")
+
+
+def test_columns_without_effect_are_named_and_not_kept():
+    w = np.random.default_rng(0).normal(size=(30, 3))
+    w[:, 1] = 1e-12
+    base = select_base(w, tuple("pqr"))
+    assert base.without_effect == (1,)
+    assert base.kept == (0, 2)
+    assert not base.grouping[:, 1].any()
+
+
+def test_no_columns_at_all_are_no_base_parameters():
+    base = select_base(np.empty((20, 0)), ())
+    assert (base.count, base.rank, base.groupings) == (0, 0, ())
+
+
+def test_the_first_link_of_an_upright_arm_shows_only_its_inertia_about_the_axis():
+    robot = arm("ur10")
+    base = inertial_base_parameters(robot)
+    names = [column.name for column in columns_of([EffectChoice("rigid_body")], Signals(robot))]
+    first = [name for name in base.kept_names if name.endswith("1")]
+    assert first == ["ZZ1"]
+    first = {names[k] for k in base.without_effect if names[k].endswith("1")}
+    assert first == {"XX1", "XY1", "XZ1", "YY1", "YZ1", "MX1", "MY1", "MZ1", "M1"}
+    # The second axis crosses the first: a mass on it turns about neither.
+    assert {names[k] for k in base.without_effect} - first == {"MZ2", "M2"}
+
+
+def test_groupings_read_like_formulas():
+    model = build_model(arm("ur10"), [EffectChoice(e) for e in ("rigid_body", "rotor_inertia", "coulomb", "viscous")])
+    word = r"[A-Z][A-Za-z]*\d+"
+    factor = r"\d+(?:\.\d+)?(?:e-?\d+)? "
+    pattern = re.compile(rf"{word}(?: [+-] (?:{factor})?{word})*")
+    for grouping in model.base.groupings:
+        assert pattern.fullmatch(grouping), grouping
+    written = dict(zip(model.base.kept_names, model.base.groupings, strict=True))
+    assert "Ia1" in written["ZZ1"].split(" + ")
+    assert written["Fc3"] == "Fc3"
+
+
+def test_grouping_of_two_parallel_joints_is_the_textbooks():
+    # Two parallel axes a distance d apart: Khalil's regrouping gives M2 d² to ZZ1 (and d M2 to MX1), by [9.60].
+    robot = robot_from_urdf(
+        "two",
+        '<robot name="two"><link name="base"/><link name="a"/><link name="b"/>'
+        '<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" velocity="2" effort="9"/></joint>'
+        '<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" velocity="2" effort="9"/></joint></robot>',
+    )
+    base = inertial_base_parameters(robot)
+    assert base.groupings == ("ZZ1 + 0.25 M2", "ZZ2", "MX2", "MY2")
+
+
+def test_rounded_right_angles_add_no_ghost_parameters():
+    exact = arm("ur10")
+    tilt = "1.5708"
+    axes = ("0 0 0", f"{tilt} 0 0", "0 0 0", "0 0 0", f"{tilt} 0 0", f"-{tilt} 0 0")
+    offsets = ("0 0 0.128", "0 0.176 0", "0 -0.128 0.612", "0 0 0.5723", "0 0.1149 0", "0 0 0.1157")
+    links = ['<robot name="rounded"><link name="l0"/>']
+    for k, (rpy, xyz) in enumerate(zip(axes, offsets, strict=True)):
+        links.append(
+            f'<link name="l{k + 1}"/><joint name="j{k + 1}" type="revolute"><parent link="l{k}"/>'
+            f'<child link="l{k + 1}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+            '<limit lower="-3" upper="3" velocity="2" effort="90"/></joint>'
+        )
+    text = "".join(links) + "</robot>"
+    robot = robot_from_urdf("rounded", text)
+    right = robot_from_urdf("right", text.replace("1.5708", repr(np.pi / 2)))
+    # Also where nothing has mended the angles on the way in: the tolerance alone has to do.
+    unmended = robot_from_urdf("rough", text, rounding_tolerance=0.0)
+    assert inertial_base_parameters(right).count == 36 == inertial_base_parameters(exact).count
+    assert inertial_base_parameters(robot).count == 36
+    assert inertial_base_parameters(unmended).count == 36
+
+
+def test_a_choice_of_base_parameters_does_not_depend_on_the_random_states():
+    robot = arm("franka_panda")
+    signals = Signals(robot)
+    columns = columns_of([EffectChoice("rigid_body"), EffectChoice("rotor_inertia")], signals)
+    first, second = (base_parameters(robot, columns, signals, seed=seed) for seed in (0, 1))
+    assert first.kept == second.kept
+    np.testing.assert_allclose(first.grouping, second.grouping, atol=1e-6)

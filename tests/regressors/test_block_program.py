@@ -1,0 +1,144 @@
+"""Blocks of samples through numpy ufuncs against CasADi's own evaluation."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles import arm, random_states
+
+from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.regressors import program as program_module
+from dynident.regressors.observation import Observation
+from dynident.regressors.program import BLOCK, BlockProgram, UnsupportedOperationError
+
+X, Y = ca.SX.sym("x", 3), ca.SX.sym("y")
+a, b, c = X[0], X[1], X[2]
+positive = ca.fabs(b) + 0.1
+
+EXPRESSIONS = {
+    "neg": -a, "sq": a * a, "twice": a + a, "sin": ca.sin(a), "cos": ca.cos(a), "tan": ca.tan(a), "exp": ca.exp(a),
+    "log": ca.log(positive), "sqrt": ca.sqrt(positive), "tanh": ca.tanh(a), "fabs": ca.fabs(a), "sign": ca.sign(a),
+    "inv": 1 / positive, "not": ca.logic_not(a), "atan": ca.atan(a), "add": a + b, "sub": a - b, "mul": a * b,
+    "div": a / positive, "pow": positive**c, "constpow": positive**0.7, "fmin": ca.fmin(a, b), "fmax": ca.fmax(a, b),
+    "lt": a < b, "le": a <= b, "eq": a == b, "ne": a != b, "and": ca.logic_and(a, b), "or": ca.logic_or(a, b),
+    "if_else": ca.if_else(a > b, ca.sin(a), b * c), "if_else_zero": ca.if_else(a > 0, b, 0),
+    "atan2": ca.atan2(a, b), "copysign": ca.copysign(a, b), "constant": ca.SX(2.5), "input": c, "twice_out": a,
+    "scalar": Y * a,
+}  # fmt: skip
+ALL = ca.vertcat(*EXPRESSIONS.values())
+
+
+def casadi_values(expression: ca.SX, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    nonzeros = expression.nz[:] if expression.nnz() else ca.SX(0, 1)
+    function = ca.Function("f", [X, Y], [nonzeros])
+    return np.array([np.array(function(*row)).ravel() for row in zip(x, y, strict=True)]).reshape(len(x), -1)
+
+
+@settings(max_examples=30, deadline=None)
+@given(m=st.integers(1, 60), block=st.integers(1, 25), seed=st.integers(0, 2**32 - 1), zeros=st.booleans())
+def test_blocks_of_any_length_are_what_casadi_gives_sample_by_sample(m, block, seed, zeros):
+    rng = np.random.default_rng(seed)
+    x, y = rng.normal(size=(m, 3)), rng.normal(size=(m, 1))
+    if zeros:
+        x[::2, 0] = 0.0
+        x[::3, 1] = x[::3, 0]
+    whole = program_module.BLOCK
+    program_module.BLOCK = block
+    try:
+        found = BlockProgram([X, Y], ALL)(x, y)
+    finally:
+        program_module.BLOCK = whole
+    np.testing.assert_allclose(found, casadi_values(ALL, x, y), rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", EXPRESSIONS)
+def test_every_operation_alone_is_what_casadi_gives(name):
+    rng = np.random.default_rng(1)
+    x, y = rng.normal(size=(50, 3)), rng.normal(size=(50, 1))
+    x[:5, 0] = 0.0
+    found = BlockProgram([X, Y], EXPRESSIONS[name])(x, y)
+    np.testing.assert_allclose(found, casadi_values(EXPRESSIONS[name], x, y), rtol=1e-13)
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_expressions_drawn_at_random_are_what_casadi_gives(data):
+    # Shared subexpressions, dead ends, values used twice and outputs that feed on one another.
+    pool = [a, b, c, Y, ca.SX(0.5)]
+    for _ in range(data.draw(st.integers(1, 25))):
+        left, right = (pool[data.draw(st.integers(0, len(pool) - 1))] for _ in range(2))
+        made = data.draw(st.sampled_from(["+", "-", "*", "sin", "tanh", "sq", "fmin"]))
+        pool.append(
+            {
+                "+": left + right, "-": left - right, "*": left * right, "sin": ca.sin(left), "tanh": ca.tanh(left),
+                "sq": ca.tanh(left) ** 2, "fmin": ca.fmin(left, right),
+            }[made]
+        )  # fmt: skip
+    picks = data.draw(st.lists(st.integers(0, len(pool) - 1), min_size=1, max_size=8))
+    expression = ca.densify(ca.vertcat(*(ca.tanh(pool[k]) if k >= 5 else pool[k] for k in picks)))
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=(7, 3)), rng.normal(size=(7, 1))
+    np.testing.assert_allclose(
+        BlockProgram([X, Y], expression)(x, y), casadi_values(expression, x, y), rtol=1e-10, atol=1e-10
+    )
+
+
+def test_a_value_for_all_samples_is_broadcast():
+    rng = np.random.default_rng(2)
+    x = rng.normal(size=(2 * BLOCK + 17, 3))
+    run = BlockProgram([X, Y], ALL)
+    np.testing.assert_array_equal(run(x, np.array([0.7])), run(x, np.full((len(x), 1), 0.7)))
+
+
+def test_no_samples_give_no_rows():
+    assert BlockProgram([X, Y], ALL)(np.empty((0, 3)), np.empty((0, 1))).shape == (0, ALL.nnz())
+
+
+def test_an_empty_expression_gives_empty_rows():
+    assert BlockProgram([X, Y], ca.SX(6, 4))(np.zeros((5, 3)), np.zeros((5, 1))).shape == (5, 0)
+
+
+def test_inputs_of_different_lengths_are_refused():
+    run = BlockProgram([X, Y], ALL)
+    with pytest.raises(ValueError):
+        run(np.zeros((5, 3)), np.zeros((4, 1)))
+    with pytest.raises(ValueError):
+        run(np.zeros((5, 3)), np.zeros((1, 1)))
+
+
+def test_an_operation_without_a_ufunc_is_named():
+    with pytest.raises(UnsupportedOperationError):
+        BlockProgram([X, Y], ca.erf(a))
+
+
+def test_several_threads_at_once_do_not_disturb_each_other():
+    robot = arm("ur10")
+    signals = Signals(robot)
+    observation = Observation.of(
+        robot, columns_of([EffectChoice("rigid_body"), EffectChoice("coulomb")], signals), signals
+    )
+    reference, no_memory = np.zeros(60), np.zeros((3000, 0))
+    inputs = [random_states(robot, 3000, seed) for seed in range(6)]
+
+    def evaluate(states):
+        return observation.evaluate(*states, reference=reference, memory=no_memory)
+
+    alone = [evaluate(states) for states in inputs]
+    with ThreadPoolExecutor(4) as pool:
+        for _ in range(3):
+            for together, expected in zip(pool.map(evaluate, inputs), alone, strict=True):
+                np.testing.assert_array_equal(together, expected)
+
+
+def test_results_do_not_share_memory_with_later_calls():
+    run = BlockProgram([X, Y], ALL)
+    rng = np.random.default_rng(3)
+    first = run(rng.normal(size=(4, 3)), np.ones((4, 1)))
+    kept = first.copy()
+    run(rng.normal(size=(4, 3)), np.ones((4, 1)))
+    np.testing.assert_array_equal(first, kept)
