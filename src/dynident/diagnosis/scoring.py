@@ -113,9 +113,13 @@ def score_candidates(
     for left_out in folds(s, kind):
         train = total.minus(_weighted_sums(data, base, extra, noise, left_out))
         fit = _Fit(train)
-        betas = [fit.amplitudes(group) for group in groups]
+        amplitudes = np.zeros((len(extra), len(groups)))
+        for k, group in enumerate(groups):
+            amplitudes[group, k] = fit.amplitudes(group)
         for j in range(n):
-            _test_errors(data, base, extra, left_out, j, fit, groups, betas, before, after)
+            alone, beside = _test_errors(data, base, extra, left_out, j, fit, amplitudes)
+            before[left_out, j] = alone
+            after[:, left_out, j] = beside
     whole = _Fit(total)
     measured = np.array([float(gram[:, -1, -1].sum()) for gram in data.grams])
     return before, [
@@ -189,43 +193,23 @@ class _Fit:
 
 
 def _test_errors(
-    data: Products,
-    base: IntArray,
-    extra: IntArray,
-    left_out: IntArray,
-    j: int,
-    fit: _Fit,
-    groups: Sequence[IntArray],
-    betas: Sequence[FloatArray],
-    before: FloatArray,
-    after: FloatArray,
-) -> None:
-    """Fill in joint j's squared errors of the stretches that were left out."""
+    data: Products, base: IntArray, extra: IntArray, left_out: IntArray, j: int, fit: _Fit, amplitudes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Joint j's squared errors of the stretches that were left out: (s,) of the model, (C, s) with each candidate.
+
+    A candidate with its amplitudes β is one column, Z β with Z = X - W P; `amplitudes` (c, C) holds all of them.
+    """
     gram = data.grams[j][left_out]
     wi, wp = _present(data.position[j], base)
     xi, xp = _present(data.position[j], extra)
-    chi, projection = fit.chi[wi], fit.projection[wi]
+    chi, shift, own = fit.chi[wi], (fit.projection @ amplitudes)[wi], amplitudes[xi]
     ww = gram[:, wp[:, None], wp]
+    wx = gram[:, wp[:, None], xp]
     wy = gram[:, wp, -1]
-    w_rest = wy - ww @ chi  # Wᵀρ
     errors = gram[:, -1, -1] - 2 * wy @ chi + np.einsum("i,sij,j->s", chi, ww, chi)
-    before[left_out, j] = np.maximum(errors, 0.0)
-    # Zᵀρ and ZᵀZ of Z = X - W P, for every stretch; columns that the joint lacks act through the model alone.
-    right = -(w_rest @ projection)
-    mixed = ww @ projection
-    if len(xi):
-        xw = gram[:, xp[:, None], wp]
-        right[:, xi] += gram[:, xp, -1] - xw @ chi
-    present = np.zeros(len(extra), dtype=bool)
-    present[xi] = True
-    for k, (group, beta) in enumerate(zip(groups, betas, strict=True)):
-        inner = np.einsum("ig,sih->sgh", projection[:, group], mixed[:, :, group])
-        own = np.flatnonzero(present[group])
-        if len(own):
-            places = data.position[j][extra[group[own]]]
-            cross = gram[:, places[:, None], wp] @ projection[:, group]
-            inner[:, own, :] -= cross
-            inner[:, :, own] -= cross.transpose(0, 2, 1)
-            inner[:, own[:, None], own] += gram[:, places[:, None], places]
-        change = -2 * right[:, group] @ beta + np.einsum("g,sgh,h->s", beta, inner, beta)
-        after[k, left_out, j] = np.maximum(errors + change, 0.0)
+    w_rest = wy - ww @ chi  # Wᵀρ
+    x_rest = gram[:, xp, -1] - chi @ wx  # Xᵀρ
+    along = x_rest @ own - w_rest @ shift
+    size = ((ww @ shift) * shift).sum(axis=1) - 2 * ((wx @ own) * shift).sum(axis=1)
+    size += ((gram[:, xp[:, None], xp] @ own) * own).sum(axis=1)
+    return np.maximum(errors, 0.0), np.maximum(errors[:, None] - 2 * along + size, 0.0).T
