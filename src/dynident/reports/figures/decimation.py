@@ -1,0 +1,84 @@
+"""Long series for figures: few points, all extremes, and gaps where nothing was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.diagnosis import Comparison
+from dynident.robot.model import FloatArray
+
+_GAP = 1.5
+_PAUSE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class TimeAxis:
+    """Where the samples of a comparison stand on paper.
+
+    `t` (m,) increases all along: runs that overlap in time are set one after another (`shifted`). `stretches` are the
+    slices without a gap.
+    """
+
+    t: FloatArray
+    stretches: tuple[slice, ...]
+    shifted: bool
+
+    @property
+    def label(self) -> str:
+        """What to write at the axis."""
+        return "time, runs one after another (s)" if self.shifted else "time (s)"
+
+
+def time_axis(comparison: Comparison) -> TimeAxis:
+    """The axis of a comparison's samples."""
+    t = comparison.t.copy()
+    steps = np.diff(t)
+    forward = steps[(steps > 0) & (np.diff(comparison.segment) == 0)]
+    usual = float(np.median(forward)) if len(forward) else 0.0
+    broken = (np.diff(comparison.segment) != 0) | (steps <= 0) | (steps > _GAP * usual)
+    borders = [0, *(np.flatnonzero(broken) + 1).tolist(), len(t)]
+    stretches = tuple(slice(first, last) for first, last in pairwise(borders) if last > first)
+    shifted = False
+    pause = _PAUSE * sum(float(t[part][-1] - t[part][0]) for part in stretches)
+    for before, after in pairwise(stretches):
+        if t[after.start] <= t[before.stop - 1]:
+            t[after.start :] += t[before.stop - 1] + max(pause, usual) - t[after.start]
+            shifted = True
+    return TimeAxis(t, stretches, shifted)
+
+
+def thinned(axis: TimeAxis, values: FloatArray, points: int) -> tuple[FloatArray, FloatArray]:
+    """About `points` of the series (m,), with the extremes of every part of it, and NaN between stretches.
+
+    Returns
+    -------
+    t, values : arrays of the same length
+    """
+    total = len(values)
+    t_parts: list[FloatArray] = []
+    parts: list[FloatArray] = []
+    for part in axis.stretches:
+        length = part.stop - part.start
+        kept = part.start + extremes(values[part], max(1, round(0.5 * points * length / total)))
+        if parts:
+            t_parts.append(axis.t[kept[:1]])
+            parts.append(np.array([np.nan]))
+        t_parts.append(axis.t[kept])
+        parts.append(values[kept])
+    return np.concatenate(t_parts), np.concatenate(parts)
+
+
+def extremes(values: FloatArray, bins: int) -> NDArray[np.intp]:
+    """Indices, ascending, of the first and last value and of the least and largest of each of `bins` equal parts."""
+    m = len(values)
+    if m <= 2 * bins + 2:
+        return np.arange(m)
+    size = -(-m // bins)
+    padded = np.concatenate([values, np.full(size * bins - m, values[-1])]).reshape(bins, size)
+    first = np.arange(bins) * size
+    found = np.concatenate([[0, m - 1], first + padded.argmin(axis=1), first + padded.argmax(axis=1)])
+    return np.unique(np.minimum(found, m - 1))

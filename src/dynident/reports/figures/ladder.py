@@ -1,0 +1,78 @@
+"""The ladder of models: the error falling rung by rung, in total and on every joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+
+from dynident.reports.figures.svg import FIT, FLOOR, HELD_OUT, RUNGS, panel_title, panels, shortened, to_svg
+from dynident.robot.model import FloatArray
+
+
+def ladder_figure(
+    fits: Sequence[float],
+    held_out: Sequence[float] | None,
+    per_joint: Sequence[FloatArray],
+    floor: FloatArray | None,
+    joint_names: Sequence[str],
+) -> Markup:
+    """Relative errors of every rung.
+
+    Parameters
+    ----------
+    fits, held_out : total relative error of each rung; `held_out` None where there is no validation data
+    per_joint : (n,) for each rung, relative errors of the joints (held out where there is such data)
+    floor : (n,) relative error that sensor noise alone leaves, or None where it is not known
+    """
+    gap = max(0.6, 0.065 * max(len(shortened(name)) for name in joint_names) + 0.15)
+    figure, grid = panels(1, 2, max(2.4, 0.36 * len(joint_names) + 0.7), widths=(2, 3), gap=gap)
+    left, right = grid[0]
+    _totals(left, fits, held_out)
+    _joints(right, per_joint, floor, joint_names)
+    shown = held_out if held_out is not None else fits
+    kind = "held-out" if held_out is not None else "fit"
+    return to_svg(
+        figure,
+        f"Relative {kind} error of each model of the ladder, in total and per joint: "
+        f"{', '.join(f'{100 * value:.2f} %' for value in shown)}.",
+    )
+
+
+def _totals(axes: Axes, fits: Sequence[float], held_out: Sequence[float] | None) -> None:
+    steps = np.arange(len(fits))
+    lines = [("fit", fits, FIT, "o", -13)]
+    if held_out is not None:
+        lines.append(("held out", held_out, HELD_OUT, "s", 8))
+    for name, values, colour, marker, shift in lines:
+        scaled = 100 * np.asarray(values)
+        axes.plot(steps, scaled, color=colour, marker=marker, linewidth=1.6, markersize=6, label=name)
+        for step, value in zip(steps, scaled, strict=True):
+            axes.annotate(
+                f"{value:.3g}", (step, value), (0, shift), textcoords="offset points", ha="center", fontsize=8
+            )
+    axes.set_xticks(steps, [f"model {k + 1}" for k in steps])
+    axes.set_xlim(-0.4, len(fits) - 0.6)
+    axes.set_ylim(0, 100 * 1.2 * max(max(fits), max(held_out or [0.0])))
+    panel_title(axes, "relative error, all joints (%)")
+    axes.legend(fontsize=8, frameon=False, loc="lower left")
+
+
+def _joints(axes: Axes, per_joint: Sequence[FloatArray], floor: FloatArray | None, joint_names: Sequence[str]) -> None:
+    places = np.arange(len(joint_names))[::-1]
+    values = 100 * np.array(per_joint)
+    axes.hlines(places, values.min(axis=0), values.max(axis=0), color="#cccccc", linewidth=2.5, zorder=1)
+    for k, rung in enumerate(values):
+        last = k == len(values) - 1
+        colour = HELD_OUT if last else RUNGS[k % 4]
+        axes.scatter(rung, places, s=42 if last else 30, color=colour, zorder=3, label=f"model {k + 1}")
+    if floor is not None:
+        axes.scatter(100 * floor, places, s=90, marker="|", color=FLOOR, linewidths=2.2, zorder=4, label="noise floor")
+    axes.set_yticks(places, [shortened(name) for name in joint_names], parse_math=False)
+    axes.set_ylim(-0.6, len(joint_names) - 0.4)
+    axes.set_xlim(left=0)
+    axes.set_xlabel("relative error (%)", fontsize=8)
+    panel_title(axes, "relative error per joint (%)")
+    axes.legend(fontsize=8, frameon=False, loc="best")

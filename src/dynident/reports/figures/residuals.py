@@ -1,0 +1,83 @@
+"""The residual over velocity, position and load: what shape the missing physics has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+
+from dynident.diagnosis import Comparison
+from dynident.reports.figures.svg import PREDICTED, panel_title, panels, to_svg
+from dynident.robot.model import FloatArray
+
+_ROW = 1.55
+_ACROSS, _UP = 90, 45
+_MEANS = 40
+_FEWEST = 8
+
+
+def residual_figure(comparisons: Sequence[Comparison], joints: Sequence[int]) -> Markup:
+    """Density of the residual of some joints over three signals, all recordings together, with its mean."""
+    figure, grid = panels(len(joints), 3, _ROW)
+    first = comparisons[0]
+    for row, joint in enumerate(joints):
+        residual = np.concatenate([c.residual[:, joint] for c in comparisons])
+        angle = "rad" if first.units[joint] == "N m" else "m"
+        signals = (
+            ("velocity", f"{angle}/s", [c.dq[:, joint] for c in comparisons]),
+            ("position", angle, [c.q[:, joint] for c in comparisons]),
+            ("load torque", first.units[joint], [c.load[:, joint] for c in comparisons]),
+        )
+        for column, (name, unit, parts) in enumerate(signals):
+            _density(grid[row, column], np.concatenate(parts), residual)
+            if row == len(joints) - 1:
+                grid[row, column].set_xlabel(f"{name} ({unit})", fontsize=8)
+        panel_title(grid[row, 0], f"{first.joint_names[joint]}, residual ({first.units[joint]})")
+    names = ", ".join(first.joint_names[j] for j in joints)
+    return to_svg(
+        figure,
+        f"Residual torque of {names} over the joint's velocity, position and load torque: how often each value occurs, "
+        "and the mean. A flat mean at zero shows nothing missing.",
+    )
+
+
+def _density(axes: Axes, x: FloatArray, y: FloatArray) -> None:
+    low, high = _range(x)
+    reach = max(float(np.quantile(np.abs(y), 0.998)) * 1.15, 1e-12)
+    counts, _, _ = np.histogram2d(x, np.clip(y, -reach, reach), (_ACROSS, _UP), ((low, high), (-reach, reach)))
+    if counts.max() > 0:
+        shown = np.ma.masked_less(counts.T, 1)
+        axes.imshow(
+            shown,
+            origin="lower",
+            extent=(low, high, -reach, reach),
+            aspect="auto",
+            cmap="Blues",
+            norm=LogNorm(0.3, max(float(counts.max()), 2.0)),
+            interpolation="none",
+            zorder=1,
+        )
+    axes.axhline(0, color="#777777", linewidth=0.6, zorder=2)
+    centres, means = _means(x, y, low, high)
+    axes.plot(centres, means, color=PREDICTED, linewidth=1.4, zorder=3)
+    axes.set_xlim(low, high)
+    axes.set_ylim(-reach, reach)
+
+
+def _range(x: FloatArray) -> tuple[float, float]:
+    low, high = float(x.min()), float(x.max())
+    if high - low < 1e-9 * max(1.0, abs(low)):
+        return low - 0.5, high + 0.5
+    return low, high
+
+
+def _means(x: FloatArray, y: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+    """Mean of y in equal parts of x, NaN where there are too few samples."""
+    which = np.clip(((x - low) / (high - low) * _MEANS).astype(np.intp), 0, _MEANS - 1)
+    counts = np.bincount(which, minlength=_MEANS)
+    sums = np.bincount(which, weights=y, minlength=_MEANS)
+    means = np.where(counts >= _FEWEST, sums / np.maximum(counts, 1), np.nan)
+    return low + (np.arange(_MEANS) + 0.5) * (high - low) / _MEANS, means

@@ -1,0 +1,98 @@
+"""One self-contained HTML file that tells the whole identification."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from functools import lru_cache
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from dynident.diagnosis import Diagnosis
+from dynident.errors import DynidentError
+from dynident.identification import Identification
+from dynident.reports.run import ReportedRun
+from dynident.reports.section import Section
+from dynident.reports.sections.data import data_section
+from dynident.reports.sections.diagnosis import diagnosis_section
+from dynident.reports.sections.errors import errors_section
+from dynident.reports.sections.ladder import ladder_section
+from dynident.reports.sections.model import model_section
+from dynident.reports.sections.parameters import parameters_section
+from dynident.reports.sections.provenance import provenance_section
+from dynident.reports.sections.residuals import residuals_section
+from dynident.reports.sections.robot import robot_section
+from dynident.reports.sections.summary import summary_section
+
+
+def html_report(
+    identification: Identification,
+    runs: Sequence[ReportedRun],
+    *,
+    diagnosis: Diagnosis | None = None,
+    title: str = "",
+    created: datetime | None = None,
+) -> str:
+    """The report of an identification as one HTML file without external resources.
+
+    Parameters
+    ----------
+    identification : Identification
+        With its ancestors, which are the ladder.
+    runs : sequence of ReportedRun
+        Recordings to show, each with the model's prediction: those it was identified from, those held out.
+    diagnosis : Diagnosis, optional
+        Of this model or of the one that it was extended from.
+    title : str
+        The heading; the robot's name by default.
+    created : datetime, optional
+        With its time zone; now by default.
+
+    Raises
+    ------
+    DynidentError
+        Where there is no recording to show.
+    """
+    if not runs:
+        raise DynidentError("give at least one recording to show in the report", pointer="/measurement_ids")
+    sections = sections_of(identification, runs, diagnosis, created or datetime.now(UTC))
+    robot = identification.model.robot.name
+    return (
+        _environment()
+        .get_template("report.html")
+        .render(title=title or f"Identification of {robot}", sections=[(s, _filled(s)) for s in sections])
+    )
+
+
+def sections_of(
+    identification: Identification, runs: Sequence[ReportedRun], diagnosis: Diagnosis | None, created: datetime
+) -> list[Section]:
+    """The sections in their order; the diagnosis only where there is one."""
+    return [
+        summary_section(identification, runs, diagnosis),
+        ladder_section(identification, diagnosis),
+        errors_section(identification, runs, diagnosis),
+        residuals_section(runs),
+        *([diagnosis_section(identification, diagnosis)] if diagnosis is not None else []),
+        parameters_section(identification),
+        model_section(identification),
+        robot_section(identification),
+        data_section(identification, runs),
+        provenance_section(identification, runs, created),
+    ]
+
+
+def _filled(section: Section) -> Markup:
+    return Markup(_environment().get_template(f"{section.template}.html").render(it=section.content))
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("dynident.reports"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )

@@ -1,0 +1,31 @@
+"""What a report is told about one recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynident.diagnosis import Comparison
+from dynident.recordings import Check, Recording
+
+
+@dataclass(frozen=True, eq=False)
+class ReportedRun:
+    """One recording, the checks it passed, and the model's prediction beside it.
+
+    `held_out` is true where no parameter was fitted to it.
+    """
+
+    recording: Recording
+    comparison: Comparison
+    held_out: bool
+    checks: tuple[Check, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the recording."""
+        return self.recording.name
+
+    @property
+    def role(self) -> str:
+        """What it was used for, in a word or two."""
+        return "held out" if self.held_out else "identification"

@@ -1,0 +1,106 @@
+"""The recordings, what was checked in them, and how they were filtered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dynident.identification import Identification
+from dynident.recordings import Check, Preprocessing
+from dynident.reports.numbers import counted, number
+from dynident.reports.run import ReportedRun
+from dynident.reports.section import Section
+
+
+@dataclass(frozen=True)
+class RecordingRow:
+    """One recording in words."""
+
+    name: str
+    role: str
+    samples: str
+    rate: str
+    duration: str
+    windows: str
+    rows: str
+    payload: str
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """One finding in one recording."""
+
+    recording: str
+    check: Check
+    place: str
+
+
+@dataclass(frozen=True)
+class DataContent:
+    """Recordings, findings, filters."""
+
+    recordings: tuple[RecordingRow, ...]
+    checks: tuple[CheckRow, ...]
+    filters: tuple[tuple[str, str], ...]
+    reasons: tuple[str, ...]
+    automatic: bool
+
+
+def data_section(identification: Identification, runs: Sequence[ReportedRun]) -> Section:
+    """What the parameters were identified from and tried on."""
+    preprocessing = identification.preprocessing
+    content = DataContent(
+        tuple(_recording(run) for run in runs),
+        tuple(CheckRow(run.name, check, _place(check)) for run in runs for check in run.checks),
+        _filters(preprocessing),
+        preprocessing.reasons,
+        identification.choices.preprocessing is None,
+    )
+    return Section("data", "The data", "data", content)
+
+
+def _recording(run: ReportedRun) -> RecordingRow:
+    recording = run.recording
+    seconds = recording.n_samples * recording.period
+    windows = "; ".join(f"{number(first, 4)} to {number(last, 4)} s" for first, last in recording.windows)
+    runs = f" in {len(recording.segments)} runs" if len(recording.segments) > 1 else ""
+    payload = ", ".join(f"{key} {value}" for key, value in (recording.payload or {}).items())
+    return RecordingRow(
+        name=run.name,
+        role=run.role,
+        samples=counted(recording.n_samples, "sample"),
+        rate=f"{number(recording.sampling_rate, 4)} Hz",
+        duration=f"{number(seconds)} s{runs}",
+        windows=windows or "all",
+        rows=counted(len(run.comparison.t), "row"),
+        payload=payload or "none stated",
+    )
+
+
+def _place(check: Check) -> str:
+    parts = []
+    if check.column:
+        parts.append(f"column {check.column}")
+    if check.row is not None:
+        parts.append(f"row {check.row}")
+    if check.time is not None:
+        parts.append(f"t = {check.time:.6g} s")
+    return ", ".join(parts)
+
+
+def _filters(preprocessing: Preprocessing) -> tuple[tuple[str, str], ...]:
+    def cutoff(value: float | None) -> str:
+        return "none" if value is None else f"{number(value)} Hz"
+
+    return (
+        ("position: zero-phase Butterworth filter, cut-off", cutoff(preprocessing.position_cutoff)),
+        ("order of one pass", str(preprocessing.filter_order)),
+        ("parallel filter on W and Y, cut-off", cutoff(preprocessing.torque_cutoff)),
+        ("decimation", f"every {_ordinal(preprocessing.decimation)} row" if preprocessing.decimation > 1 else "none"),
+    )
+
+
+def _ordinal(count: int) -> str:
+    if count % 100 in (11, 12, 13):
+        return f"{count}th"
+    return f"{count}{ {1: 'st', 2: 'nd', 3: 'rd'}.get(count % 10, 'th') }"

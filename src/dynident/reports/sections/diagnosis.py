@@ -1,0 +1,147 @@
+"""The diagnosis: what is missing, how sure that is, and what the data could not have shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from dynident.diagnosis import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.identification import Identification
+from dynident.reports.figures.candidates import candidates_figure
+from dynident.reports.numbers import number, p_value, percent, span
+from dynident.reports.section import Section
+from dynident.reports.sections.model import shape_text
+from dynident.reports.sections.summary import recommended_is_added
+from dynident.robot import Robot
+
+VERDICTS = {
+    "adequate": "Nothing is missing that this data could show",
+    "missing_effect": "Something is missing, and it has a name",
+    "unexplained": "Something is missing that no effect of the catalogue explains",
+}
+_MOST_SPOTS = 12
+
+
+@dataclass(frozen=True)
+class CandidateRow:
+    """One family of effects in words, beside what the diagnosis says of it."""
+
+    candidate: RankedEffect
+    title: str
+    place: str
+    before: str
+    after: str
+    drop: str
+    p: str
+    separability: str
+    shape: str
+    equivalent: str
+
+
+@dataclass(frozen=True)
+class ChoiceText:
+    """A recommended effect in words."""
+
+    title: str
+    identifier: str
+    place: str
+    shape: str
+
+
+@dataclass(frozen=True)
+class InvisibleRow:
+    """An effect that the data could not have shown, on all joints where that is so."""
+
+    title: str
+    place: str
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SpotRow:
+    """Where a residual is large."""
+
+    spot: FailureSpot
+    place: str
+    rms: str
+    ratio: str
+
+
+@dataclass(frozen=True)
+class DiagnosisContent:
+    """The diagnosis in words."""
+
+    verdict: str
+    headline: str
+    summary: str
+    figure: Markup | None
+    candidates: tuple[CandidateRow, ...]
+    recommended: tuple[ChoiceText, ...]
+    recommended_added: bool
+    unknown: tuple[tuple[UnknownPattern, str], ...]
+    invisible: tuple[InvisibleRow, ...]
+    spots: tuple[SpotRow, ...]
+    next_experiment: NextExperiment | None
+
+
+def diagnosis_section(identification: Identification, diagnosis: Diagnosis) -> Section:
+    """What a diagnosis says."""
+    robot = identification.model.robot
+    content = DiagnosisContent(
+        diagnosis.verdict,
+        VERDICTS[diagnosis.verdict],
+        diagnosis.summary,
+        candidates_figure(diagnosis.candidates) if diagnosis.candidates else None,
+        tuple(_candidate(item, robot) for item in diagnosis.candidates),
+        tuple(_choice(choice, robot) for choice in diagnosis.recommended),
+        recommended_is_added(identification, diagnosis),
+        tuple((pattern, percent(pattern.share, 2)) for pattern in diagnosis.unknown),
+        tuple(_invisible(diagnosis, robot)),
+        tuple(_spot(spot, robot) for spot in diagnosis.failure_map[:_MOST_SPOTS]),
+        diagnosis.next_experiment,
+    )
+    return Section("diagnosis", "Diagnosis", "diagnosis", content)
+
+
+def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
+    return CandidateRow(
+        item,
+        effect_by_id(item.effect).title,
+        place_text(item.joints, robot),
+        percent(item.error_before),
+        percent(item.error_after),
+        percent(item.error_drop, 2),
+        p_value(item.p_value),
+        percent(item.separability, 2),
+        shape_text(EffectChoice(item.effect, item.joints, item.shape)),
+        ", ".join(effect_by_id(name).title for name in item.equivalent),
+    )
+
+
+def _choice(choice: EffectChoice, robot: Robot) -> ChoiceText:
+    effect = effect_by_id(choice.effect)
+    return ChoiceText(effect.title, effect.id, place_text(choice.joints, robot), shape_text(choice))
+
+
+def place_text(joints: tuple[str, ...], robot: Robot) -> str:
+    """Joints in words."""
+    if len(joints) == robot.n > 1:
+        return "all joints"
+    return ", ".join(joints) or "the whole robot"
+
+
+def _invisible(diagnosis: Diagnosis, robot: Robot) -> Iterator[InvisibleRow]:
+    for effect in dict.fromkeys(item.effect for item in diagnosis.not_visible):
+        items = [item for item in diagnosis.not_visible if item.effect == effect]
+        joints = tuple(dict.fromkeys(name for item in items for name in item.joints))
+        yield InvisibleRow(
+            effect_by_id(effect).title, place_text(joints, robot), tuple(dict.fromkeys(item.reason for item in items))
+        )
+
+
+def _spot(spot: FailureSpot, robot: Robot) -> SpotRow:
+    unit = robot.joints[robot.joint_names.index(spot.joint)].effort_unit
+    return SpotRow(spot, span(spot.low, spot.high, spot.unit), f"{number(spot.rms)} {unit}", number(spot.ratio, 2))

@@ -1,0 +1,116 @@
+"""The ladder of models: what was added at each rung, and how the error fell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from dynident.diagnosis import Diagnosis
+from dynident.effects import effect_by_id
+from dynident.estimation import Errors
+from dynident.identification import Identification
+from dynident.reports.figures.ladder import ladder_figure
+from dynident.reports.numbers import number, percent
+from dynident.reports.section import Section
+from dynident.reports.sections.diagnosis import place_text
+from dynident.reports.sections.model import shape_text
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One model of the ladder."""
+
+    number: int
+    added: tuple[str, ...]
+    n_parameters: int
+    fit: float
+    fit_text: str
+    held_out: float | None
+    held_out_text: str
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """One joint: its error in every model, the last over the first, and what sensor noise alone would leave."""
+
+    joint: str
+    errors: tuple[str, ...]
+    change: str
+    floor: str
+
+
+@dataclass(frozen=True)
+class LadderContent:
+    """The models, their errors per joint, and both as a figure."""
+
+    rungs: tuple[Rung, ...]
+    joints: tuple[JointRow, ...]
+    kind: str
+    has_floor: bool
+    figure: Markup
+
+
+def ladder_section(identification: Identification, diagnosis: Diagnosis | None) -> Section:
+    """All models from the first to this one."""
+    models = list(identification.ladder())
+    # Rungs are comparable only where all of them were tried on held-out data.
+    tried = [model.held_out for model in models if model.held_out is not None]
+    held_out = tried if len(tried) == len(models) else None
+    errors = held_out or [model.fit for model in models]
+    floor = _relative_floor(diagnosis, errors[-1])
+    names = identification.model.robot.joint_names
+    content = LadderContent(
+        tuple(_rung(k, model) for k, model in enumerate(models)),
+        tuple(_joint(name, [e.relative[j] for e in errors], floor, j) for j, name in enumerate(names)),
+        "held out" if held_out else "fit",
+        floor is not None,
+        ladder_figure(
+            [model.fit.relative_total for model in models],
+            [item.relative_total for item in held_out] if held_out else None,
+            [item.relative for item in errors],
+            floor,
+            names,
+        ),
+    )
+    return Section("ladder", "The ladder of models", "ladder", content)
+
+
+def _rung(index: int, model: Identification) -> Rung:
+    held_out = model.held_out.relative_total if model.held_out is not None else None
+    robot = model.model.robot
+    added = tuple(
+        f"{effect_by_id(choice.effect).title} on {place_text(choice.joints, robot)}"
+        + (f" ({shape_text(choice)})" if choice.shape else "")
+        for choice in (model.added if model.parent is not None else ())
+    )
+    return Rung(
+        index + 1,
+        added,
+        model.model.n_parameters,
+        model.fit.relative_total,
+        percent(model.fit.relative_total),
+        held_out,
+        percent(held_out),
+    )
+
+
+def _joint(name: str, errors: Sequence[float], floor: FloatArray | None, joint: int) -> JointRow:
+    first, last = float(errors[0]), float(errors[-1])
+    return JointRow(
+        name,
+        tuple(percent(float(value)) for value in errors),
+        f"× {number(last / first, 2)}" if len(errors) > 1 and first > 0 else "–",
+        percent(float(floor[joint])) if floor is not None else "",
+    )
+
+
+def _relative_floor(diagnosis: Diagnosis | None, errors: Errors) -> FloatArray | None:
+    """(n,): sensor noise over the rms of the measured torque."""
+    if diagnosis is None:
+        return None
+    measured = np.sqrt(errors.measured / np.maximum(errors.counts, 1.0))
+    return np.asarray(diagnosis.noise_floor / np.maximum(measured, np.finfo(float).tiny))

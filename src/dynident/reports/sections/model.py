@@ -1,0 +1,78 @@
+"""The model: the effects that are in it, with their formulas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects.catalogue import joints_of
+from dynident.identification import Identification
+from dynident.reports.figures.svg import drawn_formula
+from dynident.reports.numbers import number
+from dynident.reports.section import Section
+from dynident.robot import Robot
+
+
+@dataclass(frozen=True)
+class EffectRow:
+    """One effect of the model; `drawn` is its formula as a figure, `formula` the same as LaTeX."""
+
+    identifier: str
+    title: str
+    formula: str
+    drawn: Markup | None
+    joints: str
+    shape: str
+    sources: str
+    added: bool
+
+
+@dataclass(frozen=True)
+class ModelContent:
+    """The effects and the other choices."""
+
+    effects: tuple[EffectRow, ...]
+    choices: tuple[tuple[str, str], ...]
+
+
+def model_section(identification: Identification) -> Section:
+    """What is in the columns of W."""
+    robot = identification.model.robot
+    choices = identification.choices
+    added = {choice for rung in identification.ladder() for choice in rung.added}
+    content = ModelContent(
+        tuple(_effect(choice, robot, choice in added) for choice in choices.effects),
+        (
+            ("model", choices.model),
+            ("strategy", choices.strategy),
+            ("estimator", choices.estimator.upper()),
+            ("tolerance of the base parameters", number(choices.tolerance)),
+        ),
+    )
+    return Section("model", "The model", "model", content)
+
+
+def _effect(choice: EffectChoice, robot: Robot, added: bool) -> EffectRow:
+    effect = effect_by_id(choice.effect)
+    places = [robot.joint_names[j] for j in joints_of(choice, robot)]
+    everywhere = len(places) == robot.n or effect.scope == "robot"
+    return EffectRow(
+        effect.id,
+        effect.title,
+        effect.formula,
+        drawn_formula(effect.formula),
+        "whole robot" if effect.scope == "robot" else "all joints" if everywhere else ", ".join(places),
+        shape_text(choice),
+        "; ".join(effect.sources),
+        added,
+    )
+
+
+def shape_text(choice: EffectChoice) -> str:
+    """Shape constants with their units."""
+    units = {spec.name: spec.unit for spec in effect_by_id(choice.effect).shapes}
+    return ", ".join(
+        f"{name} = {value:.3g}{'' if units[name] == '-' else ' ' + units[name]}" for name, value in choice.shape
+    )

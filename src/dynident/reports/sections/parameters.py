@@ -1,0 +1,90 @@
+"""The identified base parameters with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.identification import Identification, IdentifiedParameter
+from dynident.reports.numbers import estimate, number, percent
+from dynident.reports.section import Section
+from dynident.reports.sections.model import shape_text
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter in words, beside the parameter itself."""
+
+    parameter: IdentifiedParameter
+    value: str
+    deviation: str
+    relative: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class EffectiveRows:
+    """How many independent samples the rows of a joint are worth."""
+
+    joint: str
+    rows: str
+    effective: str
+    share: str
+
+
+@dataclass(frozen=True)
+class ParameterGroup:
+    """The parameters of one effect with one set of shape constants."""
+
+    effect: str
+    shape: str
+    rows: tuple[ParameterRow, ...]
+
+
+@dataclass(frozen=True)
+class ParametersContent:
+    """Parameters by effect, and the number of independent samples behind their deviations."""
+
+    groups: tuple[ParameterGroup, ...]
+    effective: tuple[EffectiveRows, ...]
+    n_poor: int
+    n_parameters: int
+
+
+def parameters_section(identification: Identification) -> Section:
+    """What was identified."""
+    parameters = identification.parameters
+    content = ParametersContent(
+        tuple(_groups(parameters)),
+        tuple(_effective(identification)),
+        sum(not parameter.well_identified for parameter in parameters),
+        len(parameters),
+    )
+    return Section("parameters", "Identified parameters", "parameters", content)
+
+
+def _groups(parameters: Sequence[IdentifiedParameter]) -> Iterator[ParameterGroup]:
+    for effect, shape in dict.fromkeys((parameter.effect, parameter.shape) for parameter in parameters):
+        rows = tuple(_row(p) for p in parameters if (p.effect, p.shape) == (effect, shape))
+        yield ParameterGroup(effect_by_id(effect).title, shape_text(EffectChoice(effect, (), shape)), rows)
+
+
+def _row(parameter: IdentifiedParameter) -> ParameterRow:
+    value, deviation = estimate(parameter.value, parameter.standard_deviation)
+    return ParameterRow(
+        parameter,
+        value,
+        deviation,
+        percent(parameter.relative_standard_deviation, 2),
+        "–" if parameter.unit == "-" else parameter.unit,
+    )
+
+
+def _effective(identification: Identification) -> Iterator[EffectiveRows]:
+    names = identification.model.robot.joint_names
+    counts = identification.fit.counts
+    for name, rows, effective in zip(names, counts, identification.effective_rows, strict=True):
+        yield EffectiveRows(
+            name, f"{int(rows)}", number(float(effective)), percent(float(effective / max(rows, 1.0)), 2)
+        )

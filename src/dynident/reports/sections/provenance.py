@@ -1,0 +1,42 @@
+"""Where the figures come from: versions, time, choices, fingerprints."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from hashlib import sha256
+from importlib.metadata import version
+
+from dynident.identification import Identification
+from dynident.reports.run import ReportedRun
+from dynident.reports.section import Section
+from dynident.version import __version__
+
+_PACKAGES = ("casadi", "numpy", "scipy", "pin", "pyarrow")
+
+
+@dataclass(frozen=True)
+class ProvenanceContent:
+    """Names and values."""
+
+    facts: tuple[tuple[str, str], ...]
+
+
+def provenance_section(identification: Identification, runs: Sequence[ReportedRun], created: datetime) -> Section:
+    """How to get the same again."""
+    robot = identification.model.robot
+    digest = sha256(robot.description.content.encode()).hexdigest()
+    facts = (
+        ("made", created.astimezone(UTC).strftime("%Y-%m-%d %H:%M UTC")),
+        ("dynident", __version__),
+        ("python", platform.python_version()),
+        ("packages", ", ".join(f"{name} {version(name)}" for name in _PACKAGES)),
+        ("robot description", f"{robot.description.format}, sha256 {digest}"),
+        ("identified from", ", ".join(identification.measurement_names)),
+        ("tried on", ", ".join(identification.validation_names) or "no held-out data"),
+        ("shown", ", ".join(run.name for run in runs)),
+        ("models before this one", str(len(list(identification.ladder())) - 1)),
+    )
+    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts))

@@ -1,0 +1,36 @@
+"""The residual over velocity, position and load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from dynident.reports.figures.residuals import residual_figure
+from dynident.reports.figures.torque import JOINTS_A_FIGURE
+from dynident.reports.run import ReportedRun
+from dynident.reports.section import Section
+
+
+@dataclass(frozen=True)
+class ResidualsContent:
+    """The figures and the recordings they show."""
+
+    figures: tuple[Markup, ...]
+    names: tuple[str, ...]
+    held_out: bool
+
+
+def residuals_section(runs: Sequence[ReportedRun]) -> Section:
+    """What is left, over the signals that missing physics would depend on; held-out data where there is any."""
+    shown = [run for run in runs if run.held_out] or list(runs)
+    comparisons = [run.comparison for run in shown]
+    n = len(comparisons[0].joint_names)
+    parts = [range(first, min(first + JOINTS_A_FIGURE, n)) for first in range(0, n, JOINTS_A_FIGURE)]
+    content = ResidualsContent(
+        tuple(residual_figure(comparisons, joints) for joints in parts),
+        tuple(run.name for run in shown),
+        any(run.held_out for run in shown),
+    )
+    return Section("residuals", "What is left", "residuals", content)

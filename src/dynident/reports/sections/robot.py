@@ -1,0 +1,82 @@
+"""The robot: joints, limits, drives, and how many parameters its motion can show."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+from dynident.identification import Identification
+from dynident.reports.numbers import number, span
+from dynident.reports.section import Section
+from dynident.robot import Joint, Robot
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """One joint in words."""
+
+    number: int
+    name: str
+    kind: str
+    antecedent: str
+    position: str
+    velocity: str
+    acceleration: str
+    jerk: str
+    effort: str
+    drive_gain: str
+
+
+@dataclass(frozen=True)
+class RobotContent:
+    """The robot in words; `counts` are base parameters by effect."""
+
+    robot: Robot
+    joints: tuple[JointRow, ...]
+    gravity: str
+    locked: tuple[str, ...]
+    n_parameters: int
+    n_standard: int
+    counts: tuple[tuple[str, int], ...]
+
+
+def robot_section(identification: Identification) -> Section:
+    """What was identified."""
+    robot = identification.model.robot
+    content = RobotContent(
+        robot,
+        tuple(_joint(robot, index) for index in range(robot.n)),
+        f"({', '.join(number(float(value)) for value in robot.gravity)}) m/s²",
+        tuple(f"{name} at {number(value)}" for name, value in robot.locked_joints.items()),
+        identification.model.n_parameters,
+        len(identification.model.columns),
+        tuple(Counter(column.effect for column in identification.model.kept).items()),
+    )
+    return Section("robot", "The robot", "robot", content)
+
+
+def _joint(robot: Robot, index: int) -> JointRow:
+    joint = robot.joints[index]
+    unit = "rad" if joint.kind == "revolute" else "m"
+    limits = joint.limits
+    gain = robot.drives[index].gain
+    return JointRow(
+        index + 1,
+        joint.name,
+        joint.kind,
+        robot.joint_names[joint.parent] if joint.parent >= 0 else "base",
+        span(*limits.position, unit) if limits.position else "–",
+        _limit(limits.velocity, f"{unit}/s"),
+        _limit(limits.acceleration, f"{unit}/s²"),
+        _limit(limits.jerk, f"{unit}/s³"),
+        _limit(limits.effort, joint.effort_unit),
+        "–" if gain is None else f"{number(gain, 4)} {_gain_unit(joint)}",
+    )
+
+
+def _limit(value: float | None, unit: str) -> str:
+    return "–" if value is None else f"{number(value)} {unit}"
+
+
+def _gain_unit(joint: Joint) -> str:
+    return f"{joint.effort_unit}/A"

@@ -1,0 +1,88 @@
+"""What a reader has to know first: how good the model is, what is doubtful about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dynident.diagnosis import Diagnosis
+from dynident.identification import Identification
+from dynident.reports.numbers import counted, number, percent
+from dynident.reports.run import ReportedRun
+from dynident.reports.section import Section
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One number with its name and what it means."""
+
+    name: str
+    value: str
+    note: str
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Figures, the verdict of the diagnosis, warnings of the identification, and of the checks of its data."""
+
+    figures: tuple[Figure, ...]
+    diagnosis: Diagnosis | None
+    recommended_added: bool
+    warnings: tuple[str, ...]
+    data_warnings: tuple[str, ...]
+
+
+def summary_section(
+    identification: Identification, runs: Sequence[ReportedRun], diagnosis: Diagnosis | None
+) -> Section:
+    """The first section."""
+    content = Summary(
+        _figures(identification),
+        diagnosis,
+        recommended_is_added(identification, diagnosis),
+        identification.warnings,
+        tuple(
+            f"{run.name}: {check.name.replace('_', ' ')}. {check.detail}"
+            for run in runs
+            for check in run.checks
+            if check.status != "ok"
+        ),
+    )
+    return Section("summary", "Summary", "summary", content)
+
+
+def recommended_is_added(identification: Identification, diagnosis: Diagnosis | None) -> bool:
+    """Whether the model already has everything that the diagnosis asks for."""
+    if diagnosis is None or not diagnosis.recommended:
+        return False
+    return all(choice in identification.choices.effects for choice in diagnosis.recommended)
+
+
+def _figures(identification: Identification) -> tuple[Figure, ...]:
+    held_out = identification.held_out
+    good = sum(parameter.well_identified for parameter in identification.parameters)
+    figures = []
+    if held_out is not None:
+        figures.append(
+            Figure("held-out error", percent(held_out.relative_total), "relative, all joints; data no parameter saw")
+        )
+    figures += [
+        Figure("error of the fit", percent(identification.fit.relative_total), "relative, all joints"),
+        Figure(
+            "base parameters",
+            str(identification.model.n_parameters),
+            f"{good} of them well identified",
+        ),
+        Figure(
+            "condition number",
+            number(identification.condition_number),
+            f"{counted(identification.n_equations, 'equation')}, "
+            f"{number(identification.equations_per_parameter)} a parameter",
+        ),
+        Figure(
+            "inertia matrix",
+            "positive definite" if identification.inertia_matrix_positive_definite else "not positive definite",
+            f"smallest scaled eigenvalue {number(identification.worst_inertia_eigenvalue, 2)}",
+        ),
+    ]
+    return tuple(figures)
