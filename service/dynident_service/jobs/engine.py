@@ -6,6 +6,7 @@ a real cluster is a setting.
 
 from __future__ import annotations
 
+import importlib
 import logging
 import threading
 from typing import TYPE_CHECKING, Literal
@@ -56,8 +57,10 @@ class Engine:
         try:
             from dynident_service.jobs.cluster import Cluster
 
+            warm = threading.Thread(target=_load_science, name="dynident-warm-up", daemon=True)
             with Cluster(self._settings, self._place) as cluster:
                 self.state = "ready"
+                warm.start()
                 log.info("jobs run on %s, %d at a time", cluster.address, cluster.slots())
                 while not self._stop.is_set():
                     self._wake.wait(IDLE)
@@ -85,3 +88,8 @@ class Engine:
         except Exception:
             # A database or a scheduler that is away for a moment: leases run out and the jobs are taken again.
             log.exception("could not hand out %d jobs", len(claims))
+
+
+def _load_science() -> None:
+    """Load what requests will need, so that the first one does not wait for it."""
+    importlib.import_module("dynident_service.work")

@@ -1,4 +1,7 @@
-"""The routes, one module a resource."""
+"""The routes, one module a resource.
+
+They import the science where they use it, not at their top: it takes seconds to load, and the service answers before.
+"""
 
 from dynident_service.routes import (
     comparisons,

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from dynident_service.adapters.comparisons import StoredComparison
 from dynident_service.models.common import Page, plain
 from dynident_service.models.comparisons import ComparisonRequest, ComparisonView, ResidualMap, Series
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.needs import needed_measurements, needed_model
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+
+if TYPE_CHECKING:
+    from dynident_service.adapters.comparisons import StoredComparison
 
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 
@@ -84,5 +86,7 @@ def show(resource: Resource) -> ComparisonView:
 
 
 def _stored(services: Services, identifier: str) -> StoredComparison:
+    from dynident_service.adapters.comparisons import StoredComparison
+
     found = succeeded(services.resources.get("comparison", identifier))
     return StoredComparison(services.objects.path(found.objects["signals"].key))

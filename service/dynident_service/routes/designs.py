@@ -7,8 +7,6 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
-from dynident_service.adapters.designs import request_of, trajectory_as_csv, trajectory_as_samples
-from dynident_service.adapters.robots import robot_of
 from dynident_service.models.common import Page, plain
 from dynident_service.models.designs import DesignRequest, DesignResult, DesignView, TrajectorySamples
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
@@ -25,6 +23,9 @@ PARQUET = "application/vnd.apache.parquet"
 @router.post("", status_code=202)
 def create_design(body: DesignRequest, services: ServicesDep, retry: RetryKeyDep, response: Response) -> DesignView:
     """Design an experiment: a motion within the limits that tells the parameters apart."""
+    from dynident_service.adapters.designs import request_of
+    from dynident_service.adapters.robots import robot_of
+
     robot = needed_robot(services, body.robot_id)
     request_of(body, robot_of(robot.request))
     needs = (RestsOn(robot.id, "robot", "robot", "/robot_id"),)
@@ -61,6 +62,8 @@ def get_trajectory(
     design_id: str, services: ServicesDep, format: Annotated[Literal["csv", "parquet", "json"], Query()] = "csv"
 ) -> Response:
     """Give t, q…, dq…, ddq… at the sampling rate, with the moves from and to rest."""
+    from dynident_service.adapters.designs import trajectory_as_csv, trajectory_as_samples
+
     found = succeeded(services.resources.get("design", design_id))
     path = services.objects.path(found.objects["trajectory"].key)
     if format == "parquet":

@@ -6,7 +6,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from dynident.effects import effect_by_id
 from dynident_service.models.common import Page, plain
 from dynident_service.models.diagnoses import DiagnosisRequest, DiagnosisView
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
@@ -24,6 +23,8 @@ def create_diagnosis(
     body: DiagnosisRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> DiagnosisView:
     """Find what is missing in an identified model, by name, and what to add."""
+    from dynident.effects import effect_by_id
+
     model = needed_model(services, body.identification_id)
     for index, candidate in enumerate(body.candidates or ()):
         effect_by_id(candidate, f"/candidates/{index}")

@@ -7,9 +7,6 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Response
 
-from dynident_service.adapters.effects import choices_of
-from dynident_service.adapters.identifications import check_effects, choices_from_request
-from dynident_service.adapters.robots import robot_of
 from dynident_service.models.common import Page, plain
 from dynident_service.models.identifications import (
     ExtensionRequest,
@@ -39,6 +36,9 @@ def create_identification(
     body: IdentificationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Identify the base parameters of a robot from measurements."""
+    from dynident_service.adapters.identifications import choices_from_request
+    from dynident_service.adapters.robots import robot_of
+
     robot = needed_robot(services, body.robot_id)
     choices_from_request(body, robot_of(robot.request))
     needs = (
@@ -75,6 +75,10 @@ def extend_identification(
     identification_id: str, body: ExtensionRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Add effects to an identified model: a new identification, whose parent is this one."""
+    from dynident_service.adapters.effects import choices_of
+    from dynident_service.adapters.identifications import check_effects
+    from dynident_service.adapters.robots import robot_of
+
     parent = succeeded(services.resources.get("identification", identification_id))
     asked = StoredIdentification.model_validate(parent.request)
     robot = needed_robot(services, parent.one("robot"))

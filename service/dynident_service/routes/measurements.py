@@ -13,9 +13,6 @@ from fastapi import APIRouter, File, Form, Query, Response, UploadFile
 from fastapi.responses import StreamingResponse
 from pydantic import ValidationError
 
-from dynident.recordings import RecordingError
-from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
-from dynident_service.adapters.robots import robot_of
 from dynident_service.models.common import Page, plain
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
 from dynident_service.problems import ProblemError, fields_of, not_found, unusable, validation_problem
@@ -108,6 +105,10 @@ def _metadata(text: str) -> MeasurementMetadata:
 def _store(
     services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey, response: Response
 ) -> Resource:
+    from dynident.recordings import RecordingError
+    from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
+    from dynident_service.adapters.robots import robot_of
+
     source, canonical = folder / "source", folder / "recording.parquet"
     with source.open("wb") as target:
         shutil.copyfileobj(file.file, target, 1 << 20)

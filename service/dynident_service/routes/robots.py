@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Response
 
-from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request
 from dynident_service.models.common import Page, plain
 from dynident_service.models.robots import RobotRequest, RobotView
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, make, page_of
@@ -17,6 +16,8 @@ router = APIRouter(prefix="/v1/robots", tags=["robots"])
 @router.post("", status_code=201)
 def create_robot(body: RobotRequest, services: ServicesDep, retry: RetryKeyDep, response: Response) -> RobotView:
     """Store a robot; the answer has its joints and its base parameters."""
+    from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request
+
     robot = robot_from_request(body)
     result = describe_robot(robot, base_parameters_of(robot, body.base_parameters_tolerance))
     new = NewResource("robot", plain(body), name=body.name, result=plain(result), retry=retry.of(body))

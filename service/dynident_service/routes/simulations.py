@@ -6,10 +6,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from dynident.robot import Robot
-from dynident_service.adapters.designs import request_of as design_request_of
-from dynident_service.adapters.robots import robot_of
-from dynident_service.adapters.simulations import reference_of, true_effects
 from dynident_service.models.common import Page, plain
 from dynident_service.models.designs import DesignRequest, Trajectory
 from dynident_service.models.simulations import Samples, SimulationRequest, SimulationView
@@ -30,7 +26,7 @@ def create_simulation(
 ) -> SimulationView:
     """Have a virtual robot make a motion; it gives a measurement."""
     robot = needed_robot(services, body.robot_id)
-    _check(body, robot_of(robot.request))
+    _check(body, robot)
     needs = [RestsOn(robot.id, "robot", "robot", "/robot_id")]
     if body.design_id is not None:
         needs.append(_design(services, body.design_id, robot))
@@ -63,8 +59,13 @@ def show(resource: Resource) -> SimulationView:
     return computed(SimulationView, resource)
 
 
-def _check(body: SimulationRequest, robot: Robot) -> None:
+def _check(body: SimulationRequest, stored: Resource) -> None:
     """Refuse at once what would fail later."""
+    from dynident_service.adapters.designs import request_of as design_request_of
+    from dynident_service.adapters.robots import robot_of
+    from dynident_service.adapters.simulations import reference_of, true_effects
+
+    robot = robot_of(stored.request)
     true_effects(body.effects, robot)
     if isinstance(body.trajectory, Samples):
         reference_of(body.trajectory)
