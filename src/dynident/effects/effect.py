@@ -33,7 +33,8 @@ class ShapeSpec:
     """A constant inside an effect's columns, searched for rather than solved for.
 
     `default` is used where nobody chose a value. `proposal` says where candidates come from: a fixed grid (`grid`), or
-    lines in the spectrum of the residual over the joint's angle. A constant is above zero unless it is `signed`.
+    lines in the spectrum of the residual over the joint's angle. A constant is above zero unless it is `signed`; it is
+    not searched for below `least`, where sensors can no longer show it.
     """
 
     name: str
@@ -43,6 +44,7 @@ class ShapeSpec:
     proposal: Literal["grid", "angle_spectrum"] = "grid"
     relative_to_velocity: bool = False
     signed: bool = False
+    least: float = 0.0
 
     def admits(self, value: float) -> bool:
         """Whether a value makes sense for this constant."""

@@ -21,7 +21,7 @@ class Presliding(Effect):
         ParameterSpec("Fz", "N m", "friction reached after the slip distance", "N"),
         ParameterSpec("cz", "-", "friction reached after the slip distance, per unit of load torque"),
     )
-    shapes = (ShapeSpec("d0", "rad", "slip distance", 2e-3),)
+    shapes = (ShapeSpec("d0", "rad", "slip distance", 2e-3, least=0.25e-3),)
     signature = "a rounded corner after each reversal instead of a step"
     confused_with = ("stribeck",)
     sources = ("Al-Bender, Lampaert and Swevers 2005", "Dahl 1968")

@@ -131,7 +131,8 @@ def _moves(choice: EffectChoice) -> tuple[str, list[float]] | None:
         if spec.proposal == "angle_spectrum":
             return spec.name, [value + _LINE_STEP * k for k in range(-_STEPS, _STEPS + 1)]
         if spec.unit in ("rad", "rad/s"):
-            return spec.name, [value * 2.0 ** (k / _STEPS_AN_OCTAVE) for k in range(-_STEPS, _STEPS + 1)]
+            ratios = [value * 2.0 ** (k / _STEPS_AN_OCTAVE) for k in range(-_STEPS, _STEPS + 1)]
+            return spec.name, [ratio for ratio in ratios if ratio >= min(spec.least, value)]
     return None
 
 
