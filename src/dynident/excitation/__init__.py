@@ -1,0 +1,27 @@
+"""Experiments that excite: trajectories, criteria, limits, and the design of both together."""
+
+from dynident.excitation.baseline import Baseline
+from dynident.excitation.criteria import CRITERIA, CriterionChoice, CriterionValues
+from dynident.excitation.design import design_experiment
+from dynident.excitation.export import FORMATS, design_document, design_table, trajectory_document, write_design
+from dynident.excitation.limits import ImpossibleLimitsError, Margin
+from dynident.excitation.request import KINDS, Design, DesignRequest, TrajectoryRequest
+
+__all__ = [
+    "CRITERIA",
+    "FORMATS",
+    "KINDS",
+    "Baseline",
+    "CriterionChoice",
+    "CriterionValues",
+    "Design",
+    "DesignRequest",
+    "ImpossibleLimitsError",
+    "Margin",
+    "TrajectoryRequest",
+    "design_document",
+    "design_experiment",
+    "design_table",
+    "trajectory_document",
+    "write_design",
+]

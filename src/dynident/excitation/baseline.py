@@ -1,0 +1,113 @@
+"""Random trajectories inside the limits: what an optimised one must be better than."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.excitation.criteria import CriterionChoice, CriterionValues, true_values
+from dynident.excitation.feasible import Shrinking, holdable_postures
+from dynident.excitation.fourier import FourierFamily
+from dynident.excitation.limits import Bounds
+from dynident.excitation.model import DesignModel
+from dynident.progress import Progress, silent
+from dynident.robot.model import FloatArray
+
+_N_SAMPLES = 100
+_SAMPLES_PER_HARMONIC = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Coefficients x (m, n) that keep the limits, and what they are worth."""
+
+    x: FloatArray
+    values: CriterionValues
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What random trajectories reach: the best of `count`, and the median condition number."""
+
+    count: int
+    best: CriterionValues
+    median_condition_number: float
+
+
+class Judge:
+    """Values of coefficients by the true criteria, on samples of one period."""
+
+    def __init__(
+        self,
+        family: FourierFamily,
+        model: DesignModel,
+        choice: CriterionChoice,
+        a_priori: FloatArray,
+        *,
+        n_samples: int = _N_SAMPLES,
+    ) -> None:
+        self._model, self._choice, self._a_priori = model, choice, a_priori
+        self.n_samples = max(n_samples, _SAMPLES_PER_HARMONIC * family.harmonics)
+        self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)[:3]
+
+    def values(self, x: FloatArray) -> CriterionValues:
+        """What coefficients (m, n) are worth."""
+        q, dq, ddq = self._basis @ x
+        return true_values(self._choice, self._model.observe(q, dq, ddq), self.n_samples, self._a_priori)
+
+
+def random_candidates(
+    family: FourierFamily,
+    bounds: Bounds,
+    model: DesignModel,
+    judge: Judge,
+    *,
+    count: int,
+    seed: int,
+    progress: Progress = silent,
+) -> list[Candidate]:
+    """Random trajectories of the family, each joint scaled into its limits, best first.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        No posture can be held within the torque limits.
+    """
+    rng = np.random.default_rng(seed)
+    postures = holdable_postures(bounds, model, rng)
+    shrinking = Shrinking(family, bounds, model, fine=False)
+    basis = family.basis(np.arange(judge.n_samples) * family.period / judge.n_samples)[:, :, 1:]
+    found: list[Candidate] = []
+    for index in range(count):
+        progress(index / count, f"random trajectory {index + 1} of {count}")
+        x = np.empty((family.n_coefficients, model.robot.n))
+        x[0] = postures[rng.integers(len(postures))]
+        x[1:] = rng.standard_normal((family.n_coefficients - 1, model.robot.n))
+        x[1:] *= _largest_scale(basis @ x[1:], x[0], bounds)
+        fitting = shrinking.shrink(x)
+        if fitting is not None:
+            found.append(Candidate(fitting, judge.values(fitting)))
+    return sorted(found, key=lambda candidate: candidate.values.criterion)
+
+
+def baseline_of(candidates: list[Candidate]) -> Baseline:
+    """The baseline that random candidates, best first, stand for."""
+    conditions = [candidate.values.condition_number for candidate in candidates]
+    return Baseline(len(candidates), candidates[0].values, float(np.median(conditions)))
+
+
+def _largest_scale(motion: FloatArray, centre: FloatArray, bounds: Bounds) -> FloatArray:
+    """Per joint (n,), the amplitude of motion (4, N, n) about its centre that fills the limits on q to the jerk."""
+    q, dq, ddq, dddq = motion
+    scale: FloatArray = np.min(
+        [
+            (bounds.position_high - centre) / q.max(axis=0),
+            (centre - bounds.position_low) / -q.min(axis=0),
+            bounds.velocity / np.abs(dq).max(axis=0),
+            bounds.acceleration / np.abs(ddq).max(axis=0),
+            bounds.jerk / np.abs(dddq).max(axis=0),
+        ],
+        axis=0,
+    )
+    return scale

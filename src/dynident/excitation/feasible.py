@@ -1,0 +1,112 @@
+"""Motions that keep the limits: postures that can be held, and how far a trajectory must shrink until it fits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.excitation.fourier import FourierFamily
+from dynident.excitation.limits import Bounds, ImpossibleLimitsError
+from dynident.excitation.model import DesignModel
+from dynident.robot.model import FloatArray
+from dynident.robot.pointers import pointer
+
+_POSTURES = 2000
+# Room left for motion around a posture: of the torque, and of the position range.
+_HOLDING_SHARE = 0.9
+_CENTRAL_SHARE = 0.8
+_BISECTIONS = 12
+_SAMPLES_PER_HARMONIC = 80
+
+
+def static_torque(model: DesignModel, q: FloatArray) -> FloatArray:
+    """Torque (m, n) that holds postures q (m, n)."""
+    still = np.zeros_like(q)
+    return model.torque(q, still, still)
+
+
+def holdable_postures(bounds: Bounds, model: DesignModel, rng: np.random.Generator) -> FloatArray:
+    """Postures (m, n) in the inner part of the ranges whose gravity torque leaves room for motion.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        None of many postures can be held; the message names the joint whose torque limit is in the way.
+    """
+    places = _CENTRAL_SHARE * rng.uniform(-1.0, 1.0, (_POSTURES, len(bounds.names)))
+    q: FloatArray = bounds.middle + bounds.half_range * places
+    if not bounds.checks_torque:
+        return q
+    torque = np.abs(static_torque(model, q))
+    shares = torque / bounds.torque
+    worst = shares.max(axis=1)
+    for share in (_HOLDING_SHARE, 1.0 - 1e-6):
+        if (worst <= share).any():
+            held: FloatArray = q[worst <= share]
+            return held
+    best = int(worst.argmin())
+    joint = int(shares[best].argmax())
+    name = bounds.names[joint]
+    raise ImpossibleLimitsError(
+        f"No posture can be held: in the easiest of {_POSTURES} the weight of the arm alone asks "
+        f"{torque[best, joint]:.3g} of joint '{name}', whose torque limit is {bounds.torque[joint]:.3g}. Raise the "
+        "limit, or widen the position limits to where the arm is easier to hold.",
+        pointer=pointer(name, "effort", within="/limits"),
+        title="Impossible limits",
+    )
+
+
+class Shrinking:
+    """Takes Fourier coefficients to the largest amplitude at which they keep the limits."""
+
+    def __init__(self, family: FourierFamily, bounds: Bounds, model: DesignModel, *, fine: bool = True) -> None:
+        self._bounds, self._model = bounds, model
+        count = _SAMPLES_PER_HARMONIC * family.harmonics if fine else 2 * _SAMPLES_PER_HARMONIC
+        self._basis = family.basis(np.arange(count) * family.period / count)
+
+    def shrink(self, x: FloatArray, most: float = 1.0) -> FloatArray | None:
+        """Coefficients (m, n) with the amplitude scaled by at most `most`; `None` where even its centre cannot be held.
+
+        The centre (the offsets) stays, except that it is moved inside the position limits.
+        """
+        b = self._bounds
+        made = x.copy()
+        made[0] = np.clip(x[0], b.middle - _CENTRAL_SHARE * b.half_range, b.middle + _CENTRAL_SHARE * b.half_range)
+        inside = (b.position_low < x[0]) & (x[0] < b.position_high)
+        made[0, inside] = x[0, inside]
+        q, dq, ddq, dddq = self._basis[:, :, 1:] @ made[1:]
+        with np.errstate(divide="ignore"):
+            scale = min(
+                most,
+                float(((b.position_high - made[0]) / np.maximum(q.max(axis=0), 0.0)).min()),
+                float(((made[0] - b.position_low) / np.maximum(-q.min(axis=0), 0.0)).min()),
+                float((b.velocity / np.abs(dq).max(axis=0)).min()),
+                float((b.acceleration / np.abs(ddq).max(axis=0)).min()),
+                float((b.jerk / np.abs(dddq).max(axis=0)).min()),
+            )
+        found = self._within_torque(made[0], q, dq, ddq, scale)
+        if found is None:
+            return None
+        made[1:] *= found
+        return made
+
+    def _within_torque(
+        self, centre: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, most: float
+    ) -> float | None:
+        """The largest amplitude up to `most` at which the torque limits hold, by bisection."""
+        if not self._bounds.checks_torque:
+            return most
+
+        def holds(scale: float) -> bool:
+            # Bodies scaled in amplitude by s at unchanged frequency: q̇ and q̈ scale alike.
+            torque = self._model.torque(centre + scale * q, scale * dq, scale * ddq)
+            return bool((np.abs(torque) <= self._bounds.torque).all())
+
+        if holds(most):
+            return most
+        if not holds(0.0):
+            return None
+        low, high = 0.0, most
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if holds(middle) else (low, middle)
+        return low or None

@@ -1,0 +1,261 @@
+"""Limits that a motion must keep: which they are, what was assumed where none is known, how near a motion comes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import DynidentError
+from dynident.excitation.motion import Motion
+from dynident.robot import Limits, Robot
+from dynident.robot.model import FloatArray, Joint
+from dynident.robot.pointers import listed, pointer
+from dynident.robot.settings import check_limits
+
+LimitName = Literal["position_min", "position_max", "velocity", "acceleration", "jerk", "torque"]
+
+# Where nothing is known: slow enough for any arm of that kind.
+_REVOLUTE_VELOCITY, _PRISMATIC_VELOCITY = 1.0, 0.25
+_ACCELERATION_PER_VELOCITY = 4.0
+"""1/s: the velocity limit is reached from rest within a quarter of a second."""
+_JERK_PER_ACCELERATION = 20.0
+"""1/s: full acceleration is reached within 50 ms."""
+_HAIR = 1e-6
+
+
+class ImpossibleLimitsError(DynidentError):
+    """No motion keeps the limits; the message names the one that makes it impossible."""
+
+
+@dataclass(frozen=True)
+class Margin:
+    """How near a motion comes to one limit: `value` is the extreme one, `share` the part of the room it uses.
+
+    A share of 1 touches the limit. Of a position it is counted from the middle of the range.
+    """
+
+    joint: str
+    limit: LimitName
+    value: float
+    bound: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Limits of all joints (n,), infinite where there is none; `notes` say what was assumed or is not checked."""
+
+    names: tuple[str, ...]
+    position_low: FloatArray
+    position_high: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+    torque: FloatArray
+    notes: tuple[str, ...]
+
+    @property
+    def middle(self) -> FloatArray:
+        """Middle of the position ranges (n,)."""
+        return 0.5 * (self.position_low + self.position_high)
+
+    @property
+    def half_range(self) -> FloatArray:
+        """Half the position ranges (n,)."""
+        return 0.5 * (self.position_high - self.position_low)
+
+    def tightened(self) -> Bounds:
+        """The same a hair inside, so that rounding never carries a motion beyond a limit."""
+        room = 1.0 - _HAIR
+        return replace(
+            self,
+            position_low=self.middle - room * self.half_range,
+            position_high=self.middle + room * self.half_range,
+            velocity=room * self.velocity,
+            acceleration=room * self.acceleration,
+            jerk=room * self.jerk,
+            torque=room * self.torque,
+        )
+
+    @property
+    def checks_torque(self) -> bool:
+        """Whether any joint's torque is limited."""
+        return bool(np.isfinite(self.torque).any())
+
+
+def bounds_of(robot: Robot, overrides: Mapping[str, Limits], *, at: str = "/limits") -> Bounds:
+    """Limits for a design: the robot's, tightened by those stated for this experiment, completed by careful defaults.
+
+    Raises
+    ------
+    DynidentError
+        A stated limit is for an unknown joint or not a limit, or a prismatic joint's range is unknown.
+    ImpossibleLimitsError
+        A stated range lies outside the robot's own.
+    """
+    for name, stated in overrides.items():
+        if name not in robot.joint_names:
+            raise DynidentError(
+                f"There is no joint '{name}'; joints: {listed(robot.joint_names)}.",
+                pointer=pointer(name, within=at),
+                title="Unknown joint",
+            )
+        check_limits(stated, name, pointer(name, within=at))
+    assumed = _Assumed()
+    completed = [_completed(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
+    notes = assumed.notes()
+    torque = np.array([np.inf if item.effort is None else item.effort for item in completed])
+    unlimited = [name for name, bound in zip(robot.joint_names, torque, strict=True) if not np.isfinite(bound)]
+    if robot.inertias is None:
+        torque[:] = np.inf
+        notes.append("Torque is not checked: the robot's description gives no inertias to predict it with.")
+    elif unlimited:
+        notes.append(f"Torque is not checked for {listed(unlimited)}: no limit is known.")
+    if np.isfinite(torque).any():
+        notes.append(
+            "Torque is that of the inertias in the robot's description, without rotor inertia and friction; "
+            "leave some room in the torque limits for them."
+        )
+    return Bounds(
+        names=robot.joint_names,
+        position_low=np.array([_range(item)[0] for item in completed]),
+        position_high=np.array([_range(item)[1] for item in completed]),
+        velocity=np.array([item.velocity for item in completed], dtype=np.float64),
+        acceleration=np.array([item.acceleration for item in completed], dtype=np.float64),
+        jerk=np.array([item.jerk for item in completed], dtype=np.float64),
+        torque=torque,
+        notes=tuple(notes),
+    )
+
+
+def _range(limits: Limits) -> tuple[float, float]:
+    assert limits.position is not None
+    return limits.position
+
+
+def _completed(joint: Joint, stated: Limits, assumed: _Assumed, at: str) -> Limits:
+    """The tighter of the robot's and the stated limits of one joint, with defaults where neither is known."""
+    own = joint.limits
+    position = _tighter_range(joint, stated, at)
+    if position is None:
+        if joint.kind == "prismatic":
+            raise DynidentError(
+                f"Joint '{joint.name}' slides, and its range is not known; state its position limits.",
+                pointer=pointer(joint.name, "position", within=at),
+                title="Missing limit",
+            )
+        position = (-np.pi, np.pi)
+        assumed.position.append(joint.name)
+    velocity = _tighter(own.velocity, stated.velocity)
+    if velocity is None:
+        velocity = _REVOLUTE_VELOCITY if joint.kind == "revolute" else _PRISMATIC_VELOCITY
+        assumed.velocity.append(joint.name)
+    acceleration = _tighter(own.acceleration, stated.acceleration)
+    if acceleration is None:
+        acceleration = _ACCELERATION_PER_VELOCITY * velocity
+        assumed.acceleration.append(joint.name)
+    jerk = _tighter(own.jerk, stated.jerk)
+    if jerk is None:
+        jerk = _JERK_PER_ACCELERATION * acceleration
+        assumed.jerk.append(joint.name)
+    return Limits(position, velocity, acceleration, jerk, _tighter(own.effort, stated.effort))
+
+
+@dataclass
+class _Assumed:
+    """Joints whose limits are guessed, for the notes."""
+
+    position: list[str] = field(default_factory=list)
+    velocity: list[str] = field(default_factory=list)
+    acceleration: list[str] = field(default_factory=list)
+    jerk: list[str] = field(default_factory=list)
+
+    def notes(self) -> list[str]:
+        written = (
+            (self.position, "position", "the motion stays within ±π rad"),
+            (
+                self.velocity,
+                "velocity",
+                f"{_REVOLUTE_VELOCITY:g} rad/s ({_PRISMATIC_VELOCITY:g} m/s where it slides) was assumed",
+            ),
+            (
+                self.acceleration,
+                "acceleration",
+                f"{_ACCELERATION_PER_VELOCITY:g}/s x the velocity limit was assumed",
+            ),
+            (self.jerk, "jerk", f"{_JERK_PER_ACCELERATION:g}/s x the acceleration limit was assumed"),
+        )
+        return [f"No {kind} limit is known for {listed(names)}: {what}." for names, kind, what in written if names]
+
+
+def _tighter(own: float | None, stated: float | None) -> float | None:
+    known = [value for value in (own, stated) if value is not None]
+    return min(known) if known else None
+
+
+def _tighter_range(joint: Joint, stated: Limits, at: str) -> tuple[float, float] | None:
+    own = joint.limits.position
+    if own is None or stated.position is None:
+        return own if stated.position is None else stated.position
+    low, high = max(own[0], stated.position[0]), min(own[1], stated.position[1])
+    if low >= high:
+        raise ImpossibleLimitsError(
+            f"The position limits {list(stated.position)} of joint '{joint.name}' lie outside of its own {list(own)}.",
+            pointer=pointer(joint.name, "position", within=at),
+            title="Impossible limits",
+        )
+    return low, high
+
+
+TorqueFunction = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+"""Nominal torque (m, n) at q, q̇, q̈ (m, n)."""
+
+
+def margins_of(bounds: Bounds, motions: Iterable[Motion], torque: TorqueFunction | None) -> tuple[Margin, ...]:
+    """The nearest approach of motions to every limit there is, joint by joint; they are looked at one after another."""
+    n = len(bounds.names)
+    low, high = np.full(n, np.inf), np.full(n, -np.inf)
+    largest = np.zeros((4, n))
+    for motion in motions:
+        low, high = np.minimum(low, motion.q.min(axis=0)), np.maximum(high, motion.q.max(axis=0))
+        signals = [motion.dq, motion.ddq, motion.dddq]
+        if torque is not None and bounds.checks_torque:
+            signals.append(torque(motion.q, motion.dq, motion.ddq))
+        for row, values in enumerate(signals):
+            largest[row] = np.maximum(largest[row], np.abs(values).max(axis=0))
+    middle, half = bounds.middle, bounds.half_range
+    low_share = _share((middle - low) / half, low >= bounds.position_low)
+    high_share = _share((high - middle) / half, high <= bounds.position_high)
+    columns: list[tuple[LimitName, FloatArray, FloatArray, FloatArray]] = [
+        ("position_min", low, bounds.position_low, low_share),
+        ("position_max", high, bounds.position_high, high_share),
+    ]
+    names: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk", "torque")
+    known = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque)
+    for name, value, bound in zip(names, largest, known, strict=True):
+        columns.append((name, value, bound, _share(value / bound, value <= bound)))
+    return tuple(
+        Margin(name, limit, float(values[j]), float(bound[j]), float(shares[j]))
+        for j, name in enumerate(bounds.names)
+        for limit, values, bound, shares in columns
+        if np.isfinite(bound[j])
+    )
+
+
+def _share(share: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+    """Shares of which none is above 1 by rounding alone."""
+    return np.where(kept, np.minimum(share, 1.0), np.maximum(share, np.nextafter(1.0, 2.0)))
+
+
+def tightest(margins: Sequence[Margin]) -> Margin:
+    """The margin with the largest share."""
+    return max(margins, key=lambda margin: margin.share)
+
+
+def keeps(margins: Sequence[Margin]) -> bool:
+    """Whether no limit is broken."""
+    return tightest(margins).share <= 1.0

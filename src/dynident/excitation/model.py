@@ -1,0 +1,143 @@
+"""The observation matrix that a design is judged by: chosen effects on a robot, as far as a motion determines them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from dynident.effects import Column, EffectChoice, Signals, columns_of
+from dynident.errors import DynidentError
+from dynident.regressors.base_parameters import BaseParameters, base_parameters
+from dynident.regressors.observation import Observation
+from dynident.regressors.program import BlockProgram
+from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
+from dynident.robot.pointers import listed
+
+# Inertial parameters of a link where a load torque is needed and the description gives none: 3 kg, 10 cm off.
+_PLAUSIBLE_LINK = (0.05, 0.0, 0.0, 0.05, 0.0, 0.05, 0.1, 0.1, 0.1, 3.0)
+_LINKS = EffectChoice("rigid_body")
+
+
+@dataclass(frozen=True, eq=False)
+class DesignModel:
+    """Base parameters of the chosen effects, and the columns of W that belong to them.
+
+    `choices` are the effects that `columns` are made of: the `n_chosen` columns of the effects chosen first, then the
+    links' inertial ones where they are not among them, since they predict the torque. `base` is chosen from all of
+    them. `reference` (10 n,) are standard inertial parameters for effects that depend on the load.
+    """
+
+    robot: Robot
+    choices: tuple[EffectChoice, ...]
+    signals: Signals
+    columns: tuple[Column, ...]
+    n_chosen: int
+    base: BaseParameters
+    reference: FloatArray
+    notes: tuple[str, ...]
+
+    @property
+    def kept(self) -> tuple[Column, ...]:
+        """Columns of all base parameters, those of the effects first."""
+        return tuple(self.columns[k] for k in self.base.kept)
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of base parameters b of the chosen effects."""
+        return sum(k < self.n_chosen for k in self.base.kept)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the base parameters of the chosen effects."""
+        return self.base.kept_names[: self.n_parameters]
+
+    @cached_property
+    def nominal(self) -> FloatArray:
+        """Values of all base parameters as the description's inertias give them; zero for other effects, or (b,) 0."""
+        if self.robot.inertias is None:
+            return np.zeros(self.base.count)
+        standard = np.zeros(len(self.columns))
+        for k, column in enumerate(self.columns):
+            if column.effect == "rigid_body":
+                link = self.robot.joint_names.index(column.link)
+                standard[k] = self.robot.inertias[link, INERTIAL_NAMES.index(column.parameter)]
+        values: FloatArray = self.base.grouping @ standard
+        return values
+
+    @cached_property
+    def observation(self) -> Observation:
+        """W for the base parameters of the chosen effects."""
+        return Observation.of(self.robot, self.kept[: self.n_parameters], self.signals)
+
+    def observe(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        """W (m n, b) at m samples, dense; q, dq, ddq (m, n)."""
+        observation = self.observation
+        entries = observation.evaluate(
+            q, dq, ddq, reference=self.reference, memory=np.zeros((len(q), observation.n_memory))
+        )
+        w = np.zeros((len(q), self.robot.n, observation.n_columns))
+        w[:, observation.entry_rows, observation.entry_columns] = entries
+        return w.reshape(-1, observation.n_columns)
+
+    @cached_property
+    def _torque_program(self) -> BlockProgram:
+        signals, inertias = self.signals, self.robot.inertias
+        if inertias is None:
+            raise DynidentError("the robot's description gives no inertias to predict torque with")
+        torque = ca.mtimes(signals.mechanics.rows, ca.DM(inertias.reshape(-1)))
+        return BlockProgram([signals.q, signals.dq, signals.ddq], ca.densify(torque))
+
+    def torque(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        """Torque (m, n) of the description's inertias at q, q̇, q̈ (m, n); `DynidentError` where it has none."""
+        return self._torque_program(q, dq, ddq)
+
+
+def design_model(robot: Robot, effects: Sequence[EffectChoice]) -> DesignModel:
+    """Set up the observation matrix of a design.
+
+    Columns that need a signal which a trajectory alone does not give (hysteresis states, temperature, time) are left
+    out, and a note says so.
+
+    Raises
+    ------
+    DynidentError
+        For an unknown effect, an unfit joint, or where no column is left.
+    """
+    signals = Signals(robot)
+    offered = columns_of(effects, signals)
+    chosen = [column for column in offered if not _beyond_a_trajectory(column, signals)]
+    notes = []
+    if len(chosen) < len(offered):
+        kept = set(map(id, chosen))
+        left_out = listed(column.name for column in offered if id(column) not in kept)
+        notes.append(
+            f"The criterion leaves out {left_out}: their columns depend on more than the present position, velocity "
+            "and acceleration."
+        )
+    if not chosen:
+        raise DynidentError(
+            "no column of W is left to design for; choose effects that depend on position, velocity and acceleration",
+            pointer="/effects",
+        )
+    reference = np.tile(np.array(_PLAUSIBLE_LINK), robot.n)
+    if robot.inertias is not None:
+        reference = robot.inertias.reshape(-1).astype(np.float64)
+    elif any(ca.depends_on(column.torque, signals.reference) for column in chosen):
+        notes.append("The load torque is that of links of 3 kg each: the robot's description gives no inertias.")
+    choices, columns = tuple(effects), list(chosen)
+    if robot.inertias is not None:
+        present = {column.name for column in chosen if column.effect == "rigid_body"}
+        links = columns_of([_LINKS], signals)
+        columns += [column for column in links if column.name not in present]
+        choices += (_LINKS,)
+    base = base_parameters(robot, columns, signals)
+    return DesignModel(robot, choices, signals, tuple(columns), len(chosen), base, reference, tuple(notes))
+
+
+def _beyond_a_trajectory(column: Column, signals: Signals) -> bool:
+    others = ca.vertcat(signals.memory_symbols, signals.time, signals.temperature)
+    return bool(ca.depends_on(column.torque, others))

@@ -1,0 +1,108 @@
+"""The optimisation problem of a Fourier design: criterion and limits as one smooth function of the coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.excitation.criteria import Criterion
+from dynident.excitation.fourier import FourierFamily
+from dynident.excitation.limits import Bounds
+from dynident.excitation.model import DesignModel
+from dynident.excitation.sensitivity import ObservationGradient
+from dynident.robot.model import FloatArray
+
+_N_SAMPLES = 100
+_SAMPLES_PER_HARMONIC = 16
+# Between the samples a motion swings out a little further than on them.
+_SHARE_OF_LIMITS = 0.99
+# Share of the velocity limit over which sign(q̇) is rounded while optimising.
+_SMOOTH_SIGN = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """Of the augmented Lagrangian: `values` (5, N, n), one for each limit and sample, and the penalty's weight."""
+
+    values: FloatArray
+    penalty: float
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """At one x: the augmented Lagrangian and its gradient (m n,), the criterion, the limits' excess (5, N, n).
+
+    An excess of 0 touches a limit, above 0 breaks it: |value| / bound - 1.
+    """
+
+    lagrangian: float
+    gradient: FloatArray
+    criterion: float
+    excess: FloatArray
+
+    @property
+    def worst(self) -> float:
+        """The largest excess."""
+        return float(self.excess.max())
+
+
+class DesignProblem:
+    """Criterion and limits over the coefficients x (m, n) of a Fourier family.
+
+    Parameters
+    ----------
+    family : FourierFamily
+    model : DesignModel
+    criterion : Criterion
+    bounds : Bounds
+    """
+
+    def __init__(self, family: FourierFamily, model: DesignModel, criterion: Criterion, bounds: Bounds) -> None:
+        self.family, self.bounds = family, bounds
+        self.n = model.robot.n
+        self.n_samples = max(_N_SAMPLES, _SAMPLES_PER_HARMONIC * family.harmonics)
+        self._model = model
+        self._criterion = criterion
+        self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
+        self._rows = ObservationGradient(model, self.n_samples, _SMOOTH_SIGN * float(bounds.velocity.min()))
+        b = model.n_parameters
+        self._n_parameters = b
+        self._nominal = model.nominal
+        self._middle = np.zeros((5, 1, self.n))
+        self._middle[0, 0] = bounds.middle
+        room = np.stack([bounds.half_range, bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque])
+        # An absent limit has infinite room: its share is zero, and it never acts.
+        self._per_room = 1.0 / (_SHARE_OF_LIMITS * room[:, None, :])
+
+    def no_multipliers(self, penalty: float) -> Multipliers:
+        """Where the augmented Lagrangian begins."""
+        return Multipliers(np.zeros((5, self.n_samples, self.n)), penalty)
+
+    def evaluate(self, flat: FloatArray, multipliers: Multipliers) -> Evaluation:
+        """The augmented Lagrangian at coefficients (m n,), exact gradient included.
+
+        F(W(x)) + 1/(2 μ) Σ max(0, λ + μ c(x))² - λ² with c the excess (Rockafellar 1973).
+        """
+        x = flat.reshape(self.family.n_coefficients, self.n)
+        q, dq, ddq, dddq = self._basis @ x
+        w = self._rows.evaluate(q, dq, ddq)
+        torque = w @ self._nominal
+        b = self._n_parameters
+        rows = w[:, :, :b].reshape(-1, b) / np.sqrt(self.n_samples)
+        criterion, of_rows = self._criterion(rows)
+        shares = (np.stack([q, dq, ddq, dddq, torque]) - self._middle) * self._per_room
+        excess = np.abs(shares) - 1.0
+        active = np.maximum(0.0, multipliers.values + multipliers.penalty * excess)
+        penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty)
+        of_signals = active * np.sign(shares) * self._per_room
+        of_w = of_signals[4][:, :, None] * self._nominal
+        of_w[:, :, :b] += of_rows.reshape(self.n_samples, self.n, b) / np.sqrt(self.n_samples)
+        of_q, of_dq, of_ddq = self._rows.pull_back(of_w)
+        gradient = (
+            self._basis[0].T @ (of_q + of_signals[0])
+            + self._basis[1].T @ (of_dq + of_signals[1])
+            + self._basis[2].T @ (of_ddq + of_signals[2])
+            + self._basis[3].T @ of_signals[3]
+        )
+        return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess)

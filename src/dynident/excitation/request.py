@@ -1,0 +1,208 @@
+"""What is asked of a design, and what comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+
+from dynident.effects import DEFAULT_EFFECTS, EffectChoice
+from dynident.errors import DynidentError
+from dynident.excitation.baseline import Baseline
+from dynident.excitation.criteria import CriterionChoice, CriterionValues, check_criterion
+from dynident.excitation.limits import Margin
+from dynident.robot import Limits
+from dynident.robot.model import FloatArray
+
+Kind = Literal["optimized", "random", "constant_velocity"]
+KINDS: tuple[str, ...] = get_args(Kind)
+FAMILIES = ("fourier",)
+DEFAULT_STARTS = 4
+
+_FRICTION = tuple(EffectChoice(name) for name in ("coulomb", "viscous", "offset"))
+_MOST_SAMPLES = 5_000_000
+_SAMPLES_PER_HARMONIC = 4
+_MOST_HARMONICS = 100
+
+
+@dataclass(frozen=True)
+class TrajectoryRequest:
+    """The motion wanted.
+
+    Parameters
+    ----------
+    family : str
+        "fourier".
+    duration : float
+        One period in s; for constant velocity the longest stroke.
+    harmonics : int
+        Of the fundamental frequency 1 / duration.
+    periods : int
+        How often the period (the set of strokes) is repeated.
+    sampling_rate : float
+        Hz.
+    speeds : tuple of float
+        For constant velocity: shares of each joint's velocity limit.
+    """
+
+    family: str = "fourier"
+    duration: float = 10.0
+    harmonics: int = 5
+    periods: int = 1
+    sampling_rate: float = 100.0
+    speeds: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
+
+
+@dataclass(frozen=True)
+class DesignRequest:
+    """An experiment wanted.
+
+    Parameters
+    ----------
+    kind : "optimized", "random" or "constant_velocity"
+    effects : tuple of EffectChoice, optional
+        What is to be identified; links, rotors, Coulomb and viscous friction where not given (for constant velocity:
+        friction and offset).
+    criterion, trajectory
+        See there.
+    limits : mapping of joint name to Limits
+        Tighter ones than the robot's, for this experiment.
+    home : tuple of float, optional
+        Posture (n,) at which the experiment begins and ends.
+    time_budget : float, optional
+        Seconds of optimisation; the best so far is returned.
+    starts : int, optional
+        Starts of the optimisation: as many as the time allows, or 4 where none of the two is given. The same number
+        of starts, completed, gives the same answer for the same seed.
+    random_trajectories : int
+        How many random trajectories stand beside the result.
+    seed : int
+    """
+
+    kind: str = "optimized"
+    effects: tuple[EffectChoice, ...] | None = None
+    criterion: CriterionChoice = field(default_factory=CriterionChoice)
+    trajectory: TrajectoryRequest = field(default_factory=TrajectoryRequest)
+    limits: Mapping[str, Limits] = field(default_factory=dict)
+    home: tuple[float, ...] | None = None
+    time_budget: float | None = None
+    starts: int | None = None
+    random_trajectories: int = 100
+    seed: int = 0
+
+    @property
+    def wanted_effects(self) -> tuple[EffectChoice, ...]:
+        """The effects, with the default of the kind."""
+        if self.effects is not None:
+            return self.effects
+        return _FRICTION if self.kind == "constant_velocity" else DEFAULT_EFFECTS
+
+    @property
+    def wanted_starts(self) -> int | None:
+        """Number of starts; `None`: as many as the time allows."""
+        if self.starts is None and self.time_budget is None:
+            return DEFAULT_STARTS
+        return self.starts
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A verified experiment: t (N,), q, dq, ddq (N, n) at the sampling rate, from home to home.
+
+    `exciting` are the times (s) between which the exciting part lies; `period` is its period, `None` where it has
+    none. `baseline` is what random trajectories reach, `None` where there is nothing to compare. `margins` tell how
+    near every limit comes, on a grid ten times as fine. `parameter_names` are the base parameters it was designed for.
+    """
+
+    joint_names: tuple[str, ...]
+    request: DesignRequest
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    exciting: tuple[float, float]
+    period: float | None
+    parameter_names: tuple[str, ...]
+    criterion_values: CriterionValues
+    baseline: Baseline | None
+    margins: tuple[Margin, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples N."""
+        return len(self.t)
+
+    @property
+    def sampling_rate(self) -> float:
+        """Hz."""
+        return self.request.trajectory.sampling_rate
+
+    @property
+    def duration(self) -> float:
+        """Seconds from home to home."""
+        return float(self.t[-1])
+
+
+def check_request(request: DesignRequest) -> None:
+    """Raise `DynidentError` for what cannot be asked; joints, effects and limits are checked where they are used."""
+    _one_of(request.kind, KINDS, "kind of design", "/kind")
+    check_criterion(request.criterion)
+    trajectory = request.trajectory
+    _one_of(trajectory.family, FAMILIES, "trajectory family", "/trajectory/family")
+    _positive(trajectory.duration, "duration", "/trajectory/duration")
+    _positive(trajectory.sampling_rate, "sampling_rate", "/trajectory/sampling_rate")
+    _at_least(trajectory.periods, 1, "periods", "/trajectory/periods")
+    _at_least(request.random_trajectories, 1, "random_trajectories", "/random_trajectories")
+    _at_least(request.seed, 0, "seed", "/seed")
+    if request.starts is not None:
+        _at_least(request.starts, 1, "starts", "/starts")
+    if request.time_budget is not None:
+        _positive(request.time_budget, "time_budget", "/time_budget")
+    if request.kind == "constant_velocity":
+        _check_speeds(trajectory.speeds)
+        return
+    _at_least(trajectory.harmonics, 2, "harmonics", "/trajectory/harmonics")
+    if trajectory.harmonics > _MOST_HARMONICS:
+        raise DynidentError(
+            f"harmonics is {trajectory.harmonics}; at most {_MOST_HARMONICS} can be designed",
+            pointer="/trajectory/harmonics",
+        )
+    fastest = trajectory.harmonics / trajectory.duration
+    if trajectory.sampling_rate < _SAMPLES_PER_HARMONIC * fastest:
+        raise DynidentError(
+            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for harmonics up to {fastest:g} Hz; use at "
+            f"least {_SAMPLES_PER_HARMONIC * fastest:g} Hz, fewer harmonics or a longer period",
+            pointer="/trajectory/sampling_rate",
+        )
+    samples = trajectory.sampling_rate * trajectory.duration * trajectory.periods
+    if samples > _MOST_SAMPLES:
+        raise DynidentError(
+            f"the trajectory would have {samples:.0f} samples; at most {_MOST_SAMPLES} can be designed",
+            pointer="/trajectory",
+        )
+
+
+def _one_of(value: str, known: tuple[str, ...], what: str, pointer: str) -> None:
+    if value not in known:
+        raise DynidentError(f"there is no {what} {value!r}; there are: {', '.join(known)}", pointer=pointer)
+
+
+def _positive(value: float, what: str, pointer: str) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise DynidentError(f"{what} is {value}; it must be a positive number", pointer=pointer)
+
+
+def _at_least(value: int, least: int, what: str, pointer: str) -> None:
+    if value < least:
+        raise DynidentError(f"{what} is {value}; it must be at least {least}", pointer=pointer)
+
+
+def _check_speeds(speeds: tuple[float, ...]) -> None:
+    if not speeds or not all(np.isfinite(speed) and 0 < speed <= 1 for speed in speeds):
+        raise DynidentError(
+            f"speeds are {list(speeds)}; they must be shares of the velocity limit between 0 and 1",
+            pointer="/trajectory/speeds",
+        )

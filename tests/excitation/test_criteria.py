@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynident.errors import DynidentError
+from dynident.excitation.criteria import CRITERIA, CriterionChoice, criterion_of, true_values
+
+seeds = st.integers(0, 2**32 - 1)
+A_PRIORI = np.geomspace(0.5, 2, 6)
+
+
+def drawn(seed: int, rows: int = 40, columns: int = 6) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal((rows, columns)) * np.geomspace(0.1, 3, columns)
+
+
+@pytest.mark.parametrize("name", CRITERIA)
+@given(seed=seeds)
+@settings(max_examples=10, deadline=None)
+def test_gradients_agree_with_finite_differences(name, seed):
+    w = drawn(seed)
+    criterion = criterion_of(CriterionChoice(name, weight=0.7), A_PRIORI)
+    direction = np.random.default_rng(seed + 1).standard_normal(w.shape)
+    step = 1e-5
+    slope = (criterion(w + step * direction)[0] - criterion(w - step * direction)[0]) / (2 * step)
+    assert np.sum(criterion(w)[1] * direction) == pytest.approx(slope, rel=1e-5, abs=1e-7)
+
+
+@given(seed=seeds)
+@settings(max_examples=30, deadline=None)
+def test_the_smooth_condition_number_bounds_the_true_one_closely_from_above(seed):
+    w = drawn(seed)
+    value, _ = criterion_of(CriterionChoice(), A_PRIORI)(w)
+    true = np.log(np.linalg.cond(w))
+    assert true - 1e-12 <= value <= true + np.log(6) / 8
+
+
+@given(seed=seeds)
+@settings(max_examples=20, deadline=None)
+def test_reported_values_are_those_of_numpy(seed):
+    w = drawn(seed)
+    m = w.T @ w / 20
+    sizes = np.linalg.norm(w, axis=0)
+    for name, expected in (
+        ("condition_number", np.linalg.cond(w)),
+        ("weighted", np.linalg.cond(w * A_PRIORI)),
+        ("d_optimal", -np.linalg.slogdet(m)[1]),
+        ("a_optimal", np.trace(np.linalg.inv(m))),
+        ("e_optimal", np.linalg.norm(np.linalg.inv(m), 2) ** 0.5),
+        ("condition_plus_inverse_sigma", np.linalg.cond(w) + 2 * np.linalg.norm(np.linalg.inv(m), 2) ** 0.5),
+        ("equilibrated", np.linalg.cond(w) + 2 * sizes.max() / sizes.min()),
+    ):
+        values = true_values(CriterionChoice(name, weight=2.0), w, 20, A_PRIORI)
+        assert values.criterion == pytest.approx(expected, rel=1e-8)
+        assert values.condition_number == pytest.approx(np.linalg.cond(w), rel=1e-8)
+
+
+def test_neither_the_number_of_samples_nor_their_order_changes_a_value():
+    w = drawn(3)
+    once = true_values(CriterionChoice("a_optimal"), w, 20, A_PRIORI)
+    twice = true_values(CriterionChoice("a_optimal"), np.vstack([w[::-1], w]), 40, A_PRIORI)
+    assert once.criterion == pytest.approx(twice.criterion)
+
+
+def test_a_matrix_without_full_rank_has_an_infinite_condition_number_and_a_finite_gradient():
+    w = drawn(0)
+    w[:, 5] = w[:, 4]
+    assert true_values(CriterionChoice(), w, 20, A_PRIORI).condition_number == np.inf
+    for name in CRITERIA:
+        value, gradient = criterion_of(CriterionChoice(name), A_PRIORI)(w)
+        assert np.isfinite(value)
+        assert np.isfinite(gradient).all()
+
+
+def test_an_unknown_criterion_is_answered_with_those_there_are():
+    with pytest.raises(DynidentError, match=r"no criterion 'best'.*condition_number.*e_optimal"):
+        criterion_of(CriterionChoice("best"), A_PRIORI)

@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dynident.effects import EffectChoice
+from dynident.excitation.criteria import CRITERIA, CriterionChoice, criterion_of
+from dynident.excitation.fourier import FourierFamily
+from dynident.excitation.limits import bounds_of
+from dynident.excitation.model import design_model
+from dynident.excitation.problem import DesignProblem, Multipliers
+from dynident.excitation.sensitivity import ObservationGradient
+from dynident.robot import robot_from_library, to_pinocchio
+
+MOST = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")
+FRICTION = ("coulomb", "viscous", "stribeck", "load_dependent_friction", "base_tilt")
+
+
+def drawn_states(n: int, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    q, dq, ddq = rng.uniform(-1, 1, (3, count, n)) * np.array([2.0, 2.0, 5.0])[:, None, None]
+    return q, dq, ddq
+
+
+@pytest.mark.parametrize("name", ["franka_panda", "scara", "dual_arm"])
+def test_the_torque_that_limits_are_checked_with_is_pinocchios(name):
+    robot = robot_from_library(name)
+    q, dq, ddq = drawn_states(robot.n, 20)
+    model = to_pinocchio(robot)
+    data = model.createData()
+    expected = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])
+    ours = design_model(robot, [EffectChoice("viscous")]).torque(q, dq, ddq)
+    np.testing.assert_allclose(ours, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("effects", [MOST, FRICTION])
+def test_the_fast_observation_matrix_is_that_of_identification_and_predicts_the_torque(panda, effects):
+    model = design_model(panda, [EffectChoice(name) for name in effects])
+    q, dq, ddq = drawn_states(7, 30)
+    w = ObservationGradient(model, 30, smooth_sign=1e-9).evaluate(q, dq, ddq)
+    b = model.n_parameters
+    np.testing.assert_allclose(w[:, :, :b].reshape(-1, b), model.observe(q, dq, ddq), atol=1e-9)
+    np.testing.assert_allclose(w @ model.nominal, model.torque(q, dq, ddq), atol=1e-4)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.parametrize(("name", "effects"), [("scara", MOST), ("ur10", FRICTION)])
+def test_the_gradient_over_the_coefficients_agrees_with_finite_differences(name, effects, criterion):
+    robot = robot_from_library(name)
+    family = FourierFamily(4, 3.0)
+    model = design_model(robot, [EffectChoice(effect) for effect in effects])
+    a_priori = np.geomspace(0.1, 2, model.n_parameters)
+    problem = DesignProblem(family, model, criterion_of(CriterionChoice(criterion), a_priori), bounds_of(robot, {}))
+    rng = np.random.default_rng(2)
+    # Beyond the limits, so that all of them act.
+    x = rng.standard_normal(family.n_coefficients * robot.n)
+    multipliers = Multipliers(rng.uniform(0, 1, (5, problem.n_samples, robot.n)), 3.0)
+    at = problem.evaluate(x, multipliers)
+    assert (at.excess.max(axis=(1, 2)) > 0).any()
+    for _ in range(3):
+        direction = rng.standard_normal(x.shape)
+        step = 1e-6
+        forward, backward = (problem.evaluate(x + s * direction, multipliers).lagrangian for s in (step, -step))
+        assert at.gradient @ direction == pytest.approx((forward - backward) / (2 * step), rel=2e-4)
+
+
+def test_columns_with_a_memory_are_left_out_and_named(panda):
+    model = design_model(panda, [EffectChoice("viscous"), EffectChoice("presliding", joints=("joint2",))])
+    assert model.parameter_names == tuple(f"Fv{j}" for j in range(1, 8))
+    assert "leaves out Fz2, cz2" in model.notes[0]
