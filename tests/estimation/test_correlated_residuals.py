@@ -1,0 +1,130 @@
+"""How far correlated residuals overstate the number of rows, against simulation and known inflations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from dynident.estimation import FactorAccumulator, Reduction, correlation_factor, ordinary, statistics
+
+P, M, RATE = 5, 6000, 50.0
+
+
+def smooth(rng: np.random.Generator, size: tuple[int, int], pole: float) -> np.ndarray:
+    """Stationary first-order autoregressive noise of unit variance (size), pole 0: white."""
+    white = rng.normal(size=(size[0] + 500, size[1]))
+    return signal.lfilter([np.sqrt(1 - pole**2)], [1, -pole], white, axis=0)[500:]
+
+
+def reduced(w: np.ndarray, y: np.ndarray, stretch: float = 2.0) -> Reduction:
+    accumulator = FactorAccumulator([np.arange(w.shape[1])], w.shape[1], stretch)
+    accumulator.push(np.arange(len(y)) / RATE, [np.column_stack([w, y])])
+    return accumulator.finish()
+
+
+def factor_of(w: np.ndarray, y: np.ndarray, stretch: float = 2.0) -> float:
+    reduction = reduced(w, y, stretch)
+    return correlation_factor(reduction.equations[0], ordinary(reduction).values)
+
+
+def many(column_pole: float, residual_pole: float, runs: int = 60, stretch: float = 2.0) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(runs):
+        w = smooth(rng, (M, P), column_pole)
+        found.append(factor_of(w, w @ np.ones(P) + smooth(rng, (M, 1), residual_pole)[:, 0], stretch))
+    return np.array(found)
+
+
+def test_independent_residuals_count_in_full():
+    found = many(0.9, 0.0)
+    assert np.median(found) < 1.1
+    assert found.max() < 1.8
+    assert found.min() >= 1.0
+
+
+@pytest.mark.parametrize(("column_pole", "residual_pole"), [(0.8, 0.8), (0.95, 0.5), (0.9, 0.9)])
+def test_autoregressive_residuals_count_for_less_by_the_known_inflation(column_pole, residual_pole):
+    # Var of a mean of products of two AR(1) series: Σ_k (a b)^|k| = (1 + a b) / (1 - a b).
+    product = column_pole * residual_pole
+    expected = (1 + product) / (1 - product)
+    assert np.mean(many(column_pole, residual_pole)) == pytest.approx(expected, rel=0.2)
+
+
+def test_low_passed_residuals_count_for_less_by_their_bandwidth():
+    # White noise through a filter of pass band B leaves 2 B of `RATE` rows a second that are independent, for columns
+    # that are slow beside it.
+    rng = np.random.default_rng(1)
+    taps = signal.firwin(101, 5.0, fs=RATE)
+    found = []
+    for _ in range(40):
+        w = smooth(rng, (M, P), 0.995)
+        rest = signal.lfilter(taps, 1, rng.normal(size=M + 200))[200:]
+        found.append(factor_of(w, w @ np.ones(P) + rest, stretch=3.0))
+    assert np.mean(found) == pytest.approx(RATE / (2 * 5.0), rel=0.25)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9])
+def test_standard_deviations_are_the_spread_of_estimates_with_correlated_residuals(pole):
+    rng = np.random.default_rng(2)
+    w = smooth(rng, (M, P), 0.95) * [1, 10, 0.1, 3, 1]
+    estimates, promised = [], []
+    for _ in range(80):
+        reduction = reduced(w, w @ np.ones(P) + smooth(rng, (M, 1), pole)[:, 0])
+        solution = ordinary(reduction)
+        estimates.append(solution.values)
+        promised.append(statistics(reduction, solution).standard_deviations)
+    np.testing.assert_allclose(np.mean(promised, axis=0), np.std(estimates, axis=0), rtol=0.25)
+
+
+def test_effective_rows_are_the_rows_over_the_factor():
+    rng = np.random.default_rng(3)
+    w = smooth(rng, (M, P), 0.9)
+    reduction = reduced(w, w @ np.ones(P) + smooth(rng, (M, 1), 0.9)[:, 0])
+    solution = ordinary(reduction)
+    factor = correlation_factor(reduction.equations[0], solution.values)
+    assert statistics(reduction, solution).effective_rows[0] == pytest.approx(M / factor)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 1000),
+    scales=st.lists(st.floats(1e-3, 1e3), min_size=P, max_size=P),
+    gain=st.floats(1e-3, 1e3),
+    order=st.permutations(range(60)),
+)
+def test_neither_units_nor_the_order_of_stretches_change_the_factor(seed, scales, gain, order):
+    rng = np.random.default_rng(seed)
+    w = smooth(rng, (M, P), 0.9)
+    y = w @ np.ones(P) + smooth(rng, (M, 1), 0.8)[:, 0]
+    plain = factor_of(w, y)
+    reduction = reduced(w * scales, gain * y).stretches(order)
+    assert correlation_factor(reduction.equations[0], ordinary(reduction).values) == pytest.approx(plain, rel=1e-6)
+
+
+def test_too_few_stretches_to_see_a_correlation_claim_none():
+    rng = np.random.default_rng(4)
+    w = smooth(rng, (100, P), 0.9)
+    assert factor_of(w, smooth(rng, (100, 1), 0.9)[:, 0], stretch=0.6) == 1.0
+
+
+def test_a_perfect_fit_claims_no_correlation():
+    rng = np.random.default_rng(5)
+    w = smooth(rng, (M, P), 0.9)
+    assert factor_of(w, np.zeros(M)) == 1.0
+
+
+def test_a_column_that_an_equation_hardly_sees_does_no_harm():
+    rng = np.random.default_rng(6)
+    w = smooth(rng, (M, P), 0.9)
+    y = w @ np.ones(P) + smooth(rng, (M, 1), 0.9)[:, 0]
+    plain = factor_of(w, y)
+    wide = np.column_stack([w, np.zeros(M)])
+    accumulator = FactorAccumulator([np.arange(P + 1)], P + 1, 2.0)
+    accumulator.push(np.arange(M) / RATE, [np.column_stack([wide, y])])
+    equation = accumulator.finish().equations[0]
+    values = np.append(ordinary(reduced(w, y)).values, 7.0)
+    assert correlation_factor(equation, values) == pytest.approx(plain, rel=1e-6)
