@@ -6,12 +6,6 @@ joint-torque regressor, numpy's least squares. It solves the same problem with t
 
 from __future__ import annotations
 
-import os
-
-# One thread a process, before numpy is imported: small factorisations are slower and jitter with several.
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_variable] = "1"
-
 import resource
 import statistics
 import sys
@@ -24,8 +18,13 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 from scipy import signal
+from scipy.linalg import qr
+from threadpoolctl import threadpool_limits
 
 FloatArray = NDArray[np.float64]
+
+# Both sides get one thread: small factorisations are slower, and jitter, with several.
+threadpool_limits(limits=1)
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data"
 """Recordings of real robots, where there are any beside the project; the benchmarks run without them too."""
@@ -85,7 +84,7 @@ def independent_columns(model: pinocchio.Model, seed: int = 0) -> NDArray[np.int
     norms = np.linalg.norm(w, axis=0)
     # Rounded right angles in a URDF leave columns that are almost, not quite, dependent.
     used = np.flatnonzero(norms > 1e-8 * norms.max())
-    _, r, order = _pivoted(w[:, used] / norms[used])
+    r, order = qr(w[:, used] / norms[used], mode="r", pivoting=True)
     rank = int(np.count_nonzero(np.abs(np.diag(r)) > 2e-5 * abs(r[0, 0])))
     return np.sort(used[order[:rank]])
 
@@ -112,7 +111,7 @@ def plain_identification(
     decimation: int,
     weighted: bool = True,
 ) -> PlainResult:
-    """Filter, differentiate, build W in a loop, filter and decimate W and Y, solve, standard deviations [12.5]-[12.9]."""
+    """Filter, differentiate, build W in a loop, filter and decimate W and Y, solve, deviations [12.5]-[12.9]."""
     rate = samples.rate
     b, a = signal.butter(4, cutoff / (rate / 2))
     q = signal.filtfilt(b, a, samples.q, axis=0)
@@ -149,6 +148,10 @@ def median_time(function: Callable[[], object], repeats: int) -> float:
 
 def peak_memory() -> float:
     """Largest resident memory of this process so far, in MB."""
+    status = Path("/proc/self/status")
+    if status.exists():  # a child's ru_maxrss starts from its parent's
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(line.split()[1]) / 1e3
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1e6 if sys.platform == "darwin" else peak / 1e3
 
@@ -161,10 +164,3 @@ def show(title: str, rows: Iterable[Sequence[str]]) -> None:
     for row in table:
         cells = [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
         print("  " + "  ".join(cells))
-
-
-def _pivoted(w: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
-    from scipy.linalg import qr
-
-    q, r, order = qr(w, mode="economic", pivoting=True)
-    return q, r, order
