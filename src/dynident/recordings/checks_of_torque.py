@@ -17,11 +17,14 @@ SATURATED = 5e-3
 RUN = 5
 """Rows in a row at the extreme make a plateau."""
 
-AGAINST_DOUBT, AGAINST_CERTAIN = -2.2, -3.2
+AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
 """Joint evidence (standard errors) of a torque against its motion."""
 
-OWNED = 3e-3
-"""Least share of a torque's variance that another joint's friction has to explain before an order is doubted."""
+OWNED, LEAST_OWNED = 2e-3, 1e-3
+"""Share of a torque's variance that another joint's friction has to explain to be seen, and what counts as nothing."""
+
+SWAPPED = 4.0
+"""How many times better swapped torques have to be explained, in the geometric mean."""
 
 LATE_CERTAIN = 0.02
 """A misalignment of more s spoils every estimate."""
@@ -110,13 +113,12 @@ def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
 def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> Check:
     shares = against_motion.ownership(evidence)
     n = recording.n
-    owner = linear_sum_assignment(-shares)[1].astype(np.int64)
+    certainty = np.log(shares + LEAST_OWNED)
+    owner = linear_sum_assignment(-certainty)[1].astype(np.int64)
     swapped = [
         joint
         for joint in range(n)
-        if owner[joint] != joint
-        and evidence.moving[joint]
-        and all(shares[i, owner[i]] >= max(OWNED, 8.0 * shares[i, i]) for i in _cycle(owner, joint))
+        if owner[joint] != joint and evidence.moving[joint] and _surely_swapped(shares, certainty, owner, joint)
     ]
     if not swapped:
         return Check("torque_order", "ok", "No torque shows the friction of another joint than its own.")
@@ -135,6 +137,13 @@ def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: Raw
         int(sample.row[first]),
         float(sample.t[first]),
     )
+
+
+def _surely_swapped(shares: FloatArray, certainty: FloatArray, owner: IntArray, joint: int) -> bool:
+    """Tell whether every joint of a cycle explains its new torque clearly better than its old one."""
+    cycle = _cycle(owner, joint)
+    each = all(shares[i, owner[i]] >= max(OWNED, 2.0 * shares[i, i]) for i in cycle)
+    return each and float(np.mean([certainty[i, owner[i]] - certainty[i, i] for i in cycle])) > np.log(SWAPPED)
 
 
 def _cycle(owner: IntArray, joint: int) -> list[int]:

@@ -95,6 +95,8 @@ def preprocessing_from_request(
     """
     rate = min(recording.sampling_rate for recording in recordings)
     given = {} if request is None or request == "auto" else values_from_request(request)
+    if not given:
+        return choose_preprocessing(recordings)
     if "position_cutoff" in given and "torque_cutoff" in given:
         asked = Preprocessing(_cutoff(given, "position_cutoff"), _cutoff(given, "torque_cutoff"))
     else:
@@ -113,9 +115,8 @@ def preprocessing_from_request(
     else:
         asked.check_against(rate)
         asked = _with_decimation(asked, rate)
-    if given:
-        named = ", ".join(f"{name} {value:g}" if value is not None else f"no {name}" for name, value in given.items())
-        asked = replace(asked, reasons=(*asked.reasons, f"Given: {named}."))
+    named = ", ".join(f"{name} {value:g}" if value is not None else f"no {name}" for name, value in given.items())
+    asked = replace(asked, reasons=(*asked.reasons, f"Given: {named}."))
     asked.check_against(rate)
     return asked
 

@@ -28,7 +28,7 @@ STRETCHES = 8
 BLOCKS = 12
 """Blocks of time for the jackknife: neighbouring rows are not independent."""
 
-ROWS_PER_COLUMN = 5
+ROWS_PER_COLUMN = 8
 SPAN = 0.2
 """Largest misalignment that is looked for, in s."""
 
@@ -47,11 +47,11 @@ class Shiftable(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Decimated rows in order: smooth (r, k), friction (r, n, 2), tau (r, n), steady (r, n), block (r,), moving (n,).
+    """Decimated rows in order: smooth (r, k), friction (r, n, 3), tau (r, n), steady (r, n), block (r,), moving (n,).
 
-    `smooth` holds 1, sines and cosines of q and products of neighbours', and last q̈ (n columns); `friction` the
-    velocity and a rounded sign of it; `steady` is true clear of a joint's reversals; `series` gives the same rows'
-    torque at other times; `resolution` is the step in s at which such shifts are told apart.
+    `smooth` holds 1, sines and cosines of q, products of neighbours', those of the sum of three, and last q̈ (n
+    columns); `friction` the velocity, a rounded sign of it and the sign; `steady` is true clear of a joint's reversals;
+    `series` gives the same rows' torque at other times, `resolution` the step in s that tells such shifts apart.
     """
 
     smooth: FloatArray
@@ -113,14 +113,15 @@ def direction(evidence: Evidence, joint: int) -> Direction:
     columns = np.column_stack([others, evidence.smooth[:, own], friction])
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     weights = [w / scale for w in _jackknife(columns / scale, evidence.tau[:, joint], evidence.block)]
-    power = [float(np.mean(friction[:, 0] * (friction @ w[-2:]))) for w in weights]
-    inertia = [float(w[-3]) for w in weights]
+    power = [float(np.mean(friction[:, 0] * (friction @ w[-3:]))) for w in weights]
+    inertia = [float(w[-4]) for w in weights]
     return Direction(_over_error(power), _over_error(inertia))
 
 
 def ownership(evidence: Evidence) -> FloatArray:
     """Give (n, n): the share of torque i's variance that the friction of joint j explains beside gravity and inertia.
 
+    Friction is here q̇ and its rounded sign: a sharper sign would follow reversals that the other columns miss.
     A share counts only where it dissipates: friction that drives its joint is no friction.
     """
     n = evidence.tau.shape[1]
@@ -129,7 +130,7 @@ def ownership(evidence: Evidence) -> FloatArray:
     rest = evidence.tau - basis @ (basis.T @ evidence.tau)
     variance = np.maximum(((evidence.tau - evidence.tau.mean(axis=0)) ** 2).sum(axis=0), 1e-300)
     for j in np.flatnonzero(evidence.moving):
-        own = evidence.friction[:, j]
+        own = evidence.friction[:, j, :2]
         left = own - basis @ (basis.T @ own)
         weights = np.linalg.lstsq(left, rest, rcond=1e-9)[0]
         dissipates = own[:, 0] @ (own @ weights) > 0.0
@@ -217,12 +218,13 @@ def _columns(block: SampleBlock, rounding: FloatArray) -> FloatArray:
     n = block.q.shape[1]
     shapes = np.sin(block.q), np.cos(block.q)
     neighbours = [a[:, i] * b[:, i + 1] for i in range(n - 1) for a, b in product(shapes, shapes)]
+    # Three parallel axes in a row carry gravity by the sum of their angles.
+    level = block.q[:, :-2] + block.q[:, 1:-1] + block.q[:, 2:] if n > 2 else block.q[:, :0]
     reversal = np.zeros_like(block.dq)
     reversal[1:] = np.diff(np.sign(block.dq), axis=0) != 0
-    sign = np.tanh(block.dq / rounding)
-    return np.column_stack(
-        [np.ones(len(block.t)), *shapes, *neighbours, block.ddq, block.dq, sign, reversal, block.tau]
-    )
+    signs = np.tanh(block.dq / rounding), np.sign(block.dq)
+    smooth = [np.ones(len(block.t)), *shapes, *neighbours, np.sin(level), np.cos(level)]
+    return np.column_stack([*smooth, block.ddq, block.dq, *signs, reversal, block.tau])
 
 
 def _filtered(
@@ -254,10 +256,11 @@ def _arranged(runs: list[FilteredRows], n: int, moving: BoolArray, resolution: f
     kept = [run.used & (run.t >= run.t[0] + SPAN) & (run.t <= run.t[-1] - SPAN) for run in runs]
     values = np.concatenate([run.values[keep] for run, keep in zip(runs, kept, strict=True)])
     series = [Shiftable(CubicSpline(r.t, r.values[:, -n:]), r.t[keep]) for r, keep in zip(runs, kept, strict=True)]
-    smooth, speed, sign, reversal, tau = np.split(values, values.shape[1] - n * np.array([4, 3, 2, 1]), axis=1)
+    borders = values.shape[1] - n * np.array([5, 4, 3, 2, 1])
+    smooth, speed, rounded, sign, reversal, tau = np.split(values, borders, axis=1)
     return Evidence(
         smooth=smooth,
-        friction=np.stack([speed, sign], axis=2),
+        friction=np.stack([speed, rounded, sign], axis=2),
         tau=tau,
         # The low-passed mark of a reversal is far from 0 only within about a period of the cut-off around it.
         steady=np.abs(reversal) < 1e-3,
@@ -279,12 +282,23 @@ def _at_shifts(evidence: Evidence, joint: int, shifts: FloatArray) -> FloatArray
 
 def _jackknife(columns: FloatArray, tau: FloatArray, block: IntArray) -> list[FloatArray]:
     """Give the least-squares weights of all rows, then those without each block; the columns are of unit length."""
+    columns, tau = _tempered(columns, tau)
     parts = [block == index for index in range(BLOCKS)]
     grams = np.array([columns[part].T @ columns[part] for part in parts])
     sides = np.array([columns[part].T @ tau[part] for part in parts])
     gram, side = grams.sum(axis=0) + 1e-9 * np.eye(columns.shape[1]), sides.sum(axis=0)
     without = [np.linalg.solve(gram - g, side - s) for g, s in zip(grams, sides, strict=True)]
     return [np.linalg.solve(gram, side), *without]
+
+
+def _tempered(columns: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Weigh the rows so that a contact, or a stretch in stiction, does not decide (Huber's weights)."""
+    weight = np.ones(len(tau))
+    for _ in range(4):
+        solved = np.linalg.lstsq(columns * weight[:, None], tau * weight, rcond=1e-7)[0]
+        off = np.abs(tau - columns @ solved)
+        weight = np.sqrt(1.0 / np.maximum(1.0, off / max(2.0 * float(np.median(off)), 1e-300)))
+    return columns * weight[:, None], tau * weight
 
 
 def _over_error(values: list[float]) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft, signal, special
 
 from dynident.errors import DynidentError
 from dynident.recordings.types import FloatArray, Recording
@@ -73,8 +73,9 @@ def spectra(recording: Recording) -> Spectra:
     velocity, torque = velocity / len(starts), torque / len(starts)
     gain = (2.0 * recording.sampling_rate * np.sin(np.pi * frequency / recording.sampling_rate)) ** 2
     high = (frequency > 0.3 * recording.sampling_rate) & (frequency < 0.48 * recording.sampling_rate)
-    # The median of a chi-squared density of two degrees of freedom is ln 2 of its mean.
-    noise = np.median(velocity[high] / gain[high, None], axis=0) / np.log(2.0)
+    # Median over mean of a chi-squared density, of two degrees of freedom for every window.
+    bias = float(special.gammaincinv(len(starts), 0.5)) / len(starts)
+    noise = np.median(velocity[high] / gain[high, None], axis=0) / bias
     return Spectra(frequency, velocity, noise, torque, recording.sampling_rate)
 
 

@@ -15,6 +15,12 @@ GAP_PERIODS = 5.0
 REGULAR_SHARE = 0.85
 """Where so many of the steps agree with their median, it is the rate of a clock that loses samples."""
 
+HOPELESS_SPREAD = 0.7
+"""Standard deviation of the steps, in periods, above which interpolation invents the motion."""
+
+MOST_MISSING = 0.3
+"""Share of the time that gaps may take."""
+
 _MEDIAN_ROWS = 65536
 _KEPT_GAPS = 20
 
@@ -42,6 +48,7 @@ class TimeBase:
     deviation: float
     gaps: tuple[Gap, ...]
     n_gaps: int
+    missing: float
     n_repeated: int
     first_repeated: int | None
     worst_row: int
@@ -70,6 +77,7 @@ class TimeScan:
     _worst: tuple[float, int] = (-1.0, 0)
     _gaps: list[Gap] = field(default_factory=list)
     _n_gaps: int = 0
+    _in_gaps: float = 0.0
     _n_repeated: int = 0
     _first_repeated: int | None = None
 
@@ -143,6 +151,7 @@ class TimeScan:
             deviation=float(np.sqrt(variance)),
             gaps=tuple(self._gaps),
             n_gaps=self._n_gaps,
+            missing=self._in_gaps / (self._in_gaps + float(total)),
             n_repeated=self._n_repeated,
             first_repeated=self._first_repeated,
             worst_row=self._worst[1],
@@ -174,6 +183,7 @@ class TimeScan:
             self._typical = float(np.median(steps))
         wide = steps > GAP_PERIODS * self._typical
         self._n_gaps += int(wide.sum())
+        self._in_gaps += float(steps[wide].sum())
         for at in np.flatnonzero(wide)[: max(0, _KEPT_GAPS - len(self._gaps))]:
             self._gaps.append(Gap(int(ends[at]) - 1, float(starts[at]), float(steps[at])))
         ordinary = steps[~wide]
@@ -196,6 +206,17 @@ def time_checks(base: TimeBase, column: str) -> list[Check]:
 def _jitter(base: TimeBase, column: str) -> Check:
     rate = 1.0 / base.period
     spread = base.deviation / base.period
+    if spread > HOPELESS_SPREAD:
+        return Check(
+            "sampling_jitter",
+            "error",
+            f"Steps of {column} run from {1e3 * base.shortest:.3g} to {1e3 * base.longest:.3g} ms (standard deviation "
+            f"{100 * spread:.2g} % of the period; farthest off in row {base.worst_row}): there is no sampling rate to "
+            "speak of, and what happened between the rows is lost. Log at a fixed rate.",
+            column,
+            base.worst_row,
+            base.first,
+        )
     if spread < 0.02 and base.longest < 1.5 * base.period and base.shortest > 0.5 * base.period:
         return Check("sampling_jitter", "ok", f"Sampled at {rate:.5g} Hz, steps even within {100 * spread:.2g} %.")
     return Check(
@@ -214,6 +235,17 @@ def _gap(base: TimeBase, column: str) -> Check:
     if not base.n_gaps:
         return Check("gaps", "ok", f"No step of t is longer than {GAP_PERIODS:g} periods.")
     first = base.gaps[0]
+    if base.missing > MOST_MISSING:
+        return Check(
+            "gaps",
+            "error",
+            f"{100 * base.missing:.2g} % of the time is in gaps, {base.n_gaps} of them; the first is "
+            f"{first.length:.4g} s long, after t = {first.start:.6g} s (row {first.row}). Too little is left; record "
+            "without dropping samples, or choose windows without gaps.",
+            column,
+            first.row,
+            first.start,
+        )
     others = "" if base.n_gaps == 1 else f" and {base.n_gaps - 1} more (the next at {base.gaps[1].start:.6g} s)"
     return Check(
         "gaps",

@@ -1,0 +1,282 @@
+"""A bad file for every check: it is refused or warned of, with the column and the row or time, and nothing stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from recording_data import JOINTS, motion, write_parquet
+
+from dynident.recordings import JointLimits, RecordingError, RecordingMetadata, import_recording
+
+LIMITS = tuple(JointLimits(position=(-3.0, 3.0), velocity=6.0, effort=200.0) for _ in JOINTS)
+
+
+def given(tmp_path, columns, *, limits=None, **metadata):
+    source = write_parquet(tmp_path / "run.parquet", columns)
+    return import_recording(
+        source, tmp_path / "stored", joint_names=JOINTS, limits=limits, metadata=RecordingMetadata(**metadata)
+    )
+
+
+def found(tmp_path, columns, name, **how):
+    _, checks = given(tmp_path, columns, **how)
+    return next(check for check in checks if check.name == name)
+
+
+def refused(tmp_path, columns, **how) -> RecordingError:
+    with pytest.raises(RecordingError) as caught:
+        given(tmp_path, columns, **how)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"], "something half-stored stays behind"
+    error = caught.value
+    assert error.pointer in columns or error.pointer.startswith("/")
+    assert error.row is not None or error.time is not None
+    return error
+
+
+def changed(name, change, columns=None):
+    columns = columns or motion()
+    return columns | {name: change(columns[name].copy())}
+
+
+def test_a_sound_recording_passes_every_check(tmp_path):
+    columns = motion()
+    columns |= {f"dq{joint + 1}": columns["dq_true"][:, joint] for joint in range(3)}
+    _, checks = given(tmp_path, columns, limits=LIMITS)
+    assert {check.name: check.status for check in checks if check.status != "ok"} == {}
+    assert len({check.name for check in checks}) == len(checks) >= 13
+
+
+def test_unsorted_time_is_refused_with_the_row(tmp_path):
+    def swap(t):
+        t[[700, 701]] = t[[701, 700]]
+        return t
+
+    error = refused(tmp_path, changed("t", swap))
+    assert (error.pointer, error.row) == ("t", 702)
+    assert "segment" in error.detail
+
+
+def test_repeated_time_with_other_content_is_refused_with_the_row(tmp_path):
+    error = refused(tmp_path, changed("t", lambda t: np.floor(t * 20) / 20))
+    assert (error.pointer, error.row) == ("t", 2)
+    assert "too few digits" in error.detail
+
+
+def test_time_that_is_no_number_is_refused_with_the_row(tmp_path):
+    def spoil(t):
+        t[99] = np.nan
+        return t
+
+    assert (refused(tmp_path, changed("t", spoil)).pointer, refused(tmp_path, changed("t", spoil)).row) == ("t", 100)
+
+
+@pytest.mark.parametrize("name", ["q2", "tau3"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_no_number_is_refused_with_column_row_and_time(tmp_path, name, value):
+    def spoil(values):
+        values[1234] = value
+        return values
+
+    error = refused(tmp_path, changed(name, spoil))
+    assert (error.pointer, error.row) == (name, 1235)
+    assert error.time == pytest.approx(1234 / 200)
+
+
+def test_jitter_is_reported_with_its_worst_row(tmp_path):
+    def shake(t):
+        t = t + np.random.default_rng(0).uniform(-1e-3, 1e-3, len(t))
+        t[800] += 2e-3
+        return t
+
+    check = found(tmp_path, changed("t", shake), "sampling_jitter")
+    assert (check.status, check.column) == ("warning", "t")
+    assert check.row in (801, 802)
+
+
+def test_time_without_any_rate_is_refused(tmp_path):
+    rng = np.random.default_rng(1)
+    error = refused(tmp_path, changed("t", lambda t: np.cumsum(rng.exponential(0.005, len(t)))))
+    assert error.title == "Sampling jitter"
+
+
+def test_more_missing_than_measured_is_refused(tmp_path):
+    error = refused(tmp_path, changed("t", lambda t: t + 2.0 * np.floor(np.arange(len(t)) / 300)))
+    assert (error.title, error.row) == ("Gaps", 300)
+
+
+def test_standstill_at_the_ends_suggests_the_windows(tmp_path):
+    columns = {name: values for name, values in motion().items() if values.ndim == 1}
+    still = {name: np.concatenate([np.full(600, v[0]), v, np.full(400, v[-1])]) for name, v in columns.items()}
+    still["t"] = np.arange(4000) / 200
+    check = found(tmp_path, still, "standstill")
+    assert check.status == "warning"
+    assert "3 s of it at the beginning and 2 s at the end" in check.detail
+    assert '"windows": [[3' in check.detail
+    assert found(tmp_path, still, "standstill", windows=((3.0, 18.0),)).status == "ok"
+
+
+def test_a_recording_in_which_nothing_moves_is_refused(tmp_path):
+    columns = motion()
+    rng = np.random.default_rng(2)
+    columns |= {f"q{j}": 0.5 + 1e-5 * rng.normal(size=3000) for j in (1, 2, 3)}
+    assert refused(tmp_path, columns).title == "Standstill"
+
+
+def test_a_joint_that_never_moved_is_named_and_refused_for_identification(tmp_path):
+    columns = changed("q2", lambda q: np.full_like(q, 0.7))
+    error = refused(tmp_path, columns)
+    assert (error.pointer, error.row) == ("q2", 1)
+    assert "elbow" in error.detail
+    assert found(tmp_path, columns, "joint_motion", role="validation").status == "warning"
+    assert found(tmp_path, columns, "joint_motion", role="friction").status == "ok"
+
+
+def test_what_the_user_accepts_is_a_warning(tmp_path):
+    columns = changed("q2", lambda q: np.full_like(q, 0.7))
+    check = found(tmp_path, columns, "joint_motion", accept=("joint_motion",))
+    assert check.status == "warning"
+    assert "Accepted" in check.detail
+
+
+@pytest.mark.parametrize("limits", [None, LIMITS])
+def test_degrees_taken_for_radians_are_refused(tmp_path, limits):
+    columns = motion()
+    columns |= {f"q{j}": np.degrees(columns[f"q{j}"]) for j in (1, 2, 3)}
+    error = refused(tmp_path, columns, limits=limits)
+    assert error.title == "Position unit"
+    assert error.pointer.startswith("q")
+    assert '"units": {"q": "deg"}' in error.detail
+    assert found(tmp_path, columns, "position_unit", limits=limits, units={"q": "deg"}).status == "ok"
+
+
+def test_positions_beyond_the_limits_are_a_warning(tmp_path):
+    check = found(tmp_path, changed("q1", lambda q: q + 3.2), "position_unit", limits=LIMITS)
+    assert (check.status, check.column) == ("warning", "q1")
+
+
+@pytest.mark.parametrize(
+    ("factor", "status", "words"),
+    [
+        (180 / np.pi, "error", "deg/s"),
+        (30 / np.pi, "error", "rpm"),
+        (101.0, "warning", "motor"),
+        (-1.0, "warning", "sign"),
+    ],
+)
+def test_velocity_that_is_not_the_derivative_of_position_is_told_by_its_factor(tmp_path, factor, status, words):
+    columns = motion()
+    columns |= {f"dq{joint + 1}": factor * columns["dq_true"][:, joint] for joint in range(3)}
+    if status == "error":
+        error = refused(tmp_path, columns)
+        assert error.pointer == "dq1"
+        assert words in error.detail
+    else:
+        check = found(tmp_path, columns, "velocity_unit")
+        assert (check.status, check.column) == (status, "dq1")
+        assert words in check.detail
+
+
+@pytest.mark.parametrize(("step", "status"), [(3e-3, "warning"), (3e-2, "error")])
+def test_coarse_steps_of_position_are_named(tmp_path, step, status):
+    columns = changed("q3", lambda q: step * np.rint(q / step))
+    if status == "error":
+        error = refused(tmp_path, columns)
+        assert (error.title, error.pointer) == ("Quantisation", "q3")
+    else:
+        check = found(tmp_path, columns, "quantisation")
+        assert (check.status, check.column) == ("warning", "q3")
+        assert "0.003" in check.detail
+
+
+def test_fine_steps_of_position_are_no_finding(tmp_path):
+    check = found(tmp_path, changed("q3", lambda q: 1e-5 * np.rint(q / 1e-5)), "quantisation")
+    assert check.status == "ok"
+
+
+@pytest.mark.parametrize(("share", "status"), [(0.97, "warning"), (0.55, "error")])
+def test_saturated_torque_is_named_with_its_first_row(tmp_path, share, status):
+    columns = motion()
+    bound = np.quantile(columns["tau2"], share)
+    columns["tau2"] = np.minimum(columns["tau2"], bound)
+    first = int(np.flatnonzero((columns["tau2"][:-5] == bound) & (columns["tau2"][5:] == bound))[0]) + 1
+    if status == "error":
+        error = refused(tmp_path, columns)
+        assert (error.title, error.pointer) == ("Saturation", "tau2")
+        assert abs(error.row - first) < 20
+    else:
+        check = found(tmp_path, columns, "saturation")
+        assert (check.status, check.column) == ("warning", "tau2")
+        assert abs(check.row - first) < 20
+
+
+def test_torque_that_was_not_recorded_is_refused(tmp_path):
+    error = refused(tmp_path, changed("tau1", np.zeros_like))
+    assert (error.title, error.pointer) == ("Constant torque", "tau1")
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_a_torque_of_the_wrong_sign_is_refused_and_named(tmp_path, joint):
+    error = refused(tmp_path, changed(f"tau{joint}", np.negative, motion(9000)))
+    assert (error.title, error.pointer) == ("Torque sign", f"tau{joint}")
+
+
+@pytest.mark.parametrize("order", [(2, 1, 3), (1, 3, 2), (3, 2, 1), (2, 3, 1)])
+def test_torque_columns_in_another_order_are_refused_and_named(tmp_path, order):
+    columns = motion(9000)
+    shuffled = columns | {f"tau{ours}": columns[f"tau{theirs}"] for ours, theirs in zip((1, 2, 3), order, strict=True)}
+    error = refused(tmp_path, shuffled)
+    assert error.title == "Torque order"
+    for ours, theirs in zip((1, 2, 3), order, strict=True):
+        assert (ours == theirs) or f"tau{ours} shows the friction of {JOINTS[theirs - 1]}" in error.detail
+
+
+@pytest.mark.parametrize("shift", [-3, 2, 3])
+def test_torque_that_is_late_or_early_is_told_in_milliseconds(tmp_path, shift):
+    columns = motion(9000)
+    columns |= {f"tau{j}": np.roll(columns[f"tau{j}"], shift) for j in (1, 2, 3)}
+    check = found(tmp_path, columns, "torque_alignment", windows=((0.1, 44.0),))
+    assert check.status == "warning"
+    first, last = (float(part) for part in check.detail.split(" ms")[0].removeprefix("Torque comes ").split(" to "))
+    assert abs(first - 5.0 * abs(shift)) < 2.5
+    assert abs(last - 5.0 * abs(shift)) < 2.5
+    assert ("late" if shift > 0 else "early") in check.detail
+
+
+def test_torque_that_is_far_too_late_is_refused_with_the_cure(tmp_path):
+    columns = motion(9000)
+    columns |= {f"tau{j}": np.roll(columns[f"tau{j}"], 20) for j in (1, 2, 3)}
+    error = refused(tmp_path, columns, windows=((1.0, 44.0),))
+    assert error.title == "Torque alignment"
+    assert '"torque_delay": 0.099' in error.detail
+    mended = found(tmp_path, columns, "torque_alignment", windows=((1.0, 44.0),), torque_delay=0.1)
+    assert mended.status == "ok"
+
+
+def test_one_joint_alone_is_not_called_late(tmp_path):
+    columns = motion(9000)
+    source = write_parquet(tmp_path / "run.parquet", {"t": columns["t"], "q1": columns["q1"], "tau1": columns["tau1"]})
+    _, checks = import_recording(source, tmp_path / "stored", joint_names=("only",))
+    assert all(check.status == "ok" for check in checks)
+
+
+def test_a_short_recording_is_a_warning(tmp_path):
+    columns = {name: values[:300] for name, values in motion().items()}
+    assert found(tmp_path, columns, "length").status == "warning"
+
+
+def test_an_error_carries_all_that_was_found(tmp_path):
+    columns = motion()
+    columns["q2"] = np.full(3000, 0.7)
+    columns["t"] = columns["t"] + np.where(np.arange(3000) > 1000, 1.0, 0.0)
+    error = refused(tmp_path, columns)
+    assert {"gaps": "warning", "joint_motion": "error"}.items() <= {c.name: c.status for c in error.checks}.items()
+
+
+def test_checks_of_a_long_recording_take_a_few_seconds_at_most(tmp_path):
+    import time
+
+    columns = motion(400_000, rate=1000.0)
+    source = write_parquet(tmp_path / "run.parquet", columns)
+    start = time.perf_counter()
+    import_recording(source, tmp_path / "stored", joint_names=JOINTS)
+    assert time.perf_counter() - start < 8.0

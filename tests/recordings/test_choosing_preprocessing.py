@@ -1,0 +1,140 @@
+"""The filters that are chosen from the data, and those that a user asks for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from recording_data import JOINTS, motion
+from scipy import signal
+
+from dynident.recordings import (
+    Preprocessing,
+    RecordingError,
+    choose_preprocessing,
+    preprocessing_from_request,
+    recording_from_arrays,
+)
+from dynident.recordings.spectra import spectra
+
+
+def recorded(speed: float = 1.0, noise: float = 0.0, n_rows: int = 9000, rate: float = 200.0, windows=()):
+    columns = motion(n_rows, rate=rate / speed)
+    rng = np.random.default_rng(0)
+    q = np.stack([columns[f"q{joint}"] for joint in (1, 2, 3)], axis=1)
+    tau = np.stack([columns[f"tau{joint}"] for joint in (1, 2, 3)], axis=1)
+    noisy = q + noise * rng.normal(size=q.shape)
+    return recording_from_arrays(np.arange(n_rows) / rate, noisy, tau, joint_names=JOINTS, windows=windows)
+
+
+def test_a_faster_motion_gets_a_wider_filter():
+    slow, fast = choose_preprocessing([recorded()]), choose_preprocessing([recorded(speed=4.0)])
+    assert 2.5 < fast.position_cutoff / slow.position_cutoff < 5.0
+
+
+def test_noise_of_the_encoder_narrows_the_filter_and_is_the_reason_given():
+    clean, noisy = choose_preprocessing([recorded()]), choose_preprocessing([recorded(noise=1e-3)])
+    assert noisy.position_cutoff < 0.7 * clean.position_cutoff
+    assert "noise" in noisy.reasons[0]
+    assert "noise" not in clean.reasons[0]
+
+
+def test_the_noise_that_is_left_in_the_acceleration_is_a_few_percent():
+    noise = 1e-3
+    choice = choose_preprocessing([recorded(noise=noise)])
+    frequency = np.linspace(0.0, 100.0, 20001)
+    gain = (400.0 * np.sin(np.pi * frequency / 200.0)) ** 4 * np.square(
+        np.abs(
+            signal.sosfreqz(signal.butter(4, choice.position_cutoff, fs=200.0, output="sos"), frequency, fs=200.0)[1]
+        )
+        ** 2
+    )
+    left = np.sqrt(noise**2 / 100.0 * np.trapezoid(gain, frequency))
+    columns = motion(9000)
+    own = np.std(np.gradient(columns["dq_true"], 1 / 200.0, axis=0), axis=0)
+    assert left < 0.15 * np.median(own)
+
+
+def test_rows_are_decimated_to_at_least_four_times_the_cutoff():
+    choice = choose_preprocessing([recorded()])
+    assert 4.0 <= 200.0 / choice.decimation / choice.torque_cutoff < 6.0
+    assert all(reason.endswith(".") for reason in choice.reasons)
+
+
+def test_the_noise_floor_of_the_spectrum_is_that_of_the_noise():
+    found = spectra(recorded(noise=1e-3))
+    np.testing.assert_allclose(np.sqrt(found.noise * 100.0), 1e-3, rtol=0.1)
+
+
+def test_the_power_of_the_spectrum_is_that_of_the_signal():
+    columns, found = motion(9000), spectra(recorded())
+    step = found.frequency[1]
+    np.testing.assert_allclose(found.velocity.sum(axis=0) * step, columns["dq_true"].var(axis=0), rtol=0.2)
+
+
+def test_rows_outside_the_windows_do_not_count():
+    recording = recorded()
+    (rows,) = recording.source.rows(0, 9000, 9000)
+    rows.q[6000:] += 0.01 * np.random.default_rng(0).normal(size=(3000, 3))
+    inside = choose_preprocessing([recording.with_windows(((0.0, 29.9),))])
+    assert inside.position_cutoff > 1.5 * choose_preprocessing([recording]).position_cutoff
+
+
+def test_several_recordings_get_one_filter_that_suits_all():
+    both = choose_preprocessing([recorded(), recorded(speed=3.0)])
+    assert both.position_cutoff == choose_preprocessing([recorded(speed=3.0)]).position_cutoff
+
+
+@pytest.mark.parametrize("request_", ["auto", None, {}, {"position_cutoff": "auto"}])
+def test_what_is_left_open_is_chosen(request_):
+    assert preprocessing_from_request(request_, [recorded()]) == choose_preprocessing([recorded()])
+
+
+def test_any_subset_of_the_choices_may_be_given():
+    recording = recorded()
+    given = preprocessing_from_request({"position_cutoff": 4.0}, [recording])
+    assert (given.position_cutoff, given.torque_cutoff, given.decimation) == (4.0, 4.0, 12)
+    given = preprocessing_from_request({"torque_cutoff": 3.0, "decimation": 7, "filter_order": 6}, [recording])
+    assert (given.torque_cutoff, given.decimation, given.filter_order) == (3.0, 7, 6)
+    assert given.position_cutoff == choose_preprocessing([recording]).position_cutoff
+    given = preprocessing_from_request({"position_cutoff": None, "torque_cutoff": None}, [recording])
+    assert (given.position_cutoff, given.torque_cutoff, given.decimation) == (None, None, 1)
+
+
+@pytest.mark.parametrize(
+    ("request_", "field", "words"),
+    [
+        ({"position_cutoff": 150.0}, "/position_cutoff", "100 Hz"),
+        ({"torque_cutoff": 100.0}, "/torque_cutoff", "Nyquist"),
+        ({"position_cutoff": -1}, "/position_cutoff", "above 0"),
+        ({"position_cutoff": float("nan")}, "/position_cutoff", "number"),
+        ({"torque_cutoff": "wide"}, "/torque_cutoff", "number"),
+        ({"decimation": 0}, "/decimation", "at least 1"),
+        ({"decimation": 2.5}, "/decimation", "whole"),
+        ({"decimation": True}, "/decimation", "number"),
+        ({"decimation": 20, "torque_cutoff": 8.0}, "/decimation", "at most 12"),
+        ({"filter_order": 0}, "/filter_order", "1 to 12"),
+        ({"cutoff": 3.0}, "/cutoff", "position_cutoff"),
+        ("best", "", "auto"),
+        ([4.0], "", "auto"),
+    ],
+)
+def test_impossible_choices_are_refused_by_name(request_, field, words):
+    with pytest.raises(RecordingError, match=words) as caught:
+        preprocessing_from_request(request_, [recorded()])
+    assert caught.value.pointer == f"/preprocessing{field}"
+
+
+def test_a_recording_too_short_for_a_spectrum_says_so():
+    with pytest.raises(ValueError, match="too few to choose the filters"):
+        choose_preprocessing([recorded(n_rows=20)])
+
+
+def test_a_recording_in_which_nothing_moves_says_so():
+    still = np.zeros((500, 1))
+    with pytest.raises(RecordingError, match="No joint moves"):
+        choose_preprocessing([recording_from_arrays(np.arange(500) / 100.0, still, still, joint_names=("a",))])
+
+
+def test_a_choice_is_impossible_on_its_own_too():
+    with pytest.raises(RecordingError):
+        Preprocessing(5.0, 5.0, decimation=0)

@@ -1,0 +1,142 @@
+"""Recordings of real robots come in, and the checks find what is known of them and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from dynident.recordings import RecordingError, RecordingMetadata, choose_preprocessing, import_recording
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+JOINTS = tuple(f"joint{number}" for number in range(1, 7))
+MOTION = ((6.76, 37.38),)  # seconds of id_30s_12harm in which the arm follows its trajectory
+GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)
+
+pytestmark = [
+    pytest.mark.real_data,
+    pytest.mark.skipif(not DATA.is_dir(), reason="the recordings of real robots (../shared/data) are absent"),
+]
+
+
+def imported(path: Path, destination: Path, **metadata):
+    friction = path.parent.name == "joint_friction"
+    if friction:
+        metadata |= {"columns": {"tau1": "tau_fric1"}, "role": "friction"}
+    if "sweep" in path.stem:
+        metadata["role"] = "friction"
+    names = ("joint",) if friction else JOINTS
+    gains = (None,) if friction else GAINS
+    return import_recording(
+        path, destination, joint_names=names, gains=gains, metadata=RecordingMetadata(path.stem, **metadata)
+    )
+
+
+def all_files() -> list[Path]:
+    return sorted(DATA.glob("*/*.parquet"))
+
+
+def known(path: Path) -> set[str]:
+    """What is peculiar in a file, by the name of the check that should say it."""
+    peculiar = {
+        "ur10e": {"sampling_jitter", "standstill"},
+        "tx40": {"standstill", "torque_alignment"},
+        "airbot_play": {"torque_alignment"},
+        "joint_friction": {"sampling_jitter", "standstill", "gaps", "velocity_unit"},
+    }
+    return peculiar.get(path.parent.name, set())
+
+
+@pytest.mark.parametrize("path", all_files(), ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_every_recording_comes_in_and_raises_no_false_alarm(path, tmp_path):
+    recording, checks = imported(path, tmp_path / "stored")
+    warned = {check.name for check in checks if check.status != "ok"}
+    assert warned <= known(path), [check for check in checks if check.status != "ok"]
+    assert abs(recording.n_samples - pq.read_metadata(path).num_rows) < 0.02 * recording.n_samples
+
+
+@pytest.mark.parametrize(
+    ("name", "must"),
+    [
+        ("ur10e/id_30s_12harm", {"sampling_jitter", "standstill"}),
+        ("ur10e/val_ptp10", {"sampling_jitter", "standstill"}),
+        ("tx40/all", {"standstill", "torque_alignment"}),
+        ("airbot_play/id_chirp_unloaded", {"torque_alignment"}),
+    ],
+)
+def test_what_is_known_of_a_recording_is_found(name, must, tmp_path):
+    _, checks = imported(DATA / f"{name}.parquet", tmp_path / "stored")
+    assert must <= {check.name for check in checks if check.status == "warning"}
+
+
+def test_the_delays_that_are_known_come_out(tmp_path):
+    for name, low, high in (("airbot_play/id_chirp_unloaded", 0.005, 0.015), ("tx40/all", -0.006, -0.001)):
+        _, checks = imported(DATA / f"{name}.parquet", tmp_path / "stored")
+        detail = next(check.detail for check in checks if check.name == "torque_alignment")
+        assert low < float(detail.split('"torque_delay": ')[1].split(" ")[0]) < high
+
+
+def test_suggested_windows_leave_no_standstill_at_the_ends(tmp_path):
+    path = DATA / "ur10e" / "id_30s_12harm.parquet"
+    _, checks = imported(path, tmp_path / "stored")
+    detail = next(check.detail for check in checks if check.name == "standstill")
+    start, end = map(float, detail.split("[[")[1].split("]]")[0].split(","))
+    _, checks = imported(path, tmp_path / "stored", windows=((start, end),))
+    assert next(check.status for check in checks if check.name == "standstill") == "ok"
+
+
+def changed(tmp_path: Path, change) -> Path:
+    table = pq.read_table(DATA / "ur10e" / "id_30s_12harm.parquet")
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    change(columns)
+    import pyarrow as pa
+
+    pq.write_table(pa.table(columns), tmp_path / "changed.parquet")
+    return tmp_path / "changed.parquet"
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3, 4, 5, 6])
+def test_a_current_of_the_wrong_sign_is_refused(joint, tmp_path):
+    def turn(columns):
+        columns[f"current{joint}"] = -columns[f"current{joint}"]
+
+    with pytest.raises(RecordingError) as caught:
+        imported(changed(tmp_path, turn), tmp_path / "stored", windows=MOTION)
+    assert (caught.value.title, caught.value.pointer) == ("Torque sign", f"current{joint}")
+
+
+@pytest.mark.parametrize("pair", [(1, 4), (2, 3), (3, 5), (4, 6), (5, 6)])
+def test_currents_in_another_order_are_refused(pair, tmp_path):
+    def swap(columns):
+        first, second = (f"current{joint}" for joint in pair)
+        columns[first], columns[second] = columns[second], columns[first]
+
+    with pytest.raises(RecordingError) as caught:
+        imported(changed(tmp_path, swap), tmp_path / "stored")
+    assert caught.value.title == "Torque order"
+
+
+@pytest.mark.parametrize("kind", ["q", "dq"])
+def test_degrees_beside_radians_are_refused(kind, tmp_path):
+    def turn(columns):
+        for joint in range(1, 7):
+            columns[f"{kind}{joint}"] = np.degrees(columns[f"{kind}{joint}"])
+
+    with pytest.raises(RecordingError, match="deg"):
+        imported(changed(tmp_path, turn), tmp_path / "stored")
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [
+        ("ur10e/id_30s_12harm", 4.0, 8.0),
+        ("ur10/exciting_traj", 3.0, 8.0),
+        ("airbot_play/id_chirp_unloaded", 3.0, 8.0),
+        ("tx40/all", 25.0, 60.0),
+    ],
+)
+def test_the_filter_that_is_chosen_suits_the_robot(name, low, high, tmp_path):
+    recording, _ = imported(DATA / f"{name}.parquet", tmp_path / "stored")
+    assert low <= choose_preprocessing([recording]).position_cutoff <= high
