@@ -1,8 +1,8 @@
 """Jerk-limited moves from rest to rest, by Ruckig (Berscheid and Kröger 2021), as polynomials evaluated in numpy.
 
-Ruckig is used from state to state alone: its intermediate positions are computed by a service on the network, and its
-position limits are silently ignored, so the extreme positions of every move are checked here. It knows no torque
-limits: a move that breaks one is planned again, slower.
+Ruckig plans the share of the straight way that is covered, from state to state alone: its intermediate positions are
+computed by a service on the network, and its position limits are silently ignored, so extreme positions are checked
+here. It knows no torque limits: a move that breaks one is planned again, slower.
 """
 
 from __future__ import annotations
@@ -23,85 +23,78 @@ _SLOWER = 0.75
 _ATTEMPTS = 16
 _CHECKS = 400
 _SAME_POSTURE = 1e-9
+_OVERSHOOT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """Piecewise cubic positions: sections of joint j begin at `times[j]` (s,) with p, v, a (n, s) and jerk j (n, s)."""
+    """q(t) = start + s(t) (end - start), s from 0 to 1 piecewise cubic, then standing still up to `duration`.
 
+    Section i begins at `times[i]` with s and its derivatives `place[i]` (section, 4); start and end are (n,).
+    """
+
+    start: FloatArray
+    end: FloatArray
     duration: float
     times: FloatArray
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    jerk: FloatArray
-
-    def range_of(self, joint: int) -> tuple[float, float]:
-        """The ends of a joint's way, between which it stays but for rounding."""
-        ends = self.position[joint, [0, -1]]
-        return float(ends.min()), float(ends.max())
+    place: FloatArray
 
     def evaluate(self, t: FloatArray) -> Motion:
         """The motion at times t (m,)."""
-        n = len(self.times)
-        q, dq, ddq, dddq = (np.empty((len(t), n)) for _ in range(4))
-        for j in range(n):
-            section = np.searchsorted(self.times[j], t, side="right") - 1
-            since = t - self.times[j, section]
-            p, v, a, s = (values[j, section] for values in (self.position, self.velocity, self.acceleration, self.jerk))
-            q[:, j] = np.clip(p + since * (v + since * (a / 2 + since * s / 6)), *self.range_of(j))
-            dq[:, j] = v + since * (a + since * s / 2)
-            ddq[:, j] = a + since * s
-            dddq[:, j] = s
-        return Motion(t, q, dq, ddq, dddq)
+        section = np.searchsorted(self.times, t, side="right") - 1
+        since = t - self.times[section]
+        s, v, a, j = self.place[section].T
+        way = self.end - self.start
+        # Rounding must not carry the arm beyond its ends, which may touch a limit.
+        share = np.clip(s + since * (v + since * (a / 2 + since * j / 6)), 0.0, 1.0)
+        return Motion(
+            t=t,
+            q=np.where(share[:, None] < 1.0, self.start + np.outer(share, way), self.end),
+            dq=np.outer(v + since * (a + since * j / 2), way),
+            ddq=np.outer(a + since * j, way),
+            dddq=np.outer(j, way),
+        )
 
 
 def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *, slowness: float = 1.0) -> Move | Rest:
-    """The fastest straight move between two postures (n,) at rest that takes a whole number of sampling periods.
+    """The fastest straight move between two postures (n,) at rest, drawn out to a whole number of sampling periods.
 
     Parameters
     ----------
     bounds : Bounds
-        Velocity, acceleration, jerk and position are kept.
+        Velocity, acceleration and jerk are kept; a straight move between postures inside the position limits keeps
+        those as well.
     rate : float
         Sampling rate in Hz.
     slowness : float
         The move is planned for a time this much longer.
     """
-    if np.abs(end - start).max() < _SAME_POSTURE:
+    way = np.abs(end - start)
+    if way.max() < _SAME_POSTURE:
         return Rest(start)
-    n = len(start)
-    wanted = ruckig.InputParameter(n)
-    wanted.current_position, wanted.target_position = start.tolist(), end.tolist()
-    wanted.max_velocity = (bounds.velocity / slowness).tolist()
-    wanted.max_acceleration = (bounds.acceleration / slowness**2).tolist()
-    wanted.max_jerk = (bounds.jerk / slowness**3).tolist()
-    wanted.synchronization = ruckig.Synchronization.Phase
-    planner, planned = ruckig.Ruckig(n), ruckig.Trajectory(n)
-    result = planner.calculate(wanted, planned)
-    if result == ruckig.Result.Working:
-        wanted.minimum_duration = math.ceil(planned.duration * rate - 1e-9) / rate
-        result = planner.calculate(wanted, planned)
+    wanted = ruckig.InputParameter(1)
+    wanted.current_position, wanted.target_position = [0.0], [1.0]
+    with np.errstate(divide="ignore"):
+        wanted.max_velocity = [float((bounds.velocity / way).min()) / slowness]
+        wanted.max_acceleration = [float((bounds.acceleration / way).min()) / slowness**2]
+        wanted.max_jerk = [float((bounds.jerk / way).min()) / slowness**3]
+    planned = ruckig.Trajectory(1)
+    result = ruckig.Ruckig(1).calculate(wanted, planned)
     if result != ruckig.Result.Working:
         raise ImpossibleLimitsError(f"no jerk-limited move between two postures was found ({result})")
-    extrema = planned.position_extrema
-    for j, name in enumerate(bounds.names):
-        low, high = min(start[j], end[j]) - _SAME_POSTURE, max(start[j], end[j]) + _SAME_POSTURE
-        if extrema[j].min < low or extrema[j].max > high:
-            raise ImpossibleLimitsError(f"the move between two postures would swing joint '{name}' out of its way")
-    return _as_move(planned, end)
-
-
-def _as_move(planned: ruckig.Trajectory, end: FloatArray) -> Move:
-    """Ruckig's profiles with a last section of rest, in arrays."""
-    profiles = planned.profiles[0]
-    times = np.array([np.concatenate([[0.0], np.cumsum(profile.t)]) for profile in profiles])
-    position = np.array([profile.p for profile in profiles])
-    position[:, -1] = end
-    velocity, acceleration = (np.array([getattr(p, name) for p in profiles]) for name in ("v", "a"))
-    velocity[:, -1] = acceleration[:, -1] = 0.0
-    jerk = np.array([[*profile.j, 0.0] for profile in profiles])
-    return Move(float(planned.duration), times, position, velocity, acceleration, jerk)
+    extrema = planned.position_extrema[0]
+    if extrema.min < -_OVERSHOOT or extrema.max > 1 + _OVERSHOOT:
+        raise ImpossibleLimitsError("the move between two postures would swing beyond its ends")
+    profile = planned.profiles[0][0]
+    sections = np.column_stack([profile.p, profile.v, profile.a, [*profile.j, 0.0]])
+    sections[-1] = (1.0, 0.0, 0.0, 0.0)
+    return Move(
+        start=start,
+        end=end,
+        duration=math.ceil(planned.duration * rate - 1e-9) / rate,
+        times=np.concatenate([[0.0], np.cumsum(profile.t)]),
+        place=sections,
+    )
 
 
 def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel, rate: float) -> Piece:
