@@ -15,7 +15,8 @@ import obstore
 from obstore.exceptions import AlreadyExistsError
 from obstore.store import LocalStore, from_url
 
-CHUNK = 4 * 1024 * 1024
+CHUNK = 8 * 1024 * 1024
+"""Bytes read or uploaded at once; S3 takes no parts below 5 MiB."""
 
 
 @dataclass(frozen=True)
