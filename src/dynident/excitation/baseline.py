@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,8 +67,11 @@ def random_candidates(
     count: int,
     seed: int,
     progress: Progress = silent,
+    enough: Callable[[], bool] = lambda: False,
 ) -> list[Candidate]:
     """Random trajectories of the family, each joint scaled into its limits, best first.
+
+    `count` of them, or fewer where `enough` says so once there is one.
 
     Raises
     ------
@@ -80,6 +84,8 @@ def random_candidates(
     basis = family.basis(np.arange(judge.n_samples) * family.period / judge.n_samples)[:, :, 1:]
     found: list[Candidate] = []
     for index in range(count):
+        if found and enough():
+            break
         progress(index / count, f"random trajectory {index + 1} of {count}")
         x = np.empty((family.n_coefficients, model.robot.n))
         x[0] = postures[rng.integers(len(postures))]

@@ -29,6 +29,8 @@ _CHUNK = 50_000
 _VALUED_SAMPLES = 1000
 _SHRINK = 0.999
 _SHRINKS = 20
+# Of the time: optimising gains more than looking for better random trajectories.
+_RANDOM_SHARE = 0.3
 
 
 def design_experiment(robot: Robot, request: DesignRequest, progress: Progress = silent) -> Design:
@@ -127,7 +129,14 @@ def _fourier(task: _Task, budget: Budget) -> _Made:
     judge = Judge(family, model, request.criterion, a_priori)
     count = request.random_trajectories
     candidates = random_candidates(
-        family, bounds, model, judge, count=count, seed=request.seed, progress=part(task.progress, 0.0, 0.15)
+        family,
+        bounds,
+        model,
+        judge,
+        count=count,
+        seed=request.seed,
+        progress=part(task.progress, 0.0, 0.15),
+        enough=lambda: budget.share_spent > _RANDOM_SHARE,
     )
     if not candidates:
         raise _no_room(bounds)

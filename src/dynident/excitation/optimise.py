@@ -51,15 +51,20 @@ class Budget:
         self._began = time.monotonic()
 
     @property
+    def share_spent(self) -> float:
+        """Share of the time that has passed; 0 where time does not matter."""
+        return 0.0 if self.seconds is None else (time.monotonic() - self._began) / self.seconds
+
+    @property
     def spent(self) -> bool:
         """Whether the time is over."""
-        return self.seconds is not None and time.monotonic() - self._began >= self.seconds
+        return self.share_spent >= 1.0
 
     def fraction(self, start: int, done: float) -> float:
         """Share of the budget used, while `done` (0 to 1) of the start with this number is."""
         shares = [] if self.starts is None else [(start + done) / self.starts]
         if self.seconds is not None:
-            shares.append((time.monotonic() - self._began) / self.seconds)
+            shares.append(self.share_spent)
         return min(1.0, max(shares))
 
 
