@@ -54,7 +54,8 @@ def to_bytes(identification: Identification) -> bytes:
     if identification.parent is not None:
         arrays["parent"] = np.frombuffer(to_bytes(identification.parent), dtype=np.uint8)
     file = io.BytesIO()
-    np.savez(file, **arrays)
+    # Compressed, so that a parent's file inside is not taken for the whole where the end is missing.
+    np.savez_compressed(file, **arrays)
     return file.getvalue()
 
 
@@ -67,14 +68,20 @@ def from_bytes(content: bytes) -> Identification:
         Where the bytes are something else.
     """
     try:
-        arrays = dict(np.load(io.BytesIO(content), allow_pickle=False))
-        header = json.loads(arrays["header"].tobytes())
-        if header["format"] != _FORMAT:
-            raise KeyError("format")
-    except (ValueError, KeyError, OSError, EOFError) as error:
+        return _identification(content)
+    except DynidentError:
+        raise
+    except Exception as error:  # what damaged bytes raise is no closed list: zip, zlib, numpy, json, missing keys
         raise DynidentError(
             "this is no identified model that this version can read", title="Unreadable model"
         ) from error
+
+
+def _identification(content: bytes) -> Identification:
+    arrays = dict(np.load(io.BytesIO(content), allow_pickle=False))
+    header = json.loads(arrays["header"].tobytes())
+    if header["format"] != _FORMAT:
+        raise ValueError(header["format"])
     choices = _choices(header["choices"])
     model = build_model(robot_from_document(header["robot"]), choices.effects, tolerance=choices.tolerance)
     held_out = "held_out_squares" in arrays
