@@ -1,0 +1,125 @@
+"""Identified models as bytes and back."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+
+import numpy as np
+import pytest
+from oracles import arm, fourier_motion, pinocchio_torque, record
+
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
+from dynident.recordings import Preprocessing
+
+ROBOT = arm("scara")
+EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))
+
+
+def run(seed: int):
+    motion = fourier_motion(ROBOT, 15.0, 100.0, seed)
+    noise = np.random.default_rng(seed).normal(0, 0.3, motion.q.shape)
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + 2 * np.sign(motion.dq) + motion.dq + noise
+    return record(ROBOT, motion, tau, f"run {seed}")
+
+
+RUNS = run(1), run(2)
+FIRST = identify(ROBOT, [RUNS[0]], [RUNS[1]], IdentificationChoices(EFFECTS, preprocessing=Preprocessing(10.0, 8.0, 3)))
+SECOND = extend(FIRST, [EffectChoice("offset")], [RUNS[0]], [RUNS[1]])
+THIRD = extend(SECOND, [EffectChoice("presliding", (ROBOT.joint_names[0],), (("d0", 0.01),))], [RUNS[0]])
+CONTENT = to_bytes(THIRD)
+
+
+def assert_same(one, other) -> None:
+    assert one.choices == other.choices
+    assert one.preprocessing == other.preprocessing
+    assert one.parameters == other.parameters
+    assert one.warnings == other.warnings
+    assert one.added == other.added
+    assert one.measurement_names == other.measurement_names
+    assert one.validation_names == other.validation_names
+    assert one.model.robot.joint_names == other.model.robot.joint_names
+    assert one.condition_number == other.condition_number
+    assert one.inertia_matrix_positive_definite == other.inertia_matrix_positive_definite
+    for left, right in (
+        (one.values, other.values),
+        (one.reference, other.reference),
+        (one.statistics.covariance, other.statistics.covariance),
+        (one.statistics.effective_rows, other.statistics.effective_rows),
+        (one.solution.factor, other.solution.factor),
+        (one.fit.squares, other.fit.squares),
+        (one.training.spans, other.training.spans),
+        (one.training.equations[1].factors, other.training.equations[1].factors),
+    ):
+        np.testing.assert_array_equal(left, right)
+    assert (one.held_out is None) == (other.held_out is None)
+    if one.held_out is not None and other.held_out is not None:
+        assert one.held_out.relative_total == other.held_out.relative_total
+        assert one.held_out_data.n_rows == other.held_out_data.n_rows
+
+
+def test_a_model_read_from_its_bytes_is_the_same_with_its_whole_ladder():
+    again = from_bytes(CONTENT)
+    rungs = list(zip(again.ladder(), THIRD.ladder(), strict=True))
+    assert len(rungs) == 3
+    for one, other in rungs:
+        assert_same(one, other)
+
+
+def test_bytes_do_not_depend_on_how_often_they_were_read():
+    assert to_bytes(from_bytes(CONTENT)) == CONTENT
+
+
+def test_a_model_read_from_its_bytes_can_be_extended():
+    choice = EffectChoice("viscous_nonlinear", (), (("p", 2.0),))
+    one, other = (extend(model, [choice], [RUNS[0]], [RUNS[1]]) for model in (from_bytes(CONTENT), THIRD))
+    np.testing.assert_allclose(one.values, other.values, rtol=1e-8)
+
+
+def test_a_model_without_links_survives_although_it_has_no_inertia_matrix():
+    friction = identify(
+        ROBOT,
+        [RUNS[0]],
+        [],
+        IdentificationChoices((EffectChoice("coulomb"),), preprocessing=Preprocessing(10.0, 8.0, 3)),
+    )
+    assert np.isnan(from_bytes(to_bytes(friction)).worst_inertia_eigenvalue)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"PK", b"no model", b"PK\x03\x04" + bytes(50), CONTENT[:1000], CONTENT[:-30], CONTENT[200:]]
+)
+def test_bytes_that_are_no_model_say_so(content):
+    with pytest.raises(DynidentError) as caught:
+        from_bytes(content)
+    assert caught.value.title == "Unreadable model"
+
+
+def test_another_npz_file_is_no_model():
+    for arrays in ({"a": np.zeros(3)}, {"header": np.frombuffer(b"[1, 2]", dtype=np.uint8)}):
+        file = io.BytesIO()
+        np.savez(file, **arrays)
+        with pytest.raises(DynidentError):
+            from_bytes(file.getvalue())
+    file = io.BytesIO()
+    np.save(file, np.zeros(4))
+    with pytest.raises(DynidentError):
+        from_bytes(file.getvalue())
+
+
+def test_a_damaged_model_is_never_a_crash():
+    rng = np.random.default_rng(0)
+    for place in [*range(0, 60, 7), *range(len(CONTENT) - 60, len(CONTENT), 9), *rng.integers(0, len(CONTENT), 12)]:
+        damaged = bytearray(CONTENT)
+        damaged[place] ^= int(rng.integers(1, 256))
+        # Some bytes carry nothing, a date for instance.
+        with contextlib.suppress(DynidentError):
+            assert_same(from_bytes(bytes(damaged)), THIRD)
+
+
+def test_a_model_without_its_last_bytes_is_not_taken_for_its_parent():
+    for missing in (1, 30, 100, 5000, len(CONTENT) // 2):
+        with pytest.raises(DynidentError):
+            from_bytes(CONTENT[:-missing])
