@@ -77,8 +77,8 @@ def diagnose(
     final = _extended_comparisons(identification, recommended, recordings, comparisons, part(progress, 0.9, 1.0))
     unknown = unknown_patterns(final)
     residual = _rms(final)
-    ranked = rank_all(picks, first, model, data.n_stretches, recommended)
-    verdict = verdict_of(recommended, unknown, residual, floor)
+    ranked = rank_all(picks, first, recommended)
+    verdict = verdict_of(recommended, unknown)
     invisible = _invisible(first)
     return Diagnosis(
         verdict=verdict,
@@ -125,12 +125,12 @@ def _search(
     remaining = list(pool.candidates)
     while len(state.picks) < most:
         progress(len(state.picks) / most, f"{len(state.picks)} effects found, {len(remaining)} candidates")
-        passing = [item for item in judged if _acceptable(data, pool, state, item)]
+        passing = [item for item in judged if _acceptable(data, pool, state, item, len(judged))]
         if not passing:
             break
         chosen, equal = simplest(passing)
         chosen = _without_idle_joints(data, pool, state, chosen)
-        finding = Finding(chosen, equal, p_value(chosen.t, data.n_stretches, len(remaining)))
+        finding = Finding(chosen, equal, p_value(chosen, len(remaining)))
         base = state.base + chosen.candidate.columns
         state = _State(base, _noise(data, base), (*state.picks, finding))
         remaining = [c for c in remaining if not _superseded(c, chosen.candidate)]
@@ -159,9 +159,9 @@ def _superseded(candidate: Candidate, chosen: Candidate) -> bool:
     return not candidate.joints or bool(set(candidate.joints) & set(chosen.joints))
 
 
-def _acceptable(data: Products, pool: Pool, state: _State, item: Judged) -> bool:
+def _acceptable(data: Products, pool: Pool, state: _State, item: Judged, n_tried: int) -> bool:
     effect = effect_by_id(item.candidate.effect)
-    if item.separability < _VISIBLE or not item.passes(effect.scope == "robot"):
+    if item.separability < _VISIBLE or not item.passes(effect.scope == "robot", n_tried):
         return False
     return not effect.is_friction or _passive(data, pool, state, item)
 

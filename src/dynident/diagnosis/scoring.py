@@ -62,8 +62,9 @@ class Score:
     """Squared errors of every stretch and joint (s, n) in N² m², held out, before and after adding a candidate.
 
     `separability` is the share of the candidate's column that is left after the model (norm, the largest of its
-    columns); `amplitudes` its parameters fitted on all data;
-    `measured` (n,) the sum of squared torque of every joint.
+    columns); `amplitudes` its parameters fitted on all data; `measured` (n,) the sum of squared torque of every joint;
+    `consistency` the F value of the amplitudes against how much they change when a stretch is left out (jackknife):
+    large where every stretch asks for the same amplitudes.
     """
 
     candidate: Candidate
@@ -72,6 +73,7 @@ class Score:
     separability: float
     amplitudes: FloatArray
     measured: FloatArray
+    consistency: float
 
 
 def folds(n_stretches: int, kind: str) -> list[IntArray]:
@@ -121,9 +123,18 @@ def score_candidates(
             before[left_out, j] = alone
             after[:, left_out, j] = beside
     whole = _Fit(total)
+    stability = _Stability(data, base, extra, noise, whole) if len(extra) else None
     measured = np.array([float(gram[:, -1, -1].sum()) for gram in data.grams])
     return before, [
-        Score(candidate, before, after[k], whole.separability(groups[k]), whole.amplitudes(groups[k]), measured)
+        Score(
+            candidate,
+            before,
+            after[k],
+            whole.separability(groups[k]),
+            whole.amplitudes(groups[k]),
+            measured,
+            stability.f_value(groups[k]) if stability else 0.0,
+        )
         for k, candidate in enumerate(candidates)
     ]
 
@@ -190,6 +201,50 @@ class _Fit:
         """Share of a candidate's column that is left beside the model, the largest of its columns."""
         whole = np.maximum(self._whole[group], np.finfo(float).tiny)
         return float(np.sqrt(np.clip(np.diag(self._rest)[group] / whole, 0.0, 1.0)).max())
+
+
+class _Stability:
+    """How far a candidate's amplitudes move when one stretch of time is left out."""
+
+    def __init__(self, data: Products, base: IntArray, extra: IntArray, noise: FloatArray, fit: _Fit) -> None:
+        s, c = data.n_stretches, len(extra)
+        self._rests = np.zeros((s, c))  # Zᵀρ of every stretch, Z = X - W P
+        self._inner = np.zeros((s, c, c))  # ZᵀZ of every stretch
+        for gram, where, sigma in zip(data.grams, data.position, noise, strict=True):
+            weight = sigma**-2
+            wi, wp = _present(where, base)
+            xi, xp = _present(where, extra)
+            chi, projection = fit.chi[wi], fit.projection[wi]
+            ww, wx = gram[:, wp[:, None], wp], gram[:, wp[:, None], xp]
+            self._rests -= weight * ((gram[:, wp, -1] - ww @ chi) @ projection)
+            self._rests[:, xi] += weight * (gram[:, xp, -1] - chi @ wx)
+            self._inner += weight * (projection.T @ (ww @ projection))
+            cross = weight * (projection.T @ wx)
+            self._inner[:, :, xi] -= cross
+            self._inner[:, xi, :] -= cross.transpose(0, 2, 1)
+            self._inner[:, xi[:, None], xi] += weight * gram[:, xp[:, None], xp]
+
+    def f_value(self, group: IntArray) -> float:
+        """F of the amplitudes over their jackknife covariance; 0 where the stretches are too few for so many."""
+        s, k = len(self._rests), len(group)
+        if s <= k + 1:
+            return 0.0
+        inner = self._inner[:, group[:, None], group]
+        total = inner.sum(axis=0)
+        scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
+        inner = inner / np.outer(scale, scale)
+        rests = self._rests[:, group] / scale
+        ridge = 1e-9 * np.eye(k)
+        total = inner.sum(axis=0) + ridge
+        beta = np.linalg.solve(total, rests.sum(axis=0))
+        without = np.linalg.solve(total - inner + ridge, (rests.sum(axis=0) - rests)[:, :, None])[:, :, 0]
+        moved = without - without.mean(axis=0)
+        covariance = (s - 1) / s * (moved.T @ moved)
+        try:
+            against = float(beta @ np.linalg.solve(covariance, beta))
+        except np.linalg.LinAlgError:
+            return 0.0
+        return max(0.0, against) / k * (s - k) / (s - 1)
 
 
 def _test_errors(

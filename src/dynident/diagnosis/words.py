@@ -14,7 +14,6 @@ from dynident.regressors.model import Model
 from dynident.robot.model import FloatArray
 
 _SLOW = ("stribeck", "presliding", "viscous_nonlinear", "coulomb")
-_FLOOR_RATIO = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,19 +26,17 @@ class Finding:
 
 
 def rank_all(
-    picks: Sequence[Finding],
-    first: Sequence[Judged],
-    model: Model,
-    n_stretches: int,
-    recommended: Sequence[EffectChoice],
+    picks: Sequence[Finding], first: Sequence[Judged], recommended: Sequence[EffectChoice]
 ) -> tuple[RankedEffect, ...]:
     """Every family at its best place: what was picked in the order of picking, then the others by their gain."""
     ranked: list[RankedEffect] = []
     for finding, choice in zip(picks, recommended, strict=True):
         others = {item.candidate.effect for item in finding.equal} - {choice.effect}
-        known_twins = set(effect_by_id(choice.effect).confused_with) & {"coulomb_asymmetric"}
-        ranked.append(_ranked(len(ranked) + 1, finding.judged, finding.p, True, tuple(sorted(others | known_twins)),
-                              choice.shape, n_stretches))  # fmt: skip
+        twins = tuple(sorted(others | set(effect_by_id(choice.effect).same_function)))
+        why = f"It is what leaves {effect_by_id(choice.effect).signature}."
+        if twins:
+            why += f" This data cannot tell it from: {', '.join(twins)}."
+        ranked.append(_ranked(len(ranked) + 1, finding.judged, finding.p, choice.shape, why, twins))
     picked = {choice.effect for choice in recommended}
     best: dict[str, Judged] = {}
     for item in first:
@@ -47,9 +44,10 @@ def rank_all(
         if effect not in picked and (effect not in best or item.total_gain > best[effect].total_gain):
             best[effect] = item
     for item in sorted(best.values(), key=lambda judged: -judged.total_gain):
-        p = p_value(item.t, n_stretches, len(first))
-        # It passed on its own at first, but what was picked explains the same part of the residual.
-        ranked.append(_ranked(len(ranked) + 1, item, p, False, (), item.candidate.shape, n_stretches))
+        passed = item.passes(effect_by_id(item.candidate.effect).scope == "robot", len(first))
+        # It may have passed on its own at first; what was picked then explained the same part of the residual.
+        why = "What ranks above it explains the same part of the residual." if passed else "That is not enough."
+        ranked.append(_ranked(len(ranked) + 1, item, p_value(item, len(first)), item.candidate.shape, why, None))
     return tuple(ranked)
 
 
@@ -57,69 +55,48 @@ def _ranked(
     rank: int,
     item: Judged,
     p: float,
-    significant: bool,
-    equivalent: tuple[str, ...],
     shape: tuple[tuple[str, float], ...],
-    n_stretches: int,
+    why: str,
+    equivalent: tuple[str, ...] | None,
 ) -> RankedEffect:
+    """One row of the ranking; `equivalent` None: not a finding."""
     joints = list(item.joints)
     measured = np.maximum(item.measured[joints].sum(), 1e-300)
     before = float(np.sqrt(item.before[:, joints].sum() / measured))
     after = float(np.sqrt(item.after[:, joints].sum() / measured))
-    drop = 1.0 - after / before if before > 0 else 0.0
     return RankedEffect(
         rank=rank,
         effect=item.candidate.effect,
         joints=item.candidate.joints,
         error_before=before,
         error_after=after,
-        error_drop=drop,
+        error_drop=1.0 - after / before if before > 0 else 0.0,
         t_value=item.t,
         p_value=p,
-        significant=significant,
-        evidence=_evidence(item, before, after, drop, significant, equivalent, n_stretches),
-        equivalent=equivalent,
+        significant=equivalent is not None,
+        evidence=_evidence(item, before, after, why),
+        equivalent=equivalent or (),
         separability=item.separability,
         shape=shape,
     )
 
 
-def _evidence(
-    item: Judged,
-    before: float,
-    after: float,
-    drop: float,
-    significant: bool,
-    equivalent: tuple[str, ...],
-    n_stretches: int,
-) -> str:
+def _evidence(item: Judged, before: float, after: float, why: str) -> str:
     effect = effect_by_id(item.candidate.effect)
     place = ", ".join(item.candidate.joints) or "the whole robot"
-    if drop <= 0:
+    if after >= before:
         return f"{effect.title} on {place} does not improve the prediction of stretches left out of the fit."
-    text = (
+    return (
         f"{effect.title} on {place} lowers the error on stretches left out of the fit from {before:.2%} to {after:.2%} "
-        f"(t = {item.t:.1f} over {n_stretches} stretches, {item.share_improved:.0%} of them better)."
+        f"(t = {item.t:.1f} over {len(item.gains)} stretches, {item.share_improved:.0%} of them better). {why}"
     )
-    if significant:
-        text += f" It is what leaves {effect.signature}."
-        if equivalent:
-            names = ", ".join(equivalent)
-            text += f" This data cannot tell it from: {names}."
-    elif item.passes(effect.scope == "robot"):
-        text += " What ranks above it explains the same part of the residual."
-    else:
-        text += " That is not enough to be sure of it."
-    return text
 
 
-def verdict_of(
-    recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPattern], residual: FloatArray, floor: FloatArray
-) -> Verdict:
+def verdict_of(recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPattern]) -> Verdict:
     """The verdict: something nameable is missing, something is left that has no name, or nothing is."""
     if recommended:
         return "missing_effect"
-    if unknown or bool(np.all(residual > _FLOOR_RATIO * floor) and np.any(residual > 0) and len(unknown)):
+    if unknown:
         return "unexplained"
     return "adequate"
 

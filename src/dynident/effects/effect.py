@@ -84,7 +84,11 @@ class EffectChoice:
 
 
 class Effect(ABC):
-    """A physical cause of joint torque, linear in its parameters once its shape constants stand."""
+    """A physical cause of joint torque, linear in its parameters once its shape constants stand.
+
+    `confused_with` names effects that leave much the same residual; `same_function` those that are the same function
+    of the motion, so that no data can tell them apart.
+    """
 
     id: ClassVar[str]
     title: ClassVar[str]
@@ -93,6 +97,7 @@ class Effect(ABC):
     signature: ClassVar[str]
     sources: ClassVar[tuple[str, ...]]
     confused_with: ClassVar[tuple[str, ...]] = ()
+    same_function: ClassVar[tuple[str, ...]] = ()
     shapes: ClassVar[tuple[ShapeSpec, ...]] = ()
     scope: ClassVar[Literal["joint", "robot"]] = "joint"
     is_friction: ClassVar[bool] = False

@@ -21,7 +21,8 @@ class Offset(Effect):
     formula = r"b"
     parameters = (ParameterSpec("b", "N m", "constant torque", prismatic_unit="N"),)
     signature = "a constant"
-    confused_with = ("coulomb_asymmetric", "joint_spring")
+    confused_with = ("joint_spring",)
+    same_function = ("coulomb_asymmetric",)
     sources = ("Khalil and Dombre 2002, chapter 12",)
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
