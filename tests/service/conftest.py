@@ -1,14 +1,11 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from fastapi.testclient import TestClient
-
 from dynident_service.app import create_app
 from dynident_service.services import Services
 from dynident_service.settings import Settings
@@ -16,15 +13,10 @@ from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
+from fastapi.testclient import TestClient
+from service_helpers import TWO_JOINTS, wait_for
 
 HERE = Path(__file__).parent
-
-TWO_JOINTS = {
-    "joints": [
-        {"name": "shoulder", "alpha": 0, "d": 0, "r": 0},
-        {"name": "elbow", "alpha": 0, "d": 0.5, "r": 0},
-    ]
-}
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -89,15 +81,6 @@ def robot(client: TestClient) -> dict[str, Any]:
     answer = client.post("/v1/robots", json=body)
     assert answer.status_code == 201, answer.text
     return dict(answer.json())
-
-
-def wait_for(condition: Callable[[], Any], timeout: float = 30.0) -> Any:
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
-        if found := condition():
-            return found
-        time.sleep(0.01)
-    raise AssertionError(f"not within {timeout} s")
 
 
 def _ended(services: Services, job_id: str) -> Any:

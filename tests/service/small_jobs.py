@@ -8,8 +8,9 @@ import subprocess
 import time
 from pathlib import Path
 
-from dynident.errors import DynidentError
 from dynident_service.jobs.work import Outcome, Task
+
+from dynident.errors import DynidentError
 
 
 def answer(task: Task) -> Outcome:
@@ -48,12 +49,3 @@ def dies(task: Task) -> Outcome:
         note.write_text(str(deaths + 1))
         os.kill(os.getpid(), signal.SIGKILL)
     return Outcome({"deaths": deaths})
-
-
-def slow_then_write(task: Task) -> Outcome:
-    """Stop the whole process for longer than a lease, then try to write a result."""
-    note = Path(task.arguments["note"])
-    if not note.exists():
-        note.write_text("first")
-        return Outcome({"who": "first"})
-    return Outcome({"who": "second"})

@@ -5,6 +5,7 @@ It is a process of its own so that a computation can be stopped inside a solver:
 
 from __future__ import annotations
 
+import fcntl
 import importlib
 import logging
 import os
@@ -131,7 +132,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)  # what solvers print belongs to the log
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
-    threading.Thread(target=_die_with_parent, args=(lifeline,), daemon=True).start()
+    _die_with_parent(lifeline)
     for module in PRELOADED:
         importlib.import_module(module)
     connection = Connection(jobs)
@@ -149,8 +150,22 @@ def main() -> None:
 
 
 def _die_with_parent(lifeline: int) -> None:
-    os.read(lifeline, 1)  # returns when the other end is gone
-    os.killpg(os.getpgid(0), signal.SIGKILL)
+    """See to it that this process group ends when the other end of the pipe is gone.
+
+    The kernel does it where it can (Linux), as a thread would wait for a solver that holds the interpreter's lock.
+    """
+    group = os.getpgid(0)
+
+    def watch() -> None:
+        os.read(lifeline, 1)
+        os.killpg(group, signal.SIGKILL)
+
+    if hasattr(fcntl, "F_SETSIG"):
+        fcntl.fcntl(lifeline, fcntl.F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(lifeline, fcntl.F_SETOWN, -group)
+        fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | os.O_ASYNC)
+    # Elsewhere; and for a parent that was gone before the kernel was asked.
+    threading.Thread(target=watch, daemon=True).start()
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections import deque
+from collections.abc import Iterator
 from multiprocessing.connection import Connection
 
 from dynident_service.jobs.child import Order, Receipt
@@ -71,7 +72,8 @@ class ChildPool:
         self._size = size
         self._idle: deque[Child] = deque()
         self._busy: set[Child] = set()
-        self._lock = threading.Lock()
+        self._lock = threading.Condition()
+        self._users = 0
         self.closed = False
         for _ in range(size):
             self._idle.append(Child())
@@ -111,8 +113,20 @@ class ChildPool:
                 self._idle.appendleft(Child())
         return ended_with
 
-    def close(self) -> None:
-        """Kill all children. Whoever waits for one sees it die and finds `closed` set."""
+    @contextlib.contextmanager
+    def in_use(self) -> Iterator[None]:
+        """Mark that somebody supervises a child, so that `close` waits for what is still to be written down."""
+        with self._lock:
+            self._users += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._users -= 1
+                self._lock.notify_all()
+
+    def close(self, patience: float = 5.0) -> None:
+        """Kill all children, and wait until those who supervised one have written down that it is gone."""
         with self._lock:
             self.closed = True
             idle, self._idle = list(self._idle), deque()
@@ -122,3 +136,5 @@ class ChildPool:
         for child in busy:  # its supervisor closes the pipe
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(child.process.pid, signal.SIGKILL)
+        with self._lock:
+            self._lock.wait_for(lambda: self._users == 0, patience)

@@ -50,7 +50,8 @@ def run_claim(claim: Claim) -> None:
     """Do a job; this is what Dask runs."""
     secede()  # waiting takes no thread of the worker
     plugin = cast(Children, get_worker().plugins[PLUGIN])
-    supervise(claim, plugin.place, plugin.pool, plugin.ledger)
+    with plugin.pool.in_use():
+        supervise(claim, plugin.place, plugin.pool, plugin.ledger)
 
 
 def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> None:

@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from dynident_service.app import create_app
+from dynident_service.problems import fields_of
+from dynident_service.settings import Settings
+from fastapi.testclient import TestClient
+
+
+def test_a_path_that_is_not_there_gives_a_problem(client: TestClient) -> None:
+    answer = client.get("/v1/robot")
+    assert answer.status_code == 404
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["status"] == 404
+
+
+def test_a_method_not_allowed_lists_all_that_are(client: TestClient) -> None:
+    answer = client.put("/v1/robots")
+    assert answer.status_code == 405
+    assert answer.headers["allow"] == "GET, POST"
+    assert client.post("/v1/robots/x").headers["allow"] == "DELETE, GET"
+    assert client.delete("/v1/jobs/x").headers["allow"] == "GET"
+
+
+@pytest.mark.parametrize("content", [b"{", b"", b"[]", b"null", b'"x"', b"\xff\xfe", b"[" * 50_000, b'{"name": NaN}'])
+def test_a_body_that_is_no_request_gives_a_problem_and_never_a_500(client: TestClient, content: bytes) -> None:
+    for path in ("/v1/robots", "/v1/identifications", "/v1/designs", "/v1/simulations", "/v1/reports"):
+        answer = client.post(path, content=content, headers={"content-type": "application/json"})
+        assert answer.status_code in (400, 422), (path, answer.text)
+        assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_a_body_that_is_too_large_is_refused_by_its_stated_length(client: TestClient) -> None:
+    answer = client.post("/v1/measurements", files={"file": b"x" * 4_000_000}, data={"metadata": "{}"})
+    assert answer.status_code == 413
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_a_body_that_is_too_large_is_refused_without_a_stated_length(client: TestClient) -> None:
+    def endless() -> Iterator[bytes]:
+        yield b'--x\r\ncontent-disposition: form-data; name="file"; filename="f"\r\n\r\n'
+        for _ in range(100):
+            yield b"x" * 100_000
+
+    answer = client.post(
+        "/v1/measurements", content=endless(), headers={"content-type": "multipart/form-data; boundary=x"}
+    )
+    assert answer.status_code == 413
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert "3000000" in answer.json()["detail"]
+
+
+def test_a_query_that_does_not_fit_names_the_parameter(client: TestClient) -> None:
+    answer = client.get("/v1/robots", params={"limit": 0})
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["pointer"] == "limit"
+
+
+def test_something_unexpected_gives_no_stack_trace(settings: Settings) -> None:
+    app = create_app(settings.model_copy(update={"data_dir": settings.data_dir / "unexpected"}))
+
+    @app.get("/broken")
+    def broken() -> None:
+        raise RuntimeError("secret of the machine room")
+
+    # Without entering the application's lifespan: this route needs nothing that it opens.
+    answer = TestClient(app, "http://127.0.0.1", raise_server_exceptions=False).get("/broken")
+    assert answer.status_code == 500
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert "secret" not in answer.text
+    assert "Traceback" not in answer.text
+
+
+def test_pointers_pass_over_the_names_of_union_members_and_escape_what_they_must() -> None:
+    body = {"a/b": {"preprocessing": {"cut": "x"}}}
+    errors = [
+        {"type": "float_parsing", "loc": ("body", "a/b", "preprocessing", "Preprocessing", "cut", "float"), "msg": "1"},
+        {"type": "literal_error", "loc": ("body", "a/b", "preprocessing", "Preprocessing", "cut", "lit"), "msg": "2"},
+        {"type": "missing", "loc": ("body", "a/b", "order"), "msg": "3"},
+    ]
+    fields = fields_of(errors, body)
+    assert [(field.pointer, field.detail) for field in fields] == [
+        ("/a~1b/preprocessing/cut", "1; or 2"),
+        ("/a~1b/order", "3"),
+    ]
+
+
+def test_health_readiness_and_metrics_are_answered(client: TestClient) -> None:
+    assert client.get("/healthz").json()["status"] == "ok"
+    ready = client.get("/readyz")
+    assert ready.status_code == 200
+    assert ready.json()["checks"]["database"] == "ok"
+    client.get("/v1/robots/rob_nothing")
+    metrics = client.get("/metrics").text
+    assert 'route="/v1/robots/{robot_id}",status="404"' in metrics
+    assert "dynident_jobs" in metrics
+
+
+def test_the_documentation_is_served(client: TestClient) -> None:
+    assert client.get("/docs").status_code == 200
+    assert client.get("/openapi.json").json()["info"]["title"] == "dynident"

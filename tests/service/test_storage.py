@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import hashlib
+import io
+import threading
+from pathlib import Path
+
+import pytest
+from alembic import command
+from dynident_service.storage.database import Database
+from dynident_service.storage.identifiers import new_identifier
+from dynident_service.storage.migrate import configuration, migrate
+from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.tables import KeyRow
+from hypothesis import given
+from hypothesis import strategies as st
+
+
+@pytest.fixture
+def objects(tmp_path: Path) -> ObjectStore:
+    return ObjectStore((tmp_path / "objects").as_uri(), tmp_path / "cache")
+
+
+def test_an_object_comes_back_under_the_hash_of_its_bytes(objects: ObjectStore) -> None:
+    content = bytes(range(256)) * 50_000
+    stored = objects.put_file(io.BytesIO(content))
+    assert stored.key == hashlib.sha256(content).hexdigest()
+    assert stored.size == len(content)
+    assert stored.created
+    assert objects.get(stored.key) == content
+    assert b"".join(objects.stream(stored.key)) == content
+    assert objects.path(stored.key).read_bytes() == content
+
+
+def test_the_same_bytes_are_stored_once(objects: ObjectStore) -> None:
+    assert objects.put_bytes(b"abc").created
+    assert not objects.put_bytes(b"abc").created
+    assert not objects.put_file(io.BytesIO(b"abc")).created
+
+
+def test_deleting_an_object_twice_does_no_harm(objects: ObjectStore) -> None:
+    key = objects.put_bytes(b"abc").key
+    objects.delete(key)
+    objects.delete(key)
+    assert not objects.exists(key)
+    with pytest.raises(FileNotFoundError):
+        objects.path(key)
+
+
+@pytest.fixture(scope="module")
+def module_objects(tmp_path_factory: pytest.TempPathFactory) -> ObjectStore:
+    folder = tmp_path_factory.mktemp("objects")
+    return ObjectStore(folder.as_uri(), folder / "cache")
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_survive(module_objects: ObjectStore, content: bytes) -> None:
+    assert module_objects.get(module_objects.put_bytes(content).key) == content
+
+
+def test_the_migrations_make_exactly_the_tables_that_the_code_uses(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'db.sqlite3'}")
+    migrate(database)
+    migrate(database)
+    with database.engine.connect() as connection:
+        command.check(configuration(connection))
+    database.close()
+
+
+def test_writers_wait_for_each_other_instead_of_failing(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'db.sqlite3'}")
+    migrate(database)
+    failures: list[Exception] = []
+
+    def write(name: str) -> None:
+        try:
+            for number in range(25):
+                with database.write() as session:
+                    # Read, then write: what a deferred transaction may not do once another has written.
+                    session.get(KeyRow, "none")
+                    session.add(KeyRow(sha256=f"{name}{number}", name=name))
+        except Exception as error:
+            failures.append(error)
+
+    threads = [threading.Thread(target=write, args=(f"t{k}",)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failures == []
+    with database.read() as session:
+        assert len(session.query(KeyRow).all()) == 100
+    database.close()
+
+
+def test_identifiers_are_unique_and_sort_by_age() -> None:
+    import time
+
+    first = new_identifier("robot")
+    time.sleep(0.002)
+    second = new_identifier("robot")
+    assert first < second
+    assert len({new_identifier("job") for _ in range(1000)}) == 1000
+    assert len(first) <= 40

@@ -1,0 +1,129 @@
+"""The service is killed in the middle of its work, and started again."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+from dynident_service.storage.database import Database
+from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.records import NewJob
+from service_helpers import wait_for
+from test_jobs import is_running
+
+pytestmark = pytest.mark.slow
+
+Serve = Callable[[], tuple[subprocess.Popen[bytes], httpx2.Client]]
+
+
+@pytest.fixture
+def serve(tmp_path: Path) -> Iterator[Serve]:
+    """Starts the service as a process of its own, on the same data each time."""
+    running: list[subprocess.Popen[bytes]] = []
+
+    def start() -> tuple[subprocess.Popen[bytes], httpx2.Client]:
+        port = free_port()
+        variables = {
+            "DYNIDENT_DATA_DIR": str(tmp_path / "data"),
+            "DYNIDENT_PORT": str(port),
+            "DYNIDENT_WORKERS": "1",
+            "DYNIDENT_LOG_LEVEL": "warning",
+        }
+        process = subprocess.Popen([sys.executable, "-m", "dynident_service"], env={**os.environ, **variables})
+        running.append(process)
+        client = httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30)
+        wait_for(lambda: answers(client), timeout=60)
+        return process, client
+
+    yield start
+    for process in running:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+
+
+@pytest.fixture
+def ledger_of_service(tmp_path: Path) -> Iterator[Ledger]:
+    database = Database(f"sqlite:///{tmp_path / 'data' / 'dynident.sqlite3'}")
+    yield Ledger(database)
+    database.close()
+
+
+def test_a_killed_service_loses_no_job_and_leaves_no_process_behind(
+    serve: Serve, ledger_of_service: Ledger, tmp_path: Path
+) -> None:
+    process, _ = serve()
+    note = tmp_path / "pids"
+    running = ledger_of_service.enqueue(NewJob("report", "small_jobs:stubborn", {"note": str(note)}))
+    waiting = ledger_of_service.enqueue(NewJob("report", "small_jobs:answer"))
+    pids = [int(pid) for pid in wait_for(lambda: note.exists() and note.read_text().split(), timeout=60)]
+    process.kill()
+    process.wait()
+    wait_for(lambda: not any(is_running(pid) for pid in pids), timeout=10)
+    note.unlink()
+    assert ledger_of_service.get(waiting).state == "queued"
+
+    _, client = serve()
+    wait_for(note.exists, timeout=60)  # begun again, once the lease of the dead had run out
+    assert client.get(f"/v1/jobs/{running}").json()["attempt"] == 2
+    client.post(f"/v1/jobs/{running}/cancel")
+    wait_for(lambda: state(client, running) == "cancelled", timeout=5)
+    wait_for(lambda: state(client, waiting) == "succeeded", timeout=30)
+
+
+def test_a_service_that_is_stopped_gives_its_jobs_back_at_once(
+    serve: Serve, ledger_of_service: Ledger, tmp_path: Path
+) -> None:
+    process, _ = serve()
+    note = tmp_path / "pids"
+    job_id = ledger_of_service.enqueue(NewJob("report", "small_jobs:stubborn", {"note": str(note)}))
+    pids = [int(pid) for pid in wait_for(lambda: note.exists() and note.read_text().split(), timeout=60)]
+    began = time.monotonic()
+    process.send_signal(signal.SIGTERM)
+    process.wait(timeout=30)
+    assert time.monotonic() - began < 15
+    assert not any(is_running(pid) for pid in pids)
+    assert ledger_of_service.get(job_id).state == "queued"
+
+
+def test_a_client_that_lost_its_connection_follows_on_where_it_was(serve: Serve, ledger_of_service: Ledger) -> None:
+    _, client = serve()
+    job_id = ledger_of_service.enqueue(NewJob("report", "small_jobs:count", {"steps": 8}))
+    first = []
+    with client.sse(f"/v1/jobs/{job_id}/events") as source:
+        for event in source:
+            first.append(event)
+            if event.event == "progress":
+                break  # the connection is given up in the middle
+    with client.sse(f"/v1/jobs/{job_id}/events", headers={"Last-Event-ID": first[-1].id}) as source:
+        rest = list(source)
+    identifiers = [int(event.id) for event in first + rest]
+    assert identifiers == sorted(set(identifiers))
+    with client.sse(f"/v1/jobs/{job_id}/events") as source:
+        assert [int(event.id) for event in source] == identifiers
+
+
+def state(client: httpx2.Client, job_id: str) -> Any:
+    return client.get(f"/v1/jobs/{job_id}").json()["state"]
+
+
+def answers(client: httpx2.Client) -> bool:
+    try:
+        return client.get("/healthz").status_code == 200
+    except httpx2.TransportError:
+        return False
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
