@@ -1,0 +1,78 @@
+"""The client: a connection to one service, with its collections."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any, Self
+
+import httpx2
+
+from dynident_client.inputs import Designs, Measurements, Robots, Simulations
+from dynident_client.jobs import Jobs
+from dynident_client.outputs import Comparisons, Diagnoses, Identifications, Reports, Validations
+from dynident_client.transport import Transport
+
+
+class Client:
+    """A connection to a dynident service.
+
+    Parameters
+    ----------
+    base_url : str
+    api_key : str, optional
+        Not needed on the service's own machine.
+    timeout : float
+        Seconds to wait for an answer; computations may take as long as they like, see `wait`.
+    transport : httpx2.BaseTransport, optional
+        Another way to reach the service, for tests.
+    """
+
+    def __init__(
+        self,
+        base_url: str = "http://127.0.0.1:8000",
+        *,
+        api_key: str | None = None,
+        timeout: float = 120.0,
+        transport: httpx2.BaseTransport | None = None,
+    ) -> None:
+        self._transport = Transport(base_url, api_key, timeout, transport)
+        self.robots = Robots(self._transport)
+        self.measurements = Measurements(self._transport)
+        self.designs = Designs(self._transport)
+        self.simulations = Simulations(self._transport)
+        self.identifications = Identifications(self._transport)
+        self.comparisons = Comparisons(self._transport)
+        self.diagnoses = Diagnoses(self._transport)
+        self.validations = Validations(self._transport)
+        self.reports = Reports(self._transport)
+        self.jobs = Jobs(self._transport)
+
+    def effects(self) -> list[dict[str, Any]]:
+        """Read the catalogue of effects."""
+        return list(self._transport.get("/v1/effects")["items"])
+
+    def health(self) -> dict[str, Any]:
+        """Ask whether the service answers."""
+        return dict(self._transport.get("/healthz"))
+
+    def readiness(self) -> dict[str, Any]:
+        """Ask whether database, objects and engine work; a ProblemError with status 503 if not."""
+        return dict(self._transport.get("/readyz"))
+
+    def metrics(self) -> str:
+        """Read the figures for Prometheus."""
+        return self._transport.get_bytes("/metrics").decode()
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._transport.close()
+
+    def __enter__(self) -> Self:
+        """Use it in a with statement."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the connection."""
+        self.close()

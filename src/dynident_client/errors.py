@@ -1,0 +1,30 @@
+"""What goes wrong between a program and the service."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+
+class ProblemError(Exception):
+    """The service refused a request (RFC 9457): `problem` is its answer, `status`, `title` and `detail` of it."""
+
+    def __init__(self, problem: Mapping[str, Any]) -> None:
+        self.problem = problem
+        self.status = int(problem.get("status", 0))
+        self.title = str(problem.get("title", ""))
+        self.detail = str(problem.get("detail", ""))
+        super().__init__(f"{self.title}: {self.detail}" if self.title else self.detail)
+
+    @property
+    def errors(self) -> list[dict[str, Any]]:
+        """The fields, columns or parameters that are wrong: pointer and detail of each."""
+        return list(self.problem.get("errors", []))
+
+
+class JobFailed(ProblemError):
+    """A computation could not be done."""
+
+
+class JobCancelled(Exception):
+    """A computation was cancelled."""

@@ -1,0 +1,97 @@
+"""Collections of what identifications start from: robots, measurements, designs, simulations."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from dynident_client.collection import Collection
+from dynident_client.records import Design, Measurement, Record, Robot, Simulation, id_of
+
+
+class Robots(Collection[Robot]):
+    """Robots."""
+
+    kind = Robot
+
+    def create(
+        self,
+        name: str,
+        *,
+        urdf: Path | str | None = None,
+        modified_dh: Mapping[str, Any] | str | None = None,
+        **more: Any,
+    ) -> Robot:
+        """Store a robot from its URDF (a path, or the text) or its modified Denavit-Hartenberg table.
+
+        `more`: limits, drives, locked_joints, gravity, base_parameters_tolerance, as in the contract.
+        """
+        if (urdf is None) == (modified_dh is None):
+            raise ValueError("give either urdf or modified_dh")
+        if urdf is not None:
+            content: Any = urdf.read_text() if isinstance(urdf, Path) else urdf
+            return self._post({"name": name, "description": {"format": "urdf", "content": content}, **more})
+        return self._post({"name": name, "description": {"format": "modified_dh", "content": modified_dh}, **more})
+
+
+class Measurements(Collection[Measurement]):
+    """Recordings."""
+
+    kind = Measurement
+
+    def upload(self, robot: Record | str, file: Path | str, *, name: str | None = None, **more: Any) -> Measurement:
+        """Upload a CSV or Parquet file.
+
+        `more`: role, windows, columns, units, format, payload, accept, as in the contract.
+        """
+        path = Path(file)
+        metadata = {"robot_id": id_of(robot), "name": name or path.stem, **more}
+        with path.open("rb") as opened:
+            return self._record(
+                self._transport.upload(self.path, path.name, opened, {"metadata": json.dumps(metadata)})
+            )
+
+    def content(self, measurement: Record | str) -> Iterator[bytes]:
+        """Read the file back as it was uploaded, in pieces."""
+        return self._transport.stream(f"{self.path}/{id_of(measurement)}/content")
+
+
+class Designs(Collection[Design]):
+    """Designs of experiments."""
+
+    kind = Design
+
+    def create(self, robot: Record | str, *, kind: str = "optimized", **more: Any) -> Design:
+        """Design an experiment.
+
+        `more`: effects, criterion, trajectory, limits, time_budget, seed, …, as in the contract.
+        """
+        return self._post({"robot_id": id_of(robot), "kind": kind, **more})
+
+    def trajectory(self, design: Record | str, format: Literal["csv", "parquet", "json"] = "csv") -> bytes:
+        """Read the trajectory: t, q…, dq…, ddq… at the sampling rate."""
+        return self._transport.get_bytes(f"{self.path}/{id_of(design)}/trajectory", format=format)
+
+
+class Simulations(Collection[Simulation]):
+    """Virtual robots that are measured."""
+
+    kind = Simulation
+
+    def create(
+        self,
+        robot: Record | str,
+        *,
+        design: Record | str | None = None,
+        trajectory: Mapping[str, Any] | None = None,
+        effects: Sequence[Mapping[str, Any]] | None = None,
+        **more: Any,
+    ) -> Simulation:
+        """Have a virtual robot make the motion of a design, or a trajectory; the result names the measurement.
+
+        `more`: parameters, noise, seed, …, as in the contract.
+        """
+        motion = {"design_id": None if design is None else id_of(design), "trajectory": trajectory}
+        return self._post({"robot_id": id_of(robot), "effects": effects, **motion, **more})

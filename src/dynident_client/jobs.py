@@ -1,0 +1,40 @@
+"""The collection of jobs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from dynident_client.records import Job, Page, Record, id_of
+from dynident_client.transport import Event, Transport
+
+
+class Jobs:
+    """Computations."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def get(self, job: Record | str) -> Job:
+        """Tell where a job stands."""
+        return Job(self._transport, self._transport.get(f"{Job.path}/{id_of(job)}"))
+
+    def page(
+        self,
+        limit: int | None = None,
+        cursor: str | None = None,
+        *,
+        state: str | None = None,
+        kind: str | None = None,
+    ) -> Page[Job]:
+        """Read a part of the list, newest first."""
+        data: dict[str, Any] = self._transport.get(Job.path, limit=limit, cursor=cursor, state=state, kind=kind)
+        return Page([Job(self._transport, one) for one in data["items"]], data["cursor"])
+
+    def events(self, job: Record | str) -> Iterator[Event]:
+        """Follow a job from its first event to its end, over lost connections."""
+        return self._transport.events(f"{Job.path}/{id_of(job)}/events")
+
+    def cancel(self, job: Record | str) -> Job:
+        """Stop a job."""
+        return Job(self._transport, self._transport.post(f"{Job.path}/{id_of(job)}/cancel"))

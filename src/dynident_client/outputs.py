@@ -1,0 +1,160 @@
+"""Collections of what comes out: identifications, comparisons, diagnoses, validations, reports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from dynident_client.collection import Collection
+from dynident_client.records import Comparison, Diagnosis, Identification, Record, Report, Validation, id_of
+
+Effects = Sequence[Mapping[str, Any] | str]
+
+
+class Identifications(Collection[Identification]):
+    """Identified models."""
+
+    kind = Identification
+
+    def create(
+        self,
+        robot: Record | str,
+        measurements: Sequence[Record | str],
+        *,
+        validation: Sequence[Record | str] = (),
+        effects: Effects | None = None,
+        **more: Any,
+    ) -> Identification:
+        """Identify the base parameters of a robot.
+
+        `effects`: ids, or {"effect", "joints"}. `more`: model, strategy, estimator, preprocessing, name, as in the
+        contract.
+        """
+        body = {
+            "robot_id": id_of(robot),
+            "measurement_ids": [id_of(one) for one in measurements],
+            "validation_ids": [id_of(one) for one in validation],
+            "effects": None if effects is None else _effects(effects),
+            **more,
+        }
+        return self._post(body)
+
+    def extend(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
+        """Add effects: a new identification, whose parent is this one."""
+        return self._post({"effects": _effects(effects), "name": name}, f"/{id_of(identification)}/extend")
+
+    def lineage(self, identification: Record | str) -> list[dict[str, Any]]:
+        """Read the ladder of models that led to this one, the first one first."""
+        return list(self._transport.get(f"{self.path}/{id_of(identification)}/lineage")["items"])
+
+    def export(self, identification: Record | str, format: Literal["urdf", "json", "mjcf", "c"] = "json") -> bytes:
+        """Read the model in a format that other programs read."""
+        return self._transport.get_bytes(f"{self.path}/{id_of(identification)}/export", format=format)
+
+
+class Comparisons(Collection[Comparison]):
+    """Models beside measurements."""
+
+    kind = Comparison
+
+    def create(self, identification: Record | str, measurement: Record | str, *, name: str | None = None) -> Comparison:
+        """Hold a model against a measurement."""
+        ids = {"identification_id": id_of(identification), "measurement_id": id_of(measurement)}
+        return self._post({**ids, "name": name})
+
+    def series(
+        self,
+        comparison: Record | str,
+        joint: str,
+        *,
+        start: float | None = None,
+        end: float | None = None,
+        points: int | None = None,
+    ) -> dict[str, Any]:
+        """Read a joint's measured and predicted torque over time, thinned for plotting."""
+        path = f"{self.path}/{id_of(comparison)}/series"
+        return dict(self._transport.get(path, joint=joint, from_=start, to=end, points=points))
+
+    def residual_map(
+        self, comparison: Record | str, joint: str, x: str, y: str | None = None, *, bins: int | None = None
+    ) -> dict[str, Any]:
+        """Read mean, spread and count of a joint's residual over any two signals."""
+        path = f"{self.path}/{id_of(comparison)}/residual_map"
+        return dict(self._transport.get(path, joint=joint, x=x, y=y, bins=bins))
+
+
+class Diagnoses(Collection[Diagnosis]):
+    """What is missing in models."""
+
+    kind = Diagnosis
+
+    def create(
+        self,
+        identification: Record | str,
+        *,
+        measurements: Sequence[Record | str] | None = None,
+        candidates: Sequence[str] | None = None,
+        max_effects: int | None = None,
+        name: str | None = None,
+    ) -> Diagnosis:
+        """Find what is missing in a model, on the data it was identified from if no other is given."""
+        body = {
+            "identification_id": id_of(identification),
+            "measurement_ids": None if measurements is None else [id_of(one) for one in measurements],
+            "candidates": None if candidates is None else list(candidates),
+            "max_effects": max_effects,
+            "name": name,
+        }
+        return self._post(body)
+
+
+class Validations(Collection[Validation]):
+    """Trials of models."""
+
+    kind = Validation
+
+    def create(
+        self,
+        identification: Record | str,
+        kind: str,
+        *,
+        measurements: Sequence[Record | str] | None = None,
+        name: str | None = None,
+    ) -> Validation:
+        """Try a model: "direct", "cross", "inertia_matrix", …."""
+        measurement_ids = None if measurements is None else [id_of(one) for one in measurements]
+        body = {"identification_id": id_of(identification), "kind": kind, "measurement_ids": measurement_ids}
+        return self._post({**body, "name": name})
+
+
+class Reports(Collection[Report]):
+    """Reports."""
+
+    kind = Report
+
+    def create(
+        self,
+        identification: Record | str,
+        *,
+        diagnosis: Record | str | None = None,
+        measurements: Sequence[Record | str] | None = None,
+        format: Literal["html", "pdf", "json"] = "html",
+        name: str | None = None,
+    ) -> Report:
+        """Write a report of a model."""
+        body = {
+            "identification_id": id_of(identification),
+            "diagnosis_id": None if diagnosis is None else id_of(diagnosis),
+            "measurement_ids": None if measurements is None else [id_of(one) for one in measurements],
+            "format": format,
+            "name": name,
+        }
+        return self._post(body)
+
+    def content(self, report: Record | str) -> bytes:
+        """Read the document."""
+        return self._transport.get_bytes(f"{self.path}/{id_of(report)}/content")
+
+
+def _effects(effects: Effects) -> list[dict[str, Any]]:
+    return [{"effect": one} if isinstance(one, str) else dict(one) for one in effects]

@@ -1,0 +1,201 @@
+"""What the service answers, as objects that know how to go on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Generic, Self, TypeVar
+
+from dynident_client.errors import JobCancelled, JobFailed
+from dynident_client.transport import Event, Transport
+
+RecordT = TypeVar("RecordT", bound="Record")
+OnProgress = Callable[[float, str], None]
+
+
+class Record:
+    """A resource: `data` is the service's answer; its fields are there by index too."""
+
+    path = ""
+
+    def __init__(self, transport: Transport, data: Mapping[str, Any]) -> None:
+        self._transport = transport
+        self.data = data
+
+    def __getitem__(self, field: str) -> Any:
+        """Give a field of the answer."""
+        return self.data[field]
+
+    def __repr__(self) -> str:
+        """Name the resource."""
+        return f"<{type(self).__name__} {self.id} {self.name or ''}>"
+
+    @property
+    def id(self) -> str:
+        """Its identifier."""
+        return str(self.data["id"])
+
+    @property
+    def name(self) -> str | None:
+        """Its name, if it was given one."""
+        return self.data.get("name")
+
+    def refresh(self) -> Self:
+        """Read it again."""
+        self.data = self._transport.get(f"{self.path}/{self.id}")
+        return self
+
+
+class Computed(Record):
+    """A resource that a job computes."""
+
+    @property
+    def status(self) -> str:
+        """As of the last answer: queued, running, succeeded, failed or cancelled."""
+        return str(self.data["status"])
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """What came out, once the status is succeeded."""
+        found = self.data.get("result")
+        if found is None:
+            raise LookupError(f"{self.id} is {self.status}: there is no result; wait() for it")
+        return dict(found)
+
+    @property
+    def job_id(self) -> str:
+        """The job that computes it."""
+        return str(self.data["job_id"])
+
+    def wait(self, on_progress: OnProgress | None = None) -> Self:
+        """Wait until it has been computed, over lost connections; `on_progress` is told fraction and message.
+
+        Raises
+        ------
+        JobFailed
+            With the problem that the service states.
+        JobCancelled
+        """
+        for event in self.events():
+            if event.event == "progress" and on_progress is not None:
+                on_progress(float(event.data["fraction"]), str(event.data["message"]))
+        self.refresh()
+        if self.status == "failed":
+            raise JobFailed(self.data["error"])
+        if self.status == "cancelled":
+            raise JobCancelled(f"{self.id} was cancelled")
+        return self
+
+    def events(self) -> Iterator[Event]:
+        """Follow the job from its first event to its end."""
+        return self._transport.events(f"/v1/jobs/{self.job_id}/events")
+
+    def cancel(self) -> None:
+        """Stop the computation."""
+        self._transport.post(f"/v1/jobs/{self.job_id}/cancel")
+
+
+class Robot(Record):
+    """A robot."""
+
+    path = "/v1/robots"
+
+    @property
+    def joints(self) -> list[dict[str, Any]]:
+        """Name, type and limits of each moving joint."""
+        return list(self.data["joints"])
+
+
+class Measurement(Record):
+    """A recording."""
+
+    path = "/v1/measurements"
+
+    @property
+    def checks(self) -> list[dict[str, Any]]:
+        """What was looked at, and found."""
+        return list(self.data["checks"])
+
+
+class Design(Computed):
+    """A designed experiment."""
+
+    path = "/v1/designs"
+
+
+class Simulation(Computed):
+    """A measured virtual robot."""
+
+    path = "/v1/simulations"
+
+
+class Identification(Computed):
+    """An identified model."""
+
+    path = "/v1/identifications"
+
+
+class Comparison(Computed):
+    """A model beside a measurement."""
+
+    path = "/v1/comparisons"
+
+
+class Diagnosis(Computed):
+    """What is missing in a model."""
+
+    path = "/v1/diagnoses"
+
+
+class Validation(Computed):
+    """A trial of a model."""
+
+    path = "/v1/validations"
+
+
+class Report(Computed):
+    """A report."""
+
+    path = "/v1/reports"
+
+    def content(self) -> bytes:
+        """The document."""
+        return self._transport.get_bytes(f"{self.path}/{self.id}/content")
+
+    def save(self, path: Path | str) -> Path:
+        """Write the document to a file."""
+        target = Path(path)
+        target.write_bytes(self.content())
+        return target
+
+
+class Job(Record):
+    """A computation."""
+
+    path = "/v1/jobs"
+
+    @property
+    def state(self) -> str:
+        """As of the last answer."""
+        return str(self.data["state"])
+
+
+class Page(Generic[RecordT]):
+    """A part of a list, newest first; `cursor` gives the next part."""
+
+    def __init__(self, items: list[RecordT], cursor: str | None) -> None:
+        self.items = items
+        self.cursor = cursor
+
+    def __iter__(self) -> Iterator[RecordT]:
+        """Go through the items of this part."""
+        return iter(self.items)
+
+    def __len__(self) -> int:
+        """Count the items of this part."""
+        return len(self.items)
+
+
+def id_of(resource: Record | str) -> str:
+    """Give the identifier of a resource, or the one that was given."""
+    return resource if isinstance(resource, str) else resource.id

@@ -1,0 +1,122 @@
+"""Requests to the service: errors become exceptions, POSTs may be repeated, event streams resume."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import IO, Any
+
+import httpx2
+
+from dynident_client.errors import ProblemError
+
+TRIES = 4
+PAUSE = 0.25
+"""Seconds before the second try; twice as long before each further one."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event of a job: "progress" with fraction and message, or "state"."""
+
+    id: str
+    event: str
+    data: Mapping[str, Any]
+
+
+class Transport:
+    """A connection to one service."""
+
+    def __init__(
+        self, base_url: str, api_key: str | None, timeout: float, transport: httpx2.BaseTransport | None
+    ) -> None:
+        headers = {} if api_key is None else {"Authorization": f"Bearer {api_key}"}
+        self._http = httpx2.Client(base_url=base_url, headers=headers, timeout=timeout, transport=transport)
+
+    def get(self, path: str, **params: Any) -> Any:
+        """Read JSON."""
+        return self._send("GET", path, params=params).json()
+
+    def get_bytes(self, path: str, **params: Any) -> bytes:
+        """Read bytes."""
+        return self._send("GET", path, params=params).content
+
+    def stream(self, path: str, **params: Any) -> Iterator[bytes]:
+        """Read bytes in pieces."""
+        with self._http.stream("GET", path, params=_given(params)) as answer:
+            if answer.is_error:
+                answer.read()
+                _raise_problem(answer)
+            yield from answer.iter_bytes()
+
+    def post(self, path: str, body: Mapping[str, Any] | None = None) -> Any:
+        """Send JSON; a try whose answer was lost is repeated without doing the work twice."""
+        return self._send("POST", path, json=None if body is None else _given(body)).json()
+
+    def upload(self, path: str, name: str, file: IO[bytes], fields: Mapping[str, str]) -> Any:
+        """Send a file and fields as a form."""
+        return self._send("POST", path, files={"file": (name, file)}, data=dict(fields), rewind=file).json()
+
+    def delete(self, path: str) -> None:
+        """Delete."""
+        self._send("DELETE", path)
+
+    def events(self, path: str) -> Iterator[Event]:
+        """Follow a stream of events to its end, over lost connections."""
+        last, tries = "", 0
+        while True:
+            headers = {"Last-Event-ID": last} if last else {}
+            try:
+                with self._http.stream("GET", path, headers=headers, timeout=httpx2.Timeout(30.0)) as answer:
+                    if answer.is_error:
+                        answer.read()
+                        _raise_problem(answer)
+                    for one in httpx2.EventSource(answer):
+                        last, tries = one.id or last, 0
+                        data = one.json()
+                        assert isinstance(data, dict)
+                        yield Event(one.id, one.event, data)
+                return
+            except httpx2.TransportError:
+                tries += 1
+                if tries >= TRIES:
+                    raise
+                time.sleep(PAUSE * 2**tries)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._http.close()
+
+    def _send(self, method: str, path: str, *, rewind: IO[bytes] | None = None, **content: Any) -> httpx2.Response:
+        headers = {"Idempotency-Key": uuid.uuid4().hex} if method == "POST" else {}
+        if "params" in content:
+            content["params"] = _given(content["params"])
+        for attempt in range(TRIES):
+            try:
+                answer = self._http.request(method, path, headers=headers, **content)
+            except httpx2.TransportError:
+                if attempt == TRIES - 1 or (method == "DELETE" and attempt > 0):
+                    raise
+                time.sleep(PAUSE * 2**attempt)
+                if rewind is not None:
+                    rewind.seek(0)
+                continue
+            if answer.is_error:
+                _raise_problem(answer)
+            return answer
+        raise AssertionError("unreachable")
+
+
+def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Leave out what nobody gave."""
+    return {name.removesuffix("_"): value for name, value in values.items() if value is not None}
+
+
+def _raise_problem(answer: httpx2.Response) -> None:
+    problem: dict[str, Any] = {}
+    if "problem+json" in answer.headers.get("content-type", ""):
+        problem = answer.json()
+    stated = {"status": answer.status_code, "title": answer.reason_phrase, "detail": answer.text[:500]}
+    raise ProblemError({**stated, **problem})
