@@ -1,7 +1,4 @@
-"""Print the table of effects in README.md, from the catalogue.
-
-    python docs/effects_table.py
-"""
+"""Print the table of effects in README.md, from the catalogue: `python docs/effects_table.py`."""
 
 from __future__ import annotations
 
