@@ -6,6 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fastapi.testclient import TestClient
+from service_helpers import TWO_JOINTS, wait_for
+
 from dynident_service.app import create_app
 from dynident_service.services import Services
 from dynident_service.settings import Settings
@@ -13,8 +16,6 @@ from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
-from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, wait_for
 
 HERE = Path(__file__).parent
 

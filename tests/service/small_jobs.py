@@ -8,9 +8,8 @@ import subprocess
 import time
 from pathlib import Path
 
-from dynident_service.jobs.work import Outcome, Task
-
 from dynident.errors import DynidentError
+from dynident_service.jobs.work import Outcome, Task
 
 
 def answer(task: Task) -> Outcome:

@@ -3,13 +3,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from fastapi.testclient import TestClient
+
 from dynident_service.app import create_app
 from dynident_service.keys import create_key, hash_of
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.tables import KeyRow
-from fastapi.testclient import TestClient
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dynident_service.services import Services
 from fastapi.testclient import TestClient
 from service_helpers import wait_for
+
+from dynident_service.services import Services
 
 Start = Callable[..., str]
 Wait = Callable[..., Any]

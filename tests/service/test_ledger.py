@@ -5,6 +5,7 @@ from datetime import timedelta
 from pathlib import Path
 
 import pytest
+
 from dynident_service.problems import ProblemError, make_problem
 from dynident_service.storage import ledger as ledger_module
 from dynident_service.storage.database import Database

@@ -3,10 +3,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from fastapi.testclient import TestClient
+
 from dynident_service.app import create_app
 from dynident_service.problems import fields_of
 from dynident_service.settings import Settings
-from fastapi.testclient import TestClient
 
 
 def test_a_path_that_is_not_there_gives_a_problem(client: TestClient) -> None:

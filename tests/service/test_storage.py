@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 from alembic import command
+from hypothesis import given
+from hypothesis import strategies as st
+
 from dynident_service.storage.database import Database
 from dynident_service.storage.identifiers import new_identifier
 from dynident_service.storage.migrate import configuration, migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.tables import KeyRow
-from hypothesis import given
-from hypothesis import strategies as st
 
 
 @pytest.fixture

@@ -14,11 +14,12 @@ from typing import Any
 
 import httpx2
 import pytest
+from service_helpers import wait_for
+from test_jobs import is_running
+
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.records import NewJob
-from service_helpers import wait_for
-from test_jobs import is_running
 
 pytestmark = pytest.mark.slow
 
