@@ -38,6 +38,7 @@ def import_file(
             role=metadata.role,
             windows=tuple(metadata.windows),
             payload=metadata.payload,
+            torque_delay=metadata.torque_delay,
             accept=tuple(metadata.accept),
         ),
         limits=[

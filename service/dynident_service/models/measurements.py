@@ -23,6 +23,7 @@ class MeasurementMetadata(Asked):
     role: Role | None = None
     windows: list[tuple[float, float]] = Field(default=[], description="Seconds of t to use, [from, to]; else all")
     payload: dict[str, Any] | None = None
+    torque_delay: float = Field(default=0.0, description="Seconds by which the file's torque is late")
     accept: list[str] = Field(default=[], description="Names of checks whose errors are to count as warnings.")
 
 
