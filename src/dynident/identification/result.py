@@ -112,11 +112,10 @@ class Identification:
 
 
 def judge_parameters(relative: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which parameters are well identified by the rule of ten times the smallest relative deviation (§12.7).
+    """Which parameters are well identified: within ten times the smallest relative standard deviation (§12.7).
 
-    A single parameter that is known far better than all others would condemn everything by that rule, so a parameter
-    within 10 % of its value always counts as well identified, and one whose deviation exceeds half its value never.
+    Where even the best parameter is known badly the rule would call everything good, so a parameter whose standard
+    deviation exceeds half its value never is.
     """
     smallest = float(np.min(relative, initial=np.inf))
-    good = (relative <= 10.0 * smallest) | (relative <= 0.1)
-    return np.asarray(good & (relative <= 0.5))
+    return np.asarray((relative <= 10.0 * smallest) & (relative <= 0.5))
