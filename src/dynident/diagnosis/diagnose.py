@@ -14,11 +14,13 @@ from dynident.diagnosis.residuals import angle_lines, failure_map, noise_floor, 
 from dynident.diagnosis.result import Diagnosis, Invisible
 from dynident.diagnosis.scoring import Products, held_out_errors, products, score_candidates
 from dynident.diagnosis.words import Finding, next_experiment, rank_all, summary, verdict_of
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.identification import Identification, extend
 from dynident.identification.shapes import refine_shapes
 from dynident.progress import Progress, part, silent
-from dynident.recordings import Recording
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model import Model
+from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
@@ -72,7 +74,7 @@ def diagnose(
     data = products(reduction)
     first = _judge_all(data, pool, tuple(range(pool.n_base)), pool.candidates, identification.statistics.noise)
     picks = _search(data, pool, identification.statistics.noise, first, most_effects, part(progress, 0.5, 0.8))
-    recommended = _refined(identification, picks, recordings, reference, part(progress, 0.8, 0.9))
+    picks, recommended = _refined(identification, picks, recordings, reference, part(progress, 0.8, 0.9))
     floor = noise_floor(recordings, identification.preprocessing)
     final = _extended_comparisons(identification, recommended, recordings, comparisons, part(progress, 0.9, 1.0))
     unknown = unknown_patterns(final)
@@ -243,11 +245,46 @@ def _refined(
     recordings: Sequence[Recording],
     reference: FloatArray,
     progress: Progress,
-) -> tuple[EffectChoice, ...]:
-    choices = [finding.judged.candidate.choice for finding in picks]
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
+    """The picks with their shape constants refined, without those that only made up for another's coarse shape."""
+    kept = tuple(picks)
+    choices = tuple(finding.judged.candidate.choice for finding in kept)
     if not choices:
-        return ()
-    return refine_shapes(identification.model, choices, recordings, identification.preprocessing, reference, progress)
+        return (), ()
+    model, preprocessing = identification.model, identification.preprocessing
+    choices = refine_shapes(model, choices, recordings, preprocessing, reference, part(progress, 0.0, 0.5))
+    while len(kept) > 1:
+        needed = _needed(model, kept, choices, recordings, preprocessing, reference)
+        if len(needed) == len(kept):
+            break
+        kept, choices = tuple(kept[i] for i in needed), tuple(choices[i] for i in needed)
+        choices = refine_shapes(model, choices, recordings, preprocessing, reference)
+    return kept, choices
+
+
+def _needed(
+    model: Model,
+    picks: Sequence[Finding],
+    choices: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+) -> list[int]:
+    """Indices of the picks that still improve the prediction beside the others, with the shapes of `choices`."""
+    columns = list(model.kept)
+    refined: list[Finding] = []
+    for finding, choice in zip(picks, choices, strict=True):
+        made = columns_of([choice], model.signals)
+        numbers = tuple(range(len(columns), len(columns) + len(made)))
+        candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers)
+        refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate)))
+        columns += made
+    observation = Observation.of(model.robot, columns, model.signals)
+    pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined))
+    data = products(reduce_recordings(observation, recordings, preprocessing, reference))
+    everything = tuple(range(len(columns)))
+    still = _pruned(data, pool, _State(everything, _noise(data, everything), tuple(refined)))
+    return [i for i, finding in enumerate(refined) if any(finding is other for other in still)]
 
 
 def _extended_comparisons(

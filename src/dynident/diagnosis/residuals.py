@@ -21,6 +21,8 @@ _MOST_ROWS = 20_000
 _LINE_RATIO = 12.0
 _LINES_A_JOINT = 2
 _HIGHEST_LINE = 250.0
+# Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
+_SURROUNDINGS = 181
 
 
 def noise_floor(recordings: Sequence[Recording], preprocessing: Preprocessing) -> FloatArray:
@@ -168,8 +170,10 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[i
 
 def _peaks(k: FloatArray, power: FloatArray) -> list[float]:
     """The highest peaks that stand out of their surroundings."""
-    width = 41
-    padded = np.pad(power, width // 2, mode="reflect" if len(power) > width else "edge")
+    if len(power) < 3:
+        return []
+    width = min(_SURROUNDINGS, 2 * ((len(power) - 1) // 2) + 1)
+    padded = np.pad(power, width // 2, mode="reflect")
     surrounding = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
     ratio = power / np.maximum(surrounding, np.finfo(float).tiny)
     inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
