@@ -1,0 +1,135 @@
+"""The whole story of a user, through the Python client, against a service that listens."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import uvicorn
+from service_helpers import wait_for
+
+from dynident.robot import library_table
+from dynident_client import Client, JobFailed, ProblemError
+from dynident_service.app import create_app
+from dynident_service.settings import Settings
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    settings = Settings(data_dir=tmp_path_factory.mktemp("story"), workers=2)
+    server = uvicorn.Server(uvicorn.Config(create_app(settings), port=0, log_level="warning"))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    wait_for(lambda: server.started)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    with Client(f"http://127.0.0.1:{port}") as client:
+        yield client
+    server.should_exit = True
+    thread.join()
+
+
+def test_a_hidden_effect_is_found_added_and_reported(live: Client, tmp_path: Path) -> None:
+    robot = live.robots.create("scara", modified_dh=library_table("scara"))
+    trajectory = {"duration": 10.0, "periods": 2, "sampling_rate": 200.0}
+    design = live.designs.create(robot, kind="random", trajectory=trajectory).wait()
+    assert design.result["n_samples"] > 4000
+    table = live.designs.trajectory(design).splitlines()
+    assert len(table) == design.result["n_samples"] + 1
+    assert len(json.loads(live.designs.trajectory(design, "json"))["q"][0]) == 4
+    assert live.designs.trajectory(design, "parquet")[:4] == b"PAR1"
+
+    joint = robot.joints[0]["name"]
+    drive = [{"effect": "rotor_inertia"}, {"effect": "coulomb"}, {"effect": "viscous"}]
+    hidden = {"effect": "joint_spring", "joints": [joint], "parameters": {"ks": 12.0, "bs": 1.0}}
+    told: list[float] = []
+    runs = []
+    for seed, motion in ((1, {"design": design}), (2, {"trajectory": {**trajectory, "duration": 8.0}})):
+        simulation = live.simulations.create(robot, effects=[*drive, hidden], seed=seed, **motion)
+        simulation.wait(lambda fraction, message: told.append(fraction))
+        runs.append(live.measurements.get(simulation.result["measurement_id"]))
+    assert told
+    assert all(check["status"] != "error" for run in runs for check in run.checks)
+    assert b"".join(live.measurements.content(runs[0]))[:4] == b"PAR1"
+
+    model = live.identifications.create(robot, runs[:1], validation=runs[1:]).wait()
+    comparison = live.comparisons.create(model, runs[1]).wait()
+    assert comparison.result["relative"] == pytest.approx(model.result["validation"]["relative"], rel=0.05)
+    series = live.comparisons.series(comparison, joint, start=3.0, end=6.0, points=60)
+    assert 30 < len(series["t"]) <= series["n_samples"]
+    assert 3.0 <= series["t"][0] < series["t"][-1] <= 6.0
+    seen = live.comparisons.residual_map(comparison, joint, f"q_{joint}", bins=8)
+    assert sum(row[0] for row in seen["count"]) == comparison.result["n_samples"]
+
+    diagnosis = live.diagnoses.create(model).wait()
+    assert diagnosis.result["verdict"] == "missing_effect"
+    first = diagnosis.result["candidates"][0]
+    assert (first["effect"], first["joints"]) == ("joint_spring", [joint])
+
+    better = live.identifications.extend(model, diagnosis.result["recommended"]).wait()
+    before, after = (one.result["validation"]["relative"][0] for one in (model, better))
+    assert after < 0.7 * before
+    assert [rung["id"] for rung in live.identifications.lineage(better)] == [model.id, better.id]
+    assert better["parent_id"] == model.id
+    (found,) = [p for p in better.result["parameters"] if p["effect"] == "joint_spring" and p["name"].startswith("ks")]
+    assert found["value"] == pytest.approx(12.0, abs=4 * found["standard_deviation"])
+
+    cross = live.validations.create(better, "cross").wait()
+    assert cross.result["measurements"][0]["errors"]["relative"] == pytest.approx(
+        better.result["validation"]["relative"], rel=0.05
+    )
+    direct = live.validations.create(better, "direct").wait()
+    assert direct.result["measurements"][0]["measurement_id"] == runs[0].id
+    physical = live.validations.create(better, "inertia_matrix").wait()
+    assert isinstance(physical.result["inertia_matrix_positive_definite"], bool)
+
+    report = live.reports.create(better, diagnosis=diagnosis).wait()
+    page = report.save(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "joint_spring" in page or "spring" in page
+    assert json.loads(live.reports.content(live.reports.create(better, format="json").wait()))["measurements"]
+    assert json.loads(live.identifications.export(better))["result"]["parameters"]
+
+    with pytest.raises(ProblemError) as needed:
+        live.measurements.delete(runs[0])
+    assert needed.value.status == 409
+    assert model.id in {one["id"] for one in needed.value.problem["dependents"]}
+
+
+def test_what_is_not_there_yet_is_said_with_what_there_is(live: Client) -> None:
+    robot = live.robots.create("scara", modified_dh=library_table("scara"))
+    simulation = live.simulations.create(robot, trajectory={"duration": 8.0, "sampling_rate": 100.0}).wait()
+    run = live.measurements.get(simulation.result["measurement_id"])
+    model = live.identifications.create(robot, [run]).wait()
+    for refused, there in (
+        (lambda: live.validations.create(model, "payload"), "inertia_matrix"),
+        (lambda: live.reports.create(model, format="pdf"), "html"),
+        (lambda: live.identifications.export(model, "c"), "json"),
+    ):
+        with pytest.raises(ProblemError) as caught:
+            refused()
+        assert caught.value.status == 501
+        assert there in caught.value.problem["available"]
+    for choice, pointer in (
+        ({"estimator": "iv"}, "/estimator"),
+        ({"model": "energy"}, "/model"),
+        ({"effects": ["magic"]}, "/effects/0"),
+        ({"effects": [{"effect": "coulomb", "joints": ["nose"]}]}, "/effects/0"),
+        ({"validation": [run, run]}, "/validation_ids/1"),
+        ({"validation": ["mea_nothing"]}, "/validation_ids/0"),
+        ({"preprocessing": {"decimation": "often"}}, "/preprocessing/decimation"),
+    ):
+        with pytest.raises(ProblemError) as caught:
+            live.identifications.create(robot, [run], **choice)
+        assert caught.value.status == 422
+        assert pointer in [field["pointer"] for field in caught.value.errors]
+    with pytest.raises(JobFailed) as failed:
+        live.identifications.create(robot, [run], preprocessing={"position_cutoff": 80.0}).wait()
+    assert failed.value.errors[0]["pointer"] == "/preprocessing/position_cutoff"
+    other = live.identifications.create(robot, [run]).wait()
+    diagnosis = live.diagnoses.create(other, candidates=["offset"]).wait()
+    with pytest.raises(ProblemError, match="neither"):
+        live.reports.create(model, diagnosis=diagnosis)
