@@ -82,6 +82,7 @@ def diagnose(
     ranked = rank_all(picks, first, recommended)
     verdict = verdict_of(recommended, unknown)
     invisible = _invisible(first)
+    progress(1.0, "diagnosed")
     return Diagnosis(
         verdict=verdict,
         summary=summary(verdict, ranked, unknown, residual, floor, model),

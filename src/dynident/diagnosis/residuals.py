@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from typing import get_args
 
 import numpy as np
+from scipy import stats
 
 from dynident.diagnosis.compare import Comparison
 from dynident.diagnosis.gate import t_of
 from dynident.diagnosis.result import FailureSpot, UnknownPattern, Variable
-from dynident.recordings import Preprocessing, Recording, filtered_blocks
+from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass
 from dynident.robot.model import FloatArray, Robot
 
 _BINS = 16
@@ -18,6 +19,7 @@ _FEWEST = 20
 _UNKNOWN_SHARE, _UNKNOWN_T = 0.08, 3.5
 _STRETCHES = 30
 _MOST_ROWS = 20_000
+_QUIET = 0.95
 _LINE_RATIO = 12.0
 _LINES_A_JOINT = 2
 _HIGHEST_LINE = 250.0
@@ -26,24 +28,28 @@ _SURROUNDINGS = 181
 
 
 def noise_floor(recordings: Sequence[Recording], preprocessing: Preprocessing) -> FloatArray:
-    """(n,): rms of the torque sensor's noise within the parallel filter's band, N m or N.
+    """(n,): rms of the torque sensor's noise behind the parallel filter, N m or N.
 
     From second differences of the raw torque, which motion hardly reaches at a controller's sampling rate: white noise
-    of variance σ² gives them 6 σ². Noise that the source has already low-passed is underestimated.
+    of variance σ² gives them 6 σ². The largest are left out, since friction jumps where a joint turns. Noise that the
+    source has already low-passed is underestimated.
     """
     n = recordings[0].n
     squares, count = np.zeros(n), 0
     for recording in recordings:
         for block in filtered_blocks(recording, preprocessing):
             tau = block.tau[block.used]
-            if len(tau) > 2:
-                second = np.diff(tau, 2, axis=0)
-                squares += (second**2).sum(axis=0)
-                count += len(second)
-    variance = squares / (6.0 * max(count, 1))
-    rate = recordings[0].sampling_rate
-    cutoff = preprocessing.torque_cutoff or 0.5 * rate
-    return np.asarray(np.sqrt(variance * min(1.0, 2.0 * cutoff / rate)))
+            kept = int(_QUIET * (len(tau) - 2))
+            if kept > 0:
+                second = np.sort(np.diff(tau, 2, axis=0) ** 2, axis=0)
+                squares += second[:kept].sum(axis=0)
+                count += kept
+    # What is left of a normal distribution's variance without its tails.
+    edge = float(stats.norm.ppf(0.5 + 0.5 * _QUIET))
+    share = 1.0 - 2.0 * edge * float(stats.norm.pdf(edge)) / _QUIET
+    variance = squares / (6.0 * share * max(count, 1))
+    taps = low_pass(recordings[0].sampling_rate, preprocessing.torque_cutoff)
+    return np.asarray(np.sqrt(variance * float(taps @ taps)))
 
 
 def failure_map(comparisons: Sequence[Comparison]) -> tuple[FailureSpot, ...]:
