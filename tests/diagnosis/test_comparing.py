@@ -1,0 +1,130 @@
+"""Measured against predicted torque along a recording."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_effects import BAND, NAMES, NOISE, ROBOT, experiment, motions, recorded
+from oracles import Motion, fourier_motion, record
+
+from dynident.diagnosis import compare
+from dynident.diagnosis.residuals import angle_lines, failure_map, noise_floor, unknown_patterns
+from dynident.errors import DynidentError
+from dynident.recordings import Preprocessing, low_pass, recording_from_arrays
+
+
+@pytest.fixture(scope="module")
+def run():
+    return experiment()
+
+
+@pytest.fixture(scope="module")
+def comparison(run):
+    return compare(run.identification, run.validation)
+
+
+def test_errors_of_a_comparison_are_those_of_the_identification(run, comparison):
+    held_out = run.identification.held_out
+    np.testing.assert_allclose(comparison.errors.rms, held_out.rms, rtol=1e-8)
+    np.testing.assert_allclose(comparison.errors.relative, held_out.relative, rtol=1e-8)
+    fit = compare(run.identification, run.training)
+    np.testing.assert_allclose(fit.errors.squares, run.identification.fit.squares, rtol=1e-7)
+
+
+def test_signals_are_those_of_the_motion(run, comparison):
+    motion = motions(0)[1]
+    for name, expected in (("q", motion.q), ("dq", motion.dq)):
+        for j, joint in enumerate(NAMES):
+            interpolated = np.interp(comparison.t, motion.t, expected[:, j])
+            np.testing.assert_allclose(comparison.signal(f"{name}_{joint}"), interpolated, atol=0.02)
+    assert comparison.signal("t") is comparison.t
+    np.testing.assert_array_equal(comparison.signal(f"tau_{NAMES[0]}"), comparison.measured[:, 0])
+
+
+def test_an_unknown_signal_is_answered_with_those_there_are(comparison):
+    with pytest.raises(DynidentError, match=NAMES[0]) as caught:
+        comparison.signal("speed_of_light")
+    assert caught.value.pointer == "/x"
+
+
+def test_the_band_holds_95_percent_of_the_residual(comparison):
+    inside = np.abs(comparison.residual) <= comparison.band
+    assert 0.92 <= inside.mean() <= 0.98
+    assert (comparison.deviation >= 0).all()
+
+
+def test_the_load_is_the_rigid_body_part_of_the_prediction(run, comparison):
+    friction = comparison.predicted - comparison.load
+    chi = {p.name: p.value for p in run.identification.parameters}
+    moving = np.abs(comparison.dq[:, 3]) > 0.5
+    expected = chi["Fc4"] * np.sign(comparison.dq[:, 3]) + chi["Fv4"] * comparison.dq[:, 3] + chi["b4"]
+    expected = expected + chi["Ia4"] * comparison.ddq[:, 3] if "Ia4" in chi else expected
+    np.testing.assert_allclose(friction[moving, 3], expected[moving], atol=0.15)
+
+
+def test_the_worst_stretch_is_where_the_torque_was_disturbed(run):
+    motion = fourier_motion(ROBOT, 20.0, 200.0, 77)
+    disturbed = recorded(
+        motion, lambda m, load: 30.0 * ((m.t > 8.1) & (m.t < 8.4))[:, None] * np.eye(6)[2], 5, "contact"
+    )
+    worst = compare(run.identification, disturbed).worst[0]
+    assert worst.joint == NAMES[2]
+    assert worst.start <= 8.4
+    assert worst.end >= 8.1
+    assert worst.ratio > 3
+
+
+def test_a_recording_too_short_to_compare_says_so(run):
+    motion = fourier_motion(ROBOT, 20.0, 200.0, 77)
+    short = Motion(motion.t[:30], motion.q[:30], motion.dq[:30], motion.ddq[:30])
+    with pytest.raises(DynidentError, match="no rows"):
+        compare(run.identification, record(ROBOT, short, np.zeros((30, 6))))
+
+
+def test_segments_are_numbered(run):
+    motion = fourier_motion(ROBOT, 20.0, 200.0, 77)
+    t = motion.t + np.where(np.arange(4000) >= 2000, 5.0, 0.0)
+    two = recording_from_arrays(
+        t, motion.q, np.zeros((4000, 6)), joint_names=NAMES, segment=(np.arange(4000) >= 2000).astype(int)
+    )
+    found = compare(run.identification, two)
+    assert set(found.segment) == {0.0, 1.0}
+    assert found.t[found.segment == 1].min() > 14.9
+
+
+def test_the_noise_floor_is_the_sensors_noise_in_the_band(run):
+    for preprocessing in (BAND, Preprocessing(10.0, 4.0, 10), Preprocessing(10.0, None, 1)):
+        taps = low_pass(200.0, preprocessing.torque_cutoff)
+        expected = NOISE * np.sqrt(np.sum(taps**2))
+        np.testing.assert_allclose(noise_floor([run.training], preprocessing), expected, rtol=0.1)
+
+
+def test_a_line_over_the_angle_is_found_at_its_number_of_cycles(run):
+    motion = fourier_motion(ROBOT, 40.0, 200.0, 78)
+    for k in (17.0, 40.0):
+        ripple = recorded(motion, lambda m, load, k=k: 1.5 * np.sin(k * m.q[:, 4:5]) * np.eye(6)[4], 6, "ripple")
+        lines = angle_lines([compare(run.identification, ripple)], ROBOT)
+        assert any(joint == 4 and abs(value - k) < 0.5 for joint, value in lines)
+
+
+def test_noise_alone_has_neither_patterns_nor_a_place_where_it_fails(comparison):
+    assert unknown_patterns([comparison]) == ()
+    assert all(spot.ratio < 2 for spot in failure_map([comparison]))
+
+
+@pytest.mark.parametrize(
+    ("variable", "law"),
+    [
+        ("position", lambda m: 3.0 * np.sign(np.sin(3 * m.q[:, 2]))),
+        ("velocity", lambda m: 3.0 * np.exp(-(((m.dq[:, 2] - 0.5) / 0.15) ** 2))),
+        ("time", lambda m: 2.0 * np.sign(np.sin(2 * np.pi * m.t / 41.0 + 1))),
+    ],
+)
+def test_a_dependence_without_a_name_is_found_with_its_variable(run, variable, law):
+    motion = fourier_motion(ROBOT, 40.0, 200.0, 79)
+    odd = recorded(motion, lambda m, load: law(m)[:, None] * np.eye(6)[2], 7, "odd")
+    patterns = unknown_patterns([compare(run.identification, odd)])
+    assert patterns
+    assert patterns[0].joint == NAMES[2]
+    assert patterns[0].variable == variable
+    assert patterns[0].share > 0.3

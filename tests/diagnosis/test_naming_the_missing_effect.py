@@ -1,0 +1,241 @@
+"""One effect that the model lacks is named, on the right joint, and adding it leaves the noise alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_effects import (
+    BAND,
+    CASES,
+    NAMES,
+    PLAIN,
+    ROBOT,
+    WITH_OFFSET,
+    Experiment,
+    experiment,
+    floor,
+    nothing,
+    on_joint,
+    recorded,
+)
+from oracles import fourier_motion
+
+from dynident.diagnosis import Diagnosis, diagnose
+from dynident.effects import EffectChoice, UnknownEffectError
+from dynident.identification import IdentificationChoices, extend, identify
+
+FAST = ("offset", "load_dependent_friction")
+
+
+def assert_named(case, seed: int) -> None:
+    run = experiment(case.hidden, case.effects, seed)
+    found = diagnose(run.identification, [run.training])
+    assert found.verdict == "missing_effect", found.summary
+    first = found.candidates[0]
+    assert first.significant
+    assert case.effect == first.effect or case.effect in first.equivalent, found.summary
+    if case.joint is not None:
+        assert first.joints == (NAMES[case.joint],)
+    significant = [c for c in found.candidates if c.significant]
+    assert len(significant) == len(found.recommended)
+    assert_down_to_the_noise(case, run, found, seed)
+
+
+def assert_down_to_the_noise(case, run: Experiment, found: Diagnosis, seed: int) -> None:
+    grown = extend(run.identification, found.recommended, [run.training], [run.validation])
+    before, after = run.identification.held_out.rms / floor(seed), grown.held_out.rms / floor(seed)
+    worst = max(case.joints, key=lambda j: before[j])
+    assert before[worst] > 1.3
+    assert after.max() <= 1.1
+
+
+@pytest.mark.parametrize("effect", FAST)
+def test_a_hidden_effect_is_named_and_leaves_nothing_but_noise_once_added(effect):
+    assert_named(CASES[effect], 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("effect", CASES)
+def test_every_hidden_effect_is_named_and_leaves_nothing_but_noise_once_added(effect, seed):
+    assert_named(CASES[effect], seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", CASES)
+def test_nothing_but_the_hidden_effect_is_recommended(effect):
+    case = CASES[effect]
+    for seed in (0, 1, 4):
+        run = experiment(case.hidden, case.effects, seed)
+        assert [c.effect for c in diagnose(run.identification, [run.training]).recommended] == [effect]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", ["stribeck", "presliding", "torque_ripple", "viscous_nonlinear"])
+def test_the_shape_of_a_hidden_effect_is_found(effect):
+    truth = {"stribeck": ("vs", 0.12), "presliding": ("d0", 0.02), "torque_ripple": ("k", 21.0)}
+    name, value = truth.get(effect, ("p", 2.0))
+    case = CASES[effect]
+    run = experiment(case.hidden, case.effects, 1)
+    (choice,) = diagnose(run.identification, [run.training]).recommended
+    assert choice.shape_values[name] == pytest.approx(value, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_recommended_where_nothing_is_missing(seed):
+    run = experiment(seed=seed)
+    found = diagnose(run.identification, [run.training])
+    assert found.recommended == ()
+    assert found.verdict == "adequate"
+    assert not any(c.significant for c in found.candidates)
+    assert found.unknown == ()
+    np.testing.assert_allclose(found.residual_rms, found.noise_floor, rtol=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3, 16))
+def test_no_false_alarm_on_many_clean_runs(seed):
+    run = experiment(seed=seed)
+    assert diagnose(run.identification, [run.training]).recommended == ()
+
+
+@pytest.mark.slow
+def test_two_effects_on_two_joints_are_both_named():
+    ripple, spring = CASES["torque_ripple"], CASES["joint_spring"]
+
+    def both(motion, load):
+        return ripple.hidden(motion, load) + spring.hidden(motion, load)
+
+    run = experiment(both)
+    found = diagnose(run.identification, [run.training])
+    named = {(choice.effect, choice.joints) for choice in found.recommended}
+    assert named == {("torque_ripple", (NAMES[3],)), ("joint_spring", (NAMES[0],))}
+
+
+@pytest.mark.slow
+def test_one_family_on_all_joints_is_named_as_one_group():
+    def hidden(motion, load):
+        return 0.1 * np.abs(load) * np.sign(motion.dq)
+
+    run = experiment(hidden)
+    found = diagnose(run.identification, [run.training])
+    effects = {choice.effect for choice in found.recommended}
+    assert effects == {"load_dependent_friction"}
+    joints = {name for choice in found.recommended for name in choice.joints}
+    assert {NAMES[1], NAMES[2]} <= joints  # those that carry a load
+
+
+@pytest.mark.slow
+def test_a_torque_that_no_effect_explains_is_reported_by_joint_and_variable():
+    # A bump at one speed, in one direction.
+    bump = on_joint(2, lambda q, v, load: 4.0 * np.exp(-(((v - 0.6) / 0.12) ** 2)))
+    run = experiment(bump)
+    found = diagnose(run.identification, [run.training], candidates=["joint_spring", "base_tilt"])
+    assert found.verdict == "unexplained"
+    assert found.unknown[0].joint == NAMES[2]
+    assert found.unknown[0].variable == "velocity"
+    assert NAMES[2] in found.summary
+
+
+@pytest.fixture(scope="module")
+def offset() -> tuple[Experiment, Diagnosis]:
+    case = CASES["offset"]
+    run = experiment(case.hidden, case.effects)
+    return run, diagnose(run.identification, [run.training])
+
+
+def test_a_diagnosis_says_what_it_means(offset):
+    _, found = offset
+    first = found.candidates[0]
+    assert "Torque offset" in found.summary
+    assert NAMES[1] in found.summary
+    assert "left out of the fit" in first.evidence
+    assert first.equivalent == ("coulomb_asymmetric",)
+    assert 0 < first.error_after < first.error_before < 1
+    assert first.error_drop == pytest.approx(1 - first.error_after / first.error_before)
+    assert [c.rank for c in found.candidates] == list(range(1, len(found.candidates) + 1))
+    assert len({c.effect for c in found.candidates if not c.significant}) == sum(
+        not c.significant for c in found.candidates
+    )
+
+
+def test_the_error_that_is_promised_is_the_error_that_is_kept(offset):
+    run, found = offset
+    first = found.candidates[0]
+    grown = extend(run.identification, found.recommended, [run.training], [run.validation])
+    joint = 1
+    assert grown.fit.relative[joint] == pytest.approx(first.error_after, rel=0.15)
+    assert grown.held_out.rms[joint] < run.identification.held_out.rms[joint]
+
+
+def test_the_failure_map_names_the_joint_that_fails(offset):
+    _, found = offset
+    assert {spot.joint for spot in found.failure_map} <= set(NAMES)
+    for spot in found.failure_map:
+        assert spot.low < spot.high
+        assert spot.ratio > 1
+        assert spot.unit in ("rad", "rad/s", "N m", "s")
+
+
+def test_effects_in_the_model_are_not_proposed_again():
+    run = experiment(CASES["joint_spring"].hidden, (*WITH_OFFSET, EffectChoice("joint_spring", (NAMES[0],))))
+    found = diagnose(run.identification, [run.training], candidates=["joint_spring", "offset", "viscous_asymmetric"])
+    assert found.recommended == ()
+    assert not any(c.effect == "joint_spring" and NAMES[0] in c.joints for c in found.candidates)
+    assert not any(c.effect == "offset" for c in found.candidates)
+
+
+def test_only_the_candidates_asked_for_are_tried():
+    run = experiment(CASES["joint_spring"].hidden)
+    found = diagnose(run.identification, [run.training], candidates=["joint_spring"])
+    assert {c.effect for c in found.candidates} == {"joint_spring"}
+    assert found.recommended == (EffectChoice("joint_spring", (NAMES[0],)),)
+
+
+def test_an_unknown_candidate_is_refused_by_its_place():
+    run = experiment()
+    with pytest.raises(UnknownEffectError) as caught:
+        diagnose(run.identification, [run.training], candidates=["offset", "magic"])
+    assert caught.value.pointer == "/candidates/1"
+
+
+def test_no_more_effects_are_recommended_than_asked_for():
+    run = experiment(CASES["offset"].hidden, PLAIN)
+    assert diagnose(run.identification, [run.training], most_effects=0).recommended == ()
+
+
+def test_what_this_motion_could_not_have_shown_is_said():
+    # A joint that moves by half a degree: a spring on it pulls like a constant torque.
+    motion = fourier_motion(ROBOT, 40.0, 200.0, 5)
+    motion.q[:, 5] = 1.0 + 0.01 * (motion.q[:, 5] - motion.q[:, 5].mean())
+    motion.dq[:, 5] *= 0.01
+    motion.ddq[:, 5] *= 0.01
+    run = recorded(motion, nothing, 3, "run")
+    identification = identify(ROBOT, [run], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    found = diagnose(identification, [run], candidates=["joint_spring"])
+    hidden = {item.joints: item for item in found.not_visible}
+    assert (NAMES[5],) in hidden
+    assert (NAMES[0],) not in hidden
+    assert "left beside the model" in hidden[(NAMES[5],)].reason
+    assert found.next_experiment is not None
+    assert "joint_spring" in found.next_experiment.reason
+
+
+def test_progress_reaches_the_end_and_may_cancel():
+    run = experiment()
+    seen: list[float] = []
+    diagnose(
+        run.identification,
+        [run.training],
+        candidates=["offset", "viscous_asymmetric"],
+        progress=lambda share, message: seen.append(share),
+    )
+    assert seen == sorted(seen)
+    assert 0.9 <= seen[-1] <= 1.0
+
+    def cancel(share: float, message: str) -> None:
+        if share > 0.3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(run.identification, [run.training], progress=cancel)

@@ -1,0 +1,253 @@
+"""The algebra of scoring against refitting every candidate on every fold; the gate's functions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from dynident.diagnosis.candidates import Candidate
+from dynident.diagnosis.gate import Judged, indistinguishable, judge, p_value, simplest, t_of
+from dynident.diagnosis.scoring import Score, folds, held_out_errors, products, score_candidates
+from dynident.estimation import FactorAccumulator
+
+# Two equations over ten columns: 0-4 the model, 5-9 candidates; some columns are on one equation alone.
+CONTAINS = (np.array([0, 1, 2, 5, 6, 8, 9]), np.array([1, 2, 3, 4, 7, 8, 9]))
+BASE = np.arange(5)
+CANDIDATES = tuple(
+    Candidate(f"c{'_'.join(map(str, columns))}", (), (), columns)
+    for columns in ((5,), (6,), (7,), (8,), (5, 9), (6, 7, 8))
+)
+NOISE = np.array([0.5, 2.0])
+PER_STRETCH, STRETCHES = 30, 13
+
+
+class Rows:
+    def __init__(self, seed: int = 0) -> None:
+        rng = np.random.default_rng(seed)
+        m = PER_STRETCH * STRETCHES
+        self.t = np.arange(m) / PER_STRETCH
+        truth = rng.normal(size=10)
+        self.wide, self.y = [], []
+        for columns, sigma in zip(CONTAINS, NOISE, strict=True):
+            w = np.zeros((m, 10))
+            w[:, columns] = rng.normal(size=(m, len(columns)))
+            # Candidates that the model can say in part.
+            w[:, columns[3:]] += 0.7 * w[:, columns[:3]] @ rng.normal(size=(3, len(columns) - 3))
+            self.wide.append(w)
+            self.y.append(w @ truth + sigma * rng.normal(size=m))
+
+    def products(self):
+        accumulator = FactorAccumulator(CONTAINS, 10, 1.0)
+        accumulator.push(
+            self.t,
+            [np.column_stack([w[:, c], y]) for w, c, y in zip(self.wide, CONTAINS, self.y, strict=True)],
+        )
+        return products(accumulator.finish())
+
+    def held_out(self, columns, kind: str) -> np.ndarray:
+        """(stretches, 2): squared errors of numpy's weighted fit on the other folds' rows."""
+        out = np.zeros((STRETCHES, 2))
+        for fold in folds(STRETCHES, kind):
+            test = np.isin(np.arange(len(self.t)) // PER_STRETCH, fold)
+            w = np.concatenate([w[~test][:, columns] / s for w, s in zip(self.wide, NOISE, strict=True)])
+            y = np.concatenate([y[~test] / s for y, s in zip(self.y, NOISE, strict=True)])
+            chi = np.linalg.lstsq(w, y, rcond=None)[0]
+            for j in range(2):
+                rest = (self.y[j] - self.wide[j][:, columns] @ chi) ** 2
+                out[fold, j] = rest.reshape(STRETCHES, PER_STRETCH).sum(axis=1)[fold]
+        return out
+
+
+@pytest.mark.parametrize("kind", ["interleaved", "contiguous"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_scores_are_those_of_refitting_every_candidate_on_every_fold(kind, seed):
+    data = Rows(seed)
+    before, scores = score_candidates(data.products(), BASE, CANDIDATES, NOISE, kind)
+    expected = data.held_out(BASE, kind)
+    np.testing.assert_allclose(before, expected, rtol=1e-7)
+    np.testing.assert_allclose(held_out_errors(data.products(), BASE, NOISE, kind), expected, rtol=1e-7)
+    for score in scores:
+        columns = np.array([*BASE, *score.candidate.columns])
+        np.testing.assert_allclose(score.after, data.held_out(columns, kind), rtol=1e-6)
+        np.testing.assert_allclose(score.measured, [y @ y for y in data.y], rtol=1e-10)
+
+
+def test_amplitudes_and_separability_are_those_of_projecting_on_all_rows():
+    data = Rows(3)
+    _, scores = score_candidates(data.products(), BASE, CANDIDATES, NOISE, "interleaved")
+    w = np.concatenate([w / s for w, s in zip(data.wide, NOISE, strict=True)])
+    y = np.concatenate([y / s for y, s in zip(data.y, NOISE, strict=True)])
+    for score in scores:
+        group = list(score.candidate.columns)
+        chi = np.linalg.lstsq(w[:, [*BASE, *group]], y, rcond=None)[0]
+        np.testing.assert_allclose(score.amplitudes, chi[len(BASE) :], rtol=1e-6)
+        x = w[:, group]
+        rest = x - w[:, BASE] @ np.linalg.lstsq(w[:, BASE], x, rcond=None)[0]
+        share = np.linalg.norm(rest, axis=0) / np.linalg.norm(x, axis=0)
+        assert score.separability == pytest.approx(share.max(), rel=1e-6)
+
+
+def test_a_candidate_that_the_model_says_already_changes_nothing():
+    data = Rows(4)
+    for w in data.wide:
+        w[:, 8] = w[:, 1] - 2 * w[:, 2]
+    before, scores = score_candidates(data.products(), BASE, CANDIDATES, NOISE, "contiguous")
+    twin = next(score for score in scores if score.candidate.columns == (8,))
+    assert twin.separability < 1e-4
+    np.testing.assert_allclose(twin.after, before, rtol=1e-3)
+
+
+@given(n=st.integers(1, 60), kind=st.sampled_from(["interleaved", "contiguous"]))
+def test_folds_are_a_partition_of_the_stretches(n, kind):
+    parts = folds(n, kind)
+    assert sorted(np.concatenate(parts)) == list(range(n))
+    assert len(parts) == min(5, n)
+    sizes = [len(part) for part in parts]
+    assert max(sizes) - min(sizes) <= 1
+    if kind == "contiguous":
+        assert all((np.diff(part) == 1).all() for part in parts)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=40).filter(lambda x: np.std(x) > 1e-6))
+def test_t_is_scipys(gains):
+    assert t_of(np.array(gains)) == pytest.approx(stats.ttest_1samp(gains, 0.0).statistic, rel=1e-9, abs=1e-9)
+
+
+def test_t_of_too_little_or_nothing_is_zero():
+    assert t_of(np.array([5.0])) == 0.0
+    assert t_of(np.zeros(10)) == 0.0
+
+
+def scored(before: np.ndarray, after: np.ndarray, columns=(5,), consistency: float = 0.0) -> Score:
+    amplitudes, measured = np.ones(len(columns)), np.ones(before.shape[1])
+    return Score(Candidate("c", (), (), columns), before, after, 0.5, amplitudes, measured, consistency)
+
+
+def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **more) -> Judged:
+    one = np.ones((len(gains), 1))
+    values = {
+        "candidate": Candidate(name, (), (), columns), "joints": (0,), "before": one, "after": one, "drop": 0.5, "t": t,
+        "gains": gains, "separability": 1.0, "amplitudes": np.ones(len(columns)), "share_improved": 1.0,
+        "measured": np.ones(1), "consistency": 0.0, "after_weighted": np.ones(len(gains)),
+    }  # fmt: skip
+    return Judged(**{**values, **more})
+
+
+def test_p_is_one_sided_and_corrected_for_all_that_was_tried():
+    gains = np.random.default_rng(0).normal(0.5, 1, 30)
+    t = t_of(gains)
+    single = stats.ttest_1samp(gains, 0.0, alternative="greater").pvalue
+    assert p_value(judged(gains, t=t), 1) == pytest.approx(single)
+    assert p_value(judged(gains, t=t), 7) == pytest.approx(7 * single)
+    assert p_value(judged(gains, t=-3.0), 50) == 1.0
+
+
+def test_agreement_of_the_amplitudes_counts_by_its_f_value():
+    gains = np.random.default_rng(0).normal(0.5, 1, 30)
+    item = judged(gains, (5, 6), t=1.5, consistency=12.0)
+    expected = 100 * stats.f.sf(12.0, 2, 28)
+    assert item.consistency_p(100) == pytest.approx(expected)
+    assert p_value(item, 100) == pytest.approx(min(1.0, expected))
+
+
+def test_consistency_is_the_wald_f_of_the_jackknife():
+    data = Rows(5)
+    _, scores = score_candidates(data.products(), BASE, CANDIDATES, NOISE, "interleaved")
+    stretch = np.arange(len(data.t)) // PER_STRETCH
+    for score in scores:
+        group = list(score.candidate.columns)
+        w = np.concatenate([w[:, [*BASE, *group]] / s for w, s in zip(data.wide, NOISE, strict=True)])
+        y = np.concatenate([y / s for y, s in zip(data.y, NOISE, strict=True)])
+        base, x = w[:, : len(BASE)], w[:, len(BASE) :]
+        # The model's own projection is that of all rows; only the amplitudes are refitted without a stretch.
+        z = x - base @ np.linalg.lstsq(base, x, rcond=None)[0]
+        rest = y - base @ np.linalg.lstsq(base, y, rcond=None)[0]
+        everywhere = np.concatenate([stretch, stretch])
+        beta = np.linalg.lstsq(z, rest, rcond=None)[0]
+        without = np.array(
+            [np.linalg.lstsq(z[everywhere != s], rest[everywhere != s], rcond=None)[0] for s in range(STRETCHES)]
+        )
+        moved = without - without.mean(axis=0)
+        covariance = (STRETCHES - 1) / STRETCHES * moved.T @ moved
+        k = len(group)
+        f = beta @ np.linalg.solve(covariance, beta) / k * (STRETCHES - k) / (STRETCHES - 1)
+        assert score.consistency == pytest.approx(f, rel=1e-4)
+
+
+def test_a_large_even_gain_passes_and_a_small_or_uneven_one_does_not():
+    rng = np.random.default_rng(1)
+    before = rng.uniform(0.9, 1.1, (40, 2))
+    even = judge([scored(before, 0.9 * before)] * 2, (0, 1), np.ones(2))
+    assert even.drop == pytest.approx(0.1)
+    assert even.passes(False, 300)
+    assert even.share_improved == 1.0
+    small = judge([scored(before, 0.98 * before, consistency=1e6)] * 2, (0, 1), np.ones(2))
+    assert small.t > 3.5
+    assert not small.passes(False, 300)
+    uneven = before * np.where(rng.uniform(size=(40, 1)) < 0.5, 1.4, 0.5)
+    assert not judge([scored(before, uneven)] * 2, (0, 1), np.ones(2)).passes(False, 300)
+
+
+def test_an_uneven_gain_passes_where_the_amplitudes_agree():
+    rng = np.random.default_rng(1)
+    before = rng.uniform(0.9, 1.1, (40, 1))
+    after = before.copy()
+    after[:6] *= 0.2
+    for consistency, passes in ((0.0, False), (8.0, False), (60.0, True)):
+        item = judge([scored(before, after, consistency=consistency)] * 2, (0,), np.ones(1))
+        assert 2.0 < item.t < 3.5
+        assert item.passes(False, 300) is passes
+
+
+def test_a_gain_in_one_kind_of_folds_alone_does_not_pass():
+    before = np.random.default_rng(2).uniform(0.9, 1.1, (40, 2))
+    item = judge([scored(before, 0.5 * before), scored(before, 1.01 * before)], (0, 1), np.ones(2))
+    assert item.drop < 0
+    assert not item.passes(False, 1)
+
+
+def test_one_stretch_with_most_of_the_error_does_not_decide():
+    before = np.ones((40, 1))
+    before[0] = 100.0
+    after = before.copy()
+    after[0] = 0.0
+    item = judge([scored(before, after)] * 2, (0,), np.ones(1))
+    assert item.drop < 0.1
+    assert not item.passes(False, 1)
+
+
+def test_errors_are_counted_in_units_of_each_joints_noise():
+    before = np.ones((40, 2)) * [1.0, 100.0]
+    after = before * [0.5, 1.0]
+    item = judge([scored(before, after)] * 2, (0,), np.array([1.0, 10.0]))
+    np.testing.assert_allclose(item.gains, 0.5)
+    assert item.drop == pytest.approx(0.5)
+    np.testing.assert_allclose(item.after_weighted, 0.5)
+
+
+def test_of_explanations_that_no_stretch_tells_apart_the_simplest_is_taken():
+    rng = np.random.default_rng(3)
+    gains = rng.uniform(1, 2, 40)
+    wide = judged(gains + rng.normal(0, 0.5, 40) + 0.02, (5, 6), "wide")
+    slim = judged(gains, (7,), "slim")
+    poor = judged(gains - 0.8 + rng.normal(0, 0.1, 40), (8,), "poor")
+    assert indistinguishable(wide, slim)
+    assert not indistinguishable(slim, poor)
+    chosen, equal = simplest([poor, wide, slim])
+    assert chosen is slim
+    assert equal == (wide,)
+
+
+def test_a_richer_explanation_is_taken_where_it_gains_enough_more():
+    gains = np.random.default_rng(3).uniform(1, 2, 40)
+    wide, slim = judged(gains + 0.5, (5, 6), "wide"), judged(gains, (7,), "slim")
+    assert simplest([slim, wide])[0] is wide
+
+
+def test_a_single_explanation_has_no_equals():
+    only = judged(np.ones(10))
+    assert simplest([only]) == (only, ())
