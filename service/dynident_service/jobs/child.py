@@ -1,4 +1,4 @@
-"""The child process of a job: waits on its pipe with everything imported, does one job at a time.
+"""The child process of a job: waits on its pipe, does one job at a time.
 
 It is a process of its own so that a computation can be stopped inside a solver: its process group is killed.
 """
@@ -11,7 +11,6 @@ import logging
 import os
 import resource
 import signal
-import sys
 import threading
 import time
 from dataclasses import dataclass
@@ -29,7 +28,6 @@ from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.resources import Resources, insert, own, rest
 from dynident_service.storage.tables import ResourceRow
 
-PRELOADED = ("dynident_service.work",)
 PROGRESS_INTERVAL = 0.1
 SMALLEST_STEP = 0.005
 log = logging.getLogger("dynident.job")
@@ -41,6 +39,13 @@ class Order:
 
     claim: Claim
     place: Place
+
+
+@dataclass(frozen=True)
+class Hello:
+    """What the child says first."""
+
+    pid: int
 
 
 @dataclass(frozen=True)
@@ -126,16 +131,11 @@ def _store(session: Session, claim: Claim, outcome: Outcome) -> None:
         own(session, row.id, outcome.objects)
 
 
-def main() -> None:
-    """Wait for jobs on the pipe whose file descriptors are given, until the other end is closed."""
-    jobs, lifeline = (int(argument) for argument in sys.argv[1:3])
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.dup2(2, 1)  # what solvers print belongs to the log
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+def work(jobs: int, lifeline: int) -> None:
+    """Do the jobs that come on a pipe, until its other end is closed; `lifeline` tells when the supervisor is gone."""
     _die_with_parent(lifeline)
-    for module in PRELOADED:
-        importlib.import_module(module)
     connection = Connection(jobs)
+    connection.send(Hello(os.getpid()))
     workshop: Workshop | None = None
     while True:
         try:
@@ -166,10 +166,3 @@ def _die_with_parent(lifeline: int) -> None:
         fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | os.O_ASYNC)
     # Elsewhere; and for a parent that was gone before the kernel was asked.
     threading.Thread(target=watch, daemon=True).start()
-
-
-if __name__ == "__main__":
-    # Under its own name, so that what is unpickled is of the same classes.
-    from dynident_service.jobs import child
-
-    child.main()

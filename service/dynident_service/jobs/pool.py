@@ -6,16 +6,14 @@ import contextlib
 import os
 import signal
 import socket
-import subprocess
-import sys
 import threading
 from collections import deque
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
 
-from dynident_service.jobs.child import Order, Receipt
+from dynident_service.jobs.child import Hello, Order, Receipt
+from dynident_service.jobs.nursery import Nursery
 
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 MEMORY_LIMIT = 2_000_000_000
 """A child that once needed more is replaced after its job: freed memory seldom goes back to the system."""
 
@@ -23,17 +21,13 @@ MEMORY_LIMIT = 2_000_000_000
 class Child:
     """One child process and the pipe to it."""
 
-    def __init__(self) -> None:
+    def __init__(self, nursery: Nursery) -> None:
+        self._nursery = nursery
+        self._pid: int | None = None
         ours, theirs = socket.socketpair()
         lifeline, self._lifeline = os.pipe()
         try:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "dynident_service.jobs.child", str(theirs.fileno()), str(lifeline)],
-                pass_fds=(theirs.fileno(), lifeline),
-                stdin=subprocess.DEVNULL,
-                env={**os.environ, **ONE_THREAD},
-                start_new_session=True,
-            )
+            nursery.fork(theirs.fileno(), lifeline)
         finally:
             theirs.close()
             os.close(lifeline)
@@ -48,20 +42,40 @@ class Child:
         try:
             if not self._connection.poll(timeout):
                 return None
-            receipt = self._connection.recv()
+            received = self._connection.recv()
         except OSError as error:
             raise EOFError from error
-        assert isinstance(receipt, Receipt)
-        return receipt
+        if isinstance(received, Hello):
+            self._pid = received.pid
+            return self.receive(timeout)
+        assert isinstance(received, Receipt)
+        return received
+
+    def is_alive(self) -> bool:
+        """Tell whether an idle child is still there."""
+        try:
+            self.receive(0.0)
+        except EOFError:
+            return False
+        return True
+
+    def strike(self) -> None:
+        """Kill its process group, if it has begun."""
+        if self._pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._pid, signal.SIGKILL)
 
     def kill(self) -> int | None:
         """Kill its process group; gives the exit code that it had by itself, if it had ended before."""
-        ended_with = self.process.poll()
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait()
+        with contextlib.suppress(EOFError):
+            self.receive(0.0)  # it may have said its number meanwhile
+        ended_with = None
+        if self._pid is not None:
+            ended_with = self._nursery.exit_code(self._pid, reap=False)
+            self.strike()
+            self._nursery.exit_code(self._pid, reap=True)
         self._connection.close()
-        os.close(self._lifeline)
+        os.close(self._lifeline)  # the kernel kills one that has not begun yet
         return ended_with
 
 
@@ -75,8 +89,9 @@ class ChildPool:
         self._lock = threading.Condition()
         self._users = 0
         self.closed = False
+        self._nursery = Nursery()
         for _ in range(size):
-            self._idle.append(Child())
+            self._idle.append(Child(self._nursery))
 
     def take(self) -> Child:
         """Give an idle child, or start one."""
@@ -84,10 +99,10 @@ class ChildPool:
             child = None
             while self._idle and child is None:
                 child = self._idle.pop()
-                if child.process.poll() is not None:
+                if not child.is_alive():
                     child.kill()
                     child = None
-            child = child or Child()
+            child = child or Child(self._nursery)
             self._busy.add(child)
             return child
 
@@ -110,7 +125,7 @@ class ChildPool:
         ended_with = child.kill()
         with self._lock:
             if not self.closed and len(self._idle) + len(self._busy) < self._size:
-                self._idle.appendleft(Child())
+                self._idle.appendleft(Child(self._nursery))
         return ended_with
 
     @contextlib.contextmanager
@@ -134,7 +149,7 @@ class ChildPool:
         for child in idle:
             child.kill()
         for child in busy:  # its supervisor closes the pipe
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(child.process.pid, signal.SIGKILL)
+            child.strike()
         with self._lock:
             self._lock.wait_for(lambda: self._users == 0, patience)
+        self._nursery.close()

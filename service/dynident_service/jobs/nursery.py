@@ -1,0 +1,155 @@
+"""The process that child processes are forked from: it has loaded the science once, so a new child is there at once.
+
+It is single-threaded (but for Arrow's own thread, which Arrow looks after when forking) and does nothing else: it
+forks when it is asked to, and says how a child ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import logging
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import warnings
+
+from dynident_service.jobs import child
+
+PRELOADED = ("dynident_service.work",)
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+MESSAGE = struct.Struct("!ii")
+FORK, REAP, LOOK = 1, 2, 3
+RUNNING = 1 << 20
+"""Stands for an exit code while there is none."""
+
+
+class Nursery:
+    """Starts the process, and asks it for children."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._control: socket.socket | None = None
+
+    def fork(self, jobs: int, lifeline: int) -> None:
+        """Ask for a child that works on the pipe `jobs`; it appears once the science is loaded."""
+        with self._lock:
+            try:
+                self._send_fork(jobs, lifeline)
+            except OSError:  # it has died: begin with a new one
+                self._stop()
+                self._send_fork(jobs, lifeline)
+
+    def exit_code(self, pid: int, *, reap: bool) -> int | None:
+        """Tell how a child ended, negative for a signal; `None` if it runs, or its nursery has died.
+
+        With `reap` it is waited for, and its number may be given to another process.
+        """
+        with self._lock:
+            if self._control is None:
+                return None
+            try:
+                self._control.sendall(MESSAGE.pack(REAP if reap else LOOK, pid))
+                code = int(MESSAGE.unpack(_exactly(self._control))[1])
+            except OSError:
+                return None
+        return None if code == RUNNING else code
+
+    def close(self) -> None:
+        """End the process."""
+        with self._lock:
+            self._stop()
+
+    def _send_fork(self, jobs: int, lifeline: int) -> None:
+        control = self._control or self._start()
+        socket.send_fds(control, [MESSAGE.pack(FORK, 0)], [jobs, lifeline])
+
+    def _start(self) -> socket.socket:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "dynident_service.jobs.nursery", str(theirs.fileno())],
+                pass_fds=(theirs.fileno(),),
+                stdin=subprocess.DEVNULL,
+                env={**os.environ, **ONE_THREAD},
+                start_new_session=True,
+            )
+        self._control = ours
+        return ours
+
+    def _stop(self) -> None:
+        if self._control is not None:
+            self._control.close()
+            self._control = None
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+
+
+def main() -> None:
+    """Load the science, then serve until the other end is closed."""
+    control = socket.socket(fileno=int(sys.argv[1]))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.dup2(2, 1)  # what solvers print belongs to the log
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+    warnings.filterwarnings("ignore", message=".*fork.*", category=DeprecationWarning)
+    for module in PRELOADED:
+        importlib.import_module(module)
+    gc.freeze()  # the collector of a child leaves shared memory alone
+    while True:
+        try:
+            received, fds = _receive(control)
+        except OSError:
+            return
+        kind, pid = MESSAGE.unpack(received)
+        if kind != FORK:
+            control.sendall(MESSAGE.pack(kind, _exit_code(pid, reap=kind == REAP)))
+        elif os.fork() == 0:
+            control.close()
+            os.setsid()
+            child.work(*fds)
+            os._exit(0)
+        for fd in fds:
+            os.close(fd)
+
+
+def _receive(control: socket.socket) -> tuple[bytes, list[int]]:
+    received, fds, _, _ = socket.recv_fds(control, MESSAGE.size, 2)
+    if not received:
+        raise ConnectionError("the other end is closed")
+    return received + _exactly(control, MESSAGE.size - len(received)), list(fds)
+
+
+def _exactly(control: socket.socket, size: int = MESSAGE.size) -> bytes:
+    content = b""
+    while len(content) < size:
+        part = control.recv(size - len(content))
+        if not part:
+            raise ConnectionError("the other end is closed")
+        content += part
+    return content
+
+
+def _exit_code(pid: int, *, reap: bool) -> int:
+    """The exit code of a child, negative for a signal; without `reap` only if it has ended, and its number is kept."""
+    with contextlib.suppress(ChildProcessError):
+        if reap:
+            return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        if ended is not None:
+            return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
+    return RUNNING
+
+
+if __name__ == "__main__":
+    # Under its own name, so that what is unpickled is of the same classes.
+    from dynident_service.jobs import nursery
+
+    nursery.main()
