@@ -1,0 +1,166 @@
+"""Real arms: held-out errors of recordings that nobody here made, as a user would identify them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from dynident.diagnosis import diagnose
+from dynident.effects import EffectChoice
+from dynident.identification import Identification, IdentificationChoices, extend, identify
+from dynident.recordings import Recording, RecordingMetadata, import_recording
+from dynident.robot import Robot, robot_from_urdf
+
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+pytestmark = [
+    pytest.mark.real_data,
+    pytest.mark.skipif(
+        not (DATA / "ur10e").is_dir(), reason="the recordings of real robots are not here (../shared/data is missing)"
+    ),
+]
+
+CHOICES = IdentificationChoices(
+    tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
+)
+UR10E_GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)
+# Rows, counted from 1, between the standstills at both ends.
+UR10E_ROWS = {
+    "id_30s_12harm": (635, 3510),
+    "id_40s_12harm": (500, 4460),
+    "id_50s_12harm": (355, 5090),
+    "val_ptp10": (700, 4200),
+    "pair14_unloaded": (195, 4966),
+}
+
+
+def robot(name: str) -> Robot:
+    return robot_from_urdf(name, (DATA / name / "robot.urdf").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recordings")
+
+    def recording(arm: Robot, file: str, windows=(), gains=None) -> Recording:
+        metadata = RecordingMetadata(name=file, windows=windows)
+        target = folder / f"{arm.name}_{file}_{len(list(folder.iterdir()))}.parquet"
+        source = DATA / arm.name / f"{file}.parquet"
+        return import_recording(source, target, joint_names=arm.joint_names, gains=gains, metadata=metadata)[0]
+
+    return recording
+
+
+def held_out(found: Identification) -> float:
+    assert found.held_out is not None
+    return found.held_out.relative_total
+
+
+@pytest.fixture(scope="module")
+def ur10e(read) -> tuple[Robot, dict[str, Recording]]:
+    arm = robot("ur10e")
+    recordings = {}
+    for name, (first, last) in UR10E_ROWS.items():
+        t = pq.read_table(DATA / "ur10e" / f"{name}.parquet", columns=["t"])["t"].to_numpy()
+        recordings[name] = read(arm, name, ((t[first - 1], t[last - 1]),), UR10E_GAINS)
+    return arm, recordings
+
+
+@pytest.fixture(scope="module")
+def ur10e_models(ur10e) -> dict[str, Identification]:
+    arm, recordings = ur10e
+    return {
+        name: identify(arm, [recordings["id_30s_12harm"]], [recordings[name]], CHOICES)
+        for name in ("val_ptp10", "id_50s_12harm", "pair14_unloaded")
+    }
+
+
+# The published parameters give 5.87 % and 4.82 %.
+@pytest.mark.parametrize(("name", "limit"), [("val_ptp10", 0.054), ("id_50s_12harm", 0.045)])
+def test_a_ur10e_is_predicted_better_than_by_its_published_parameters(ur10e_models, name, limit):
+    assert held_out(ur10e_models[name]) <= limit
+
+
+def test_friction_of_a_ur10e_takes_energy_and_is_known_well(ur10e_models):
+    friction = [p for p in ur10e_models["val_ptp10"].parameters if p.effect in ("coulomb", "viscous")]
+    assert len(friction) == 12
+    assert all(p.value > 0 and p.relative_standard_deviation < 0.2 for p in friction)
+
+
+def test_a_diagnosis_of_a_ur10e_lowers_the_error_on_motions_it_has_not_seen(ur10e, ur10e_models):
+    _, recordings = ur10e
+    training = [recordings["id_30s_12harm"]]
+    found = diagnose(ur10e_models["val_ptp10"], training)
+    assert found.verdict == "missing_effect"
+    assert "presliding" in {choice.effect for choice in found.recommended}
+    for name, model in ur10e_models.items():
+        grown = extend(model, found.recommended, training, [recordings[name]])
+        assert held_out(grown) < 0.75 * held_out(model), name
+        assert (grown.held_out.relative < 1.02 * model.held_out.relative).all(), name
+
+
+def test_one_arm_recorded_twice_is_predicted_alike_by_either_run(ur10e):
+    arm, recordings = ur10e
+    validation = [recordings["val_ptp10"]]
+    errors = [
+        held_out(identify(arm, [recordings[name]], validation, CHOICES)) for name in ("id_30s_12harm", "id_40s_12harm")
+    ]
+    assert abs(errors[0] - errors[1]) < 0.01
+
+
+@pytest.fixture(scope="module")
+def tx40(read) -> tuple[Robot, Recording, Recording]:
+    arm = robot("tx40")
+    return arm, read(arm, "all", ((0.02, 5.0),)), read(arm, "all", ((5.0, 7.65),))
+
+
+def test_a_tx40_with_its_wrist_coupling_is_predicted_well(tx40):
+    arm, training, validation = tx40
+    coupling = EffectChoice("transmission_coupling", (arm.joint_names[4],), (("side", 1.0),))
+    choices = IdentificationChoices((*CHOICES.effects, coupling))
+    assert held_out(identify(arm, [training], [validation], choices)) <= 0.102
+
+
+def test_the_wrist_coupling_of_a_tx40_is_named_by_the_diagnosis(tx40):
+    arm, training, validation = tx40
+    plain = identify(arm, [training], [validation], CHOICES)
+    assert held_out(plain) > 0.15
+    found = diagnose(plain, [training])
+    first = found.candidates[0]
+    assert (first.effect, first.joints) == ("transmission_coupling", (arm.joint_names[4],))
+    assert dict(first.shape)["side"] == 1.0
+    grown = extend(plain, found.recommended, [training], [validation])
+    assert held_out(grown) < 0.075
+
+
+def test_a_ur10_is_predicted_and_its_friction_named(read):
+    arm = robot("ur10")
+    training, validation = (read(arm, "exciting_traj", (window,)) for window in ((0.0, 18.0), (18.0, 27.5)))
+    plain = identify(arm, [training], [validation], CHOICES)
+    assert held_out(plain) < 0.08
+    found = diagnose(plain, [training])
+    assert found.recommended
+    assert held_out(extend(plain, found.recommended, [training], [validation])) < 0.6 * held_out(plain)
+
+
+def test_an_airbot_play_is_predicted_and_its_poor_motion_is_warned_of(read):
+    arm = robot("airbot_play")
+    training, validation = read(arm, "id_chirp_unloaded"), read(arm, "cv_trapezoidal")
+    plain = identify(arm, [training], [validation], CHOICES)
+    assert held_out(plain) < 0.092
+    assert any("condition number" in warning for warning in plain.warnings)
+    assert any("poorly identified" in warning for warning in plain.warnings)
+    found = diagnose(plain, [training])
+    assert held_out(extend(plain, found.recommended, [training], [validation])) < 0.9 * held_out(plain)
+
+
+def test_a_kr300_whose_motion_is_too_small_is_warned_of_and_gets_no_invented_effects(read):
+    arm = robot("kr300")
+    training = read(arm, "id_A")
+    plain = identify(arm, [training], [read(arm, "val_B")], CHOICES)
+    assert held_out(plain) < 0.43
+    assert not plain.inertia_matrix_positive_definite
+    assert any("condition number" in warning for warning in plain.warnings)
+    assert any("error on validation data" in warning for warning in plain.warnings)
+    assert diagnose(plain, [training]).recommended == ()
