@@ -1,0 +1,83 @@
+"""All commands, and what happens when one of them fails."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+from dynident.errors import Cancelled, DynidentError
+from dynident.version import __version__
+from dynident_service.cli.failures import CANCELLED, MISUSED, tell_failure
+from dynident_service.cli.verbs import (
+    compare,
+    demo,
+    design,
+    diagnose,
+    effects,
+    extend,
+    identify,
+    report,
+    serve,
+    simulate,
+)
+
+app = typer.Typer(
+    name="dynident",
+    help="Identify the dynamic parameters of a robot, and name the physics that its model is missing.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"dynident {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version and leave.", is_eager=True, callback=_show_version)
+    ] = False,
+) -> None:
+    """Take the options before the command."""
+
+
+def _guarded(command: Callable[..., None]) -> Callable[..., None]:
+    """The command, with errors that the user can mend told in words, and Ctrl-C ending it quietly."""
+
+    @functools.wraps(command)
+    def guarded(*arguments: Any, **options: Any) -> None:
+        try:
+            command(*arguments, **options)
+        except DynidentError as error:
+            tell_failure(error, bool(options.get("as_json")))
+            raise typer.Exit(MISUSED) from error
+        except (KeyboardInterrupt, Cancelled):
+            print("dynident: cancelled", file=sys.stderr)
+            raise typer.Exit(CANCELLED) from None
+
+    return guarded
+
+
+for _command in (
+    demo.demo,
+    design.design,
+    simulate.simulate,
+    identify.identify,
+    compare.compare,
+    diagnose.diagnose,
+    extend.extend,
+    report.report,
+    effects.effects,
+    serve.serve,
+):
+    app.command()(_guarded(_command))

@@ -1,0 +1,62 @@
+"""Designs on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+from rich.console import Console
+
+from dynident.errors import DynidentError
+from dynident.excitation import Design
+from dynident.reports.numbers import number, percent
+from dynident.robot import Limits
+from dynident_service.adapters import robots
+from dynident_service.cli.inputs import document_of
+from dynident_service.cli.terminal import table
+from dynident_service.models.common import Limits as WireLimits
+from dynident_service.problems import fields_of
+
+_LIMITS = TypeAdapter(dict[str, WireLimits])
+
+
+def limits_of(path: Path | None) -> dict[str, Limits]:
+    """Read limits by joint from a JSON file."""
+    if path is None:
+        return {}
+    document = document_of(path)
+    try:
+        found = _LIMITS.validate_python(document)
+    except ValidationError as error:
+        first = fields_of([{**item, "loc": ("body", *item["loc"])} for item in error.errors()], document)[0]
+        raise DynidentError(first.detail, pointer=f"{path}{first.pointer}", title="Unusable limits") from error
+    return {name: robots.limits_of(value) for name, value in found.items()}
+
+
+def show_design(console: Console, found: Design) -> None:
+    """What a design is worth, and how near it comes to the limits."""
+    values, baseline = found.criterion_values, found.baseline
+    rows = [["this design", number(values.condition_number), number(values.smallest_singular_value)]]
+    if baseline is not None:
+        best = baseline.best
+        rows.append(
+            [
+                f"best of {baseline.count} random ones",
+                number(best.condition_number),
+                number(best.smallest_singular_value),
+            ]
+        )
+        rows.append(["median of those", number(baseline.median_condition_number), ""])
+    console.print(table("", ("trajectory", "condition number", "smallest singular value"), rows))
+    nearest = sorted(found.margins, key=lambda margin: -margin.share)[:5]
+    console.print(
+        table(
+            "Nearest limits",
+            ("joint", "limit", "reached", "allowed", "used"),
+            [[m.joint, m.limit, number(m.value), number(m.bound), percent(m.share)] for m in nearest],
+            right_from=2,
+        )
+    )
+    for note in found.notes:
+        console.print(f"  {note}", markup=False, style="dim")
+    console.print(f"{found.n_samples} samples at {found.sampling_rate:g} Hz, {found.duration:.1f} s from rest to rest")

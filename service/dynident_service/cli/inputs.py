@@ -1,0 +1,237 @@
+"""From what a user types to robots, recordings, choices and models."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast, get_args
+
+from pydantic import ValidationError
+
+from dynident.diagnosis import Diagnosis
+from dynident.effects import DEFAULT_EFFECTS, EffectChoice
+from dynident.errors import DynidentError
+from dynident.identification import Identification, from_bytes
+from dynident.identification.choices import EstimatorName
+from dynident.progress import Progress, part
+from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
+from dynident.robot import Description, Drive, Robot, robot_from_description
+from dynident.robot.well_known import library_names, robot_from_library
+from dynident_service.adapters.diagnoses import diagnosis_of
+from dynident_service.adapters.identifications import check_effects
+from dynident_service.adapters.robots import robot_from_request
+from dynident_service.cli import parsing
+from dynident_service.models.robots import RobotRequest
+from dynident_service.problems import fields_of
+
+
+@dataclass(frozen=True)
+class FileOptions:
+    """What the options say about measurement files."""
+
+    columns: Sequence[str] = ()
+    units: Sequence[str] = ()
+    windows: Sequence[str] = ()
+    accept: Sequence[str] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """A checked measurement."""
+
+    recording: Recording
+    checks: tuple[Check, ...]
+
+
+def robot_of(text: str, gains: str = "") -> Robot:
+    """The robot that an argument means: a file, or a well-known arm."""
+    path = Path(text)
+    robot = _robot_from_file(path) if path.is_file() else _known_robot(text)
+    return with_gains(robot, gains)
+
+
+def with_gains(robot: Robot, gains: str) -> Robot:
+    """The robot with drive gains stated on the command line."""
+    if not gains:
+        return robot
+    stated = parsing.drive_gains(gains, robot.joint_names)
+    drives = zip(robot.joint_names, robot.drives, strict=True)
+    return replace(robot, drives=tuple(Drive(stated[name]) if name in stated else drive for name, drive in drives))
+
+
+def _known_robot(text: str) -> Robot:
+    if text in library_names():
+        return robot_from_library(text)
+    raise DynidentError(
+        f"there is neither a file nor a well-known arm {text!r}; the arms are: {', '.join(library_names())}",
+        pointer="ROBOT",
+        title="Unknown robot",
+    )
+
+
+def _robot_from_file(path: Path) -> Robot:
+    content = read_text(path)
+    if content.lstrip().startswith("<"):
+        return robot_from_description(path.stem, Description("urdf", content))
+    try:
+        document = json.loads(content)
+    except json.JSONDecodeError as error:
+        raise DynidentError(
+            f"{path.name} is neither XML (URDF) nor JSON: {error}",
+            pointer=str(path),
+            title="Unusable robot description",
+        ) from error
+    if not (isinstance(document, dict) and "description" in document):
+        return robot_from_description(path.stem, Description("modified_dh", content))
+    try:
+        request = RobotRequest.model_validate({"name": path.stem, **document})
+    except ValidationError as error:
+        first = fields_of(list(error.errors()), document)[0]
+        raise DynidentError(first.detail, pointer=first.pointer, title="Unusable robot") from error
+    return robot_from_request(request)
+
+
+@contextmanager
+def loaded(
+    paths: Sequence[Path], robot: Robot, options: FileOptions, progress: Progress, others: Sequence[Path] = ()
+) -> Iterator[tuple[list[Loaded], list[Loaded]]]:
+    """Check measurement files (and others beside them); what is kept of them is gone when the work is done.
+
+    Yields
+    ------
+    measurements, others : each with its checks
+    """
+    everything = [*paths, *others]
+    names = parsing.unique_names(everything)
+    windows = parsing.windows_of(options.windows, names)
+    columns, units = parsing.pairs(options.columns, "--columns"), parsing.pairs(options.units, "--units")
+    with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
+        found = []
+        for index, (path, name) in enumerate(zip(everything, names, strict=True)):
+            metadata = RecordingMetadata(
+                name=name,
+                columns=columns,
+                units=units,
+                windows=windows.get(name, ()),
+                accept=tuple(options.accept),
+            )
+            share = part(progress, index / len(everything), (index + 1) / len(everything))
+            found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share))
+        yield found[: len(paths)], found[len(paths) :]
+
+
+def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress) -> Loaded:
+    _check_readable(path)
+    try:
+        recording, checks = import_recording(
+            path,
+            destination,
+            joint_names=robot.joint_names,
+            gains=[drive.gain for drive in robot.drives],
+            metadata=metadata,
+            limits=[JointLimits(j.kind, j.limits.position, j.limits.velocity, j.limits.effort) for j in robot.joints],
+            progress=progress,
+        )
+    except RecordingError as error:
+        # Which of the files: the science knows columns, rows and times alone.
+        error.title = f"{error.title} ({path.name})"
+        raise
+    return Loaded(recording, checks)
+
+
+def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
+    """The recordings alone."""
+    return [item.recording for item in measurements]
+
+
+def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
+    """The effects that were asked for; the default ones where none were."""
+    choices: list[EffectChoice] = []
+    for text in parsing.effect_texts(given):
+        if text == "default":
+            choices += DEFAULT_EFFECTS
+            continue
+        name, joints, shape = parsing.effect_parts(text, "--effects")
+        choices.append(EffectChoice(name, joints, tuple(sorted(shape.items()))))
+    check_effects(choices, robot)
+    return tuple(choices)
+
+
+def estimator_of(name: str) -> EstimatorName:
+    """The estimator of that name; whether it is available is for the identification to say."""
+    if name not in get_args(EstimatorName):
+        raise DynidentError(
+            f"there is no estimator {name!r}; there are: {', '.join(get_args(EstimatorName))}", pointer="--estimator"
+        )
+    return cast(EstimatorName, name)
+
+
+def model_of(path: Path) -> Identification:
+    """Read an identified model."""
+    _check_readable(path)
+    try:
+        return from_bytes(path.read_bytes())
+    except DynidentError as error:
+        error.pointer = str(path)
+        raise
+
+
+def stored_diagnosis(path: Path) -> Diagnosis:
+    """Read what `dynident diagnose --out` wrote."""
+    try:
+        return diagnosis_of(document_of(path))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise DynidentError(
+            f"{path.name} is no diagnosis: {first['msg']} at {'/'.join(map(str, first['loc']))}", pointer=str(path)
+        ) from error
+
+
+def document_of(path: Path) -> Mapping[str, Any]:
+    """Read a JSON object."""
+    try:
+        document = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise DynidentError(f"{path.name} is no JSON: {error}", pointer=str(path)) from error
+    if not isinstance(document, dict):
+        raise DynidentError(f"{path.name} holds no JSON object", pointer=str(path))
+    return document
+
+
+def read_text(path: Path) -> str:
+    """Read a text file."""
+    _check_readable(path)
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise DynidentError(f"{path.name} is no text: {error}", pointer=str(path)) from error
+
+
+def _check_readable(path: Path) -> None:
+    if not path.is_file():
+        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
+    if not os.access(path, os.R_OK):
+        raise DynidentError(f"{path} may not be read", pointer=str(path), title="Unreadable file")
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that it is there whole, or not at all."""
+    if not path.parent.is_dir():
+        raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as unfinished:
+        temporary = Path(unfinished.name)
+    try:
+        temporary.write_bytes(content)
+        # Temporary files are private; this one is the user's, with the usual permissions.
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

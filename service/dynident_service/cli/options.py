@@ -1,0 +1,91 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+RobotArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="ROBOT",
+        help="A URDF file, a JSON file (a modified Denavit-Hartenberg table, or a robot as the service takes it), or "
+        "the name of a well-known arm (see `dynident design --help`).",
+        show_default=False,
+    ),
+]
+ModelArgument = Annotated[
+    Path, typer.Argument(metavar="MODEL", help="A model that `dynident identify --out` wrote.", show_default=False)
+]
+Measurements = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="MEASUREMENT...",
+        help="CSV or Parquet files with the columns t, q1… and tau1… or current1… (or q_<joint>…).",
+        show_default=False,
+    ),
+]
+Validation = Annotated[
+    list[Path],
+    typer.Option(
+        "--validation",
+        "-v",
+        metavar="FILE",
+        help="Measurement that no parameter sees; may be repeated.",
+        default_factory=list,
+    ),
+]
+Columns = Annotated[
+    list[str],
+    typer.Option(
+        "--columns",
+        metavar="OURS=THEIRS,…",
+        help="Columns with other names: q1=shoulder,tau1=torque_a; or a JSON object.",
+        default_factory=list,
+    ),
+]
+Units = Annotated[
+    list[str],
+    typer.Option("--units", metavar="KIND=UNIT,…", help="Units other than SI: q=deg,tau=mN m.", default_factory=list),
+]
+Windows = Annotated[
+    list[str],
+    typer.Option(
+        "--windows",
+        metavar="[NAME=]FROM:TO,…",
+        help="Seconds of t to use, of all files or of the one with that name (its file's, without the ending).",
+        default_factory=list,
+    ),
+]
+Accept = Annotated[
+    list[str],
+    typer.Option(
+        "--accept",
+        metavar="CHECK",
+        help="Treat the errors of this check as warnings; may be repeated.",
+        default_factory=list,
+    ),
+]
+DriveGains = Annotated[
+    str,
+    typer.Option(
+        "--drive-gains",
+        metavar="G1,G2,…",
+        help="Drive gains [12.17] in N m per unit of current, one a joint, or joint=gain pairs.",
+    ),
+]
+Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where to write the result.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, with the fields of the HTTP contract.")]
+Effects = Annotated[
+    list[str],
+    typer.Option(
+        "--effects",
+        metavar="EFFECT,…",
+        help="Effects of the catalogue: `default,offset` or `stribeck@joint1+joint2:vs=0.05`; `default` stands for "
+        "rigid_body,rotor_inertia,coulomb,viscous.",
+        default_factory=list,
+    ),
+]
+Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same result.")]

@@ -1,0 +1,144 @@
+"""The small languages of the options: lists, pairs, windows, effects."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from dynident.errors import DynidentError
+
+Window = tuple[float, float]
+
+
+def pairs(given: Sequence[str], option: str) -> dict[str, str]:
+    """Pairs of `name=value`, several in one with commas between, or one JSON object."""
+    found: dict[str, str] = {}
+    for text in given:
+        if text.lstrip().startswith("{"):
+            found |= _json_pairs(text, option)
+            continue
+        for item in _items(text):
+            name, sign, value = item.partition("=")
+            if not sign or not name.strip() or not value.strip():
+                raise _misread(option, item, "name=value")
+            found[name.strip()] = value.strip()
+    return found
+
+
+def numbers(text: str, option: str) -> list[float]:
+    """Numbers with commas between."""
+    return [number(item, option) for item in _items(text)]
+
+
+def number(text: str, option: str) -> float:
+    """One number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise _misread(option, text, "a number") from None
+
+
+def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
+    """Drive gains [12.17] by joint: one number a joint in the robot's order, or `joint=gain` pairs."""
+    if "=" not in text:
+        values = numbers(text, "--drive-gains")
+        if len(values) != len(joint_names):
+            raise DynidentError(
+                f"{len(values)} drive gains for {len(joint_names)} joints ({', '.join(joint_names)}); give one each "
+                "or joint=gain pairs",
+                pointer="--drive-gains",
+            )
+        return dict(zip(joint_names, values, strict=True))
+    found = {name: number(value, "--drive-gains") for name, value in pairs([text], "--drive-gains").items()}
+    for name in found:
+        if name not in joint_names:
+            raise DynidentError(
+                f"there is no joint {name!r}; the robot has: {', '.join(joint_names)}", pointer="--drive-gains"
+            )
+    return found
+
+
+def windows_of(given: Sequence[str], names: Sequence[str]) -> dict[str, tuple[Window, ...]]:
+    """Windows by measurement: `from:to` for all of them, `name=from:to` for one; several with commas between."""
+    found: dict[str, tuple[Window, ...]] = {}
+    for text in given:
+        name, sign, rest = text.rpartition("=")
+        if sign and name not in names:
+            raise DynidentError(f"there is no measurement {name!r}; there are: {', '.join(names)}", pointer="--windows")
+        windows = tuple(_window(item) for item in _items(rest))
+        for one in [name] if sign else names:
+            found[one] = found.get(one, ()) + windows
+    return found
+
+
+def effect_texts(given: Sequence[str]) -> list[str]:
+    """Effects with commas between, or given one by one; the word `default` stands for the four usual ones."""
+    texts: list[str] = []
+    for item in [item for text in given for item in _items(text)]:
+        # Values of shape constants, and joints, may themselves follow commas: they carry on the effect before.
+        if texts and "=" in item and ":" not in item and "@" not in item and ":" in texts[-1]:
+            texts[-1] += f",{item}"
+        else:
+            texts.append(item)
+    return texts
+
+
+def effect_parts(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[str, float]]:
+    """Take `effect@joint+joint:constant=value` apart: id, joints, shape constants."""
+    head, _, constants = text.partition(":")
+    name, sign, joints = head.partition("@")
+    if not name.strip() or (sign and not joints.strip()):
+        raise DynidentError(
+            f"cannot read {text!r}; write effect, effect@joint, effect@joint+joint or effect@joint:constant=value",
+            pointer=pointer,
+        )
+    shape = {key: number(value, pointer) for key, value in pairs([constants], pointer).items()} if constants else {}
+    return name.strip(), tuple(joint.strip() for joint in joints.split("+") if joint.strip()), shape
+
+
+def preprocessing_request(text: str) -> Mapping[str, object] | str:
+    """`auto`, or pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `none` for no filter."""
+    if text.strip() == "auto":
+        return "auto"
+    words: dict[str, object] = {"auto": "auto", "none": None, "null": None}
+    return {
+        name: words[value] if value in words else number(value, f"--preprocessing {name}")
+        for name, value in pairs([text], "--preprocessing").items()
+    }
+
+
+def unique_names(paths: Iterable[Path]) -> list[str]:
+    """A name for every file: its stem, with a number behind it where two files share one."""
+    names: list[str] = []
+    for path in paths:
+        name, count = path.stem, 2
+        while name in names:
+            name, count = f"{path.stem}_{count}", count + 1
+        names.append(name)
+    return names
+
+
+def _items(text: str) -> list[str]:
+    return [item.strip() for item in text.split(",") if item.strip()]
+
+
+def _window(text: str) -> Window:
+    first, sign, last = text.partition(":")
+    if not sign:
+        raise _misread("--windows", text, "from:to in seconds of t")
+    return number(first, "--windows"), number(last, "--windows")
+
+
+def _json_pairs(text: str, option: str) -> dict[str, str]:
+    try:
+        found = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise DynidentError(f"this is no JSON object: {error}", pointer=option) from error
+    if not isinstance(found, dict):
+        raise _misread(option, text, "a JSON object")
+    return {str(key): str(value) for key, value in found.items()}
+
+
+def _misread(option: str, text: str, wanted: str) -> DynidentError:
+    return DynidentError(f"cannot read {text!r}; write {wanted}", pointer=option, title="Unusable option")

@@ -1,0 +1,23 @@
+"""What a report is made from, out of loaded measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynident.diagnosis import compare
+from dynident.identification import Identification
+from dynident.progress import Progress, part
+from dynident.reports import ReportedRun
+from dynident_service.cli.inputs import Loaded
+
+
+def reported_runs(
+    identification: Identification, training: Sequence[Loaded], held_out: Sequence[Loaded], progress: Progress
+) -> list[ReportedRun]:
+    """Every measurement with the model's prediction beside it."""
+    everything = [(item, False) for item in training] + [(item, True) for item in held_out]
+    runs = []
+    for index, (item, tried) in enumerate(everything):
+        share = part(progress, index / len(everything), (index + 1) / len(everything))
+        runs.append(ReportedRun(item.recording, compare(identification, item.recording, share), tried, item.checks))
+    return runs

@@ -1,0 +1,154 @@
+"""Results as tables for people."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from dynident.diagnosis import Comparison, Diagnosis
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.identification import Identification
+from dynident.reports.numbers import estimate, number, percent
+from dynident.reports.sections.diagnosis import place_text
+from dynident.robot import Robot
+from dynident_service.cli.inputs import Loaded
+from dynident_service.cli.terminal import table
+
+_MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
+
+
+def show_measurements(console: Console, measurements: Sequence[Loaded], held_out: Sequence[Loaded]) -> None:
+    """What was read, and everything doubtful in it."""
+    rows = []
+    for group, use in ((measurements, "identification"), (held_out, "held out")):
+        for item in group:
+            recording = item.recording
+            rows.append([recording.name, use, str(recording.n_samples), f"{recording.sampling_rate:.4g} Hz"])
+    console.print(table("", ("measurement", "used for", "samples", "rate"), rows, right_from=2))
+    for item in [*measurements, *held_out]:
+        for check in item.checks:
+            if check.status != "ok":
+                name = check.name.replace("_", " ")
+                console.print(f"  {_MARKS[check.status]} {item.recording.name}, {name}: {check.detail}", markup=False)
+
+
+def show_identification(console: Console, found: Identification, *, parameters: bool = True) -> None:
+    """Errors per joint, parameters, warnings."""
+    for reason in found.preprocessing.reasons:
+        console.print(f"  {reason}", markup=False, style="dim")
+    console.print(_errors_table(found))
+    if parameters:
+        console.print(_parameters_table(found))
+    for warning in found.warnings:
+        console.print(f"! {warning}", markup=False, style="yellow")
+
+
+def show_ladder(console: Console, found: Identification) -> None:
+    """The error falling, model by model."""
+    rows = []
+    for index, model in enumerate(found.ladder()):
+        held_out = percent(model.held_out.relative_total) if model.held_out is not None else "–"
+        added = (
+            ", ".join(choice_text(choice, found.model.robot) for choice in model.added)
+            if model.parent is not None
+            else "first model"
+        )
+        rows.append([str(index + 1), added, percent(model.fit.relative_total), held_out])
+    console.print(table("Ladder of models", ("model", "added", "fit", "held out"), rows, right_from=2))
+
+
+def show_comparison(console: Console, name: str, found: Comparison) -> None:
+    """Errors per joint and the worst stretches."""
+    errors = found.errors
+    rows = [
+        [joint, f"{number(float(errors.rms[j]))} {found.units[j]}", percent(float(errors.relative[j]))]
+        for j, joint in enumerate(found.joint_names)
+    ]
+    rows.append(["all joints", "", percent(errors.relative_total)])
+    console.print(table(f"Measured against predicted: {name}", ("joint", "residual, rms", "relative"), rows))
+    worst = [
+        [one.joint, f"{one.start:.2f} to {one.end:.2f} s", number(one.rms), f"{one.ratio:.1f} x"]
+        for one in found.worst[:5]
+    ]
+    console.print(table("Where it is worst", ("joint", "when", "rms", "of the joint's own"), worst))
+
+
+def show_diagnosis(console: Console, found: Diagnosis, robot: Robot) -> None:
+    """The verdict, the ranking, what was not visible."""
+    console.print(found.summary, markup=False, style="bold")
+    rows = [
+        [
+            str(item.rank),
+            effect_by_id(item.effect).title,
+            place_text(item.joints, robot),
+            percent(item.error_before),
+            percent(item.error_after),
+            percent(item.error_drop, 2),
+            "yes" if item.significant else "no",
+        ]
+        for item in found.candidates
+    ]
+    columns = ("rank", "effect", "joints", "error before", "after", "drop", "significant")
+    console.print(table("Candidates", columns, rows, right_from=3))
+    for item in found.candidates:
+        if item.significant:
+            console.print(f"  {item.rank}. {item.evidence}", markup=False)
+    if found.recommended:
+        wanted = ",".join(choice_argument(choice) for choice in found.recommended)
+        console.print(f"To add what is missing: dynident extend … --effects '{wanted}'", markup=False)
+    for pattern in found.unknown:
+        console.print(
+            f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} ({percent(pattern.share, 2)})",
+            markup=False,
+        )
+    if found.not_visible:
+        names = ", ".join(dict.fromkeys(item.effect for item in found.not_visible))
+        console.print(f"  This data could not have shown: {names}", markup=False)
+    if found.next_experiment is not None:
+        console.print(f"  Next experiment: {found.next_experiment.reason}", markup=False)
+
+
+def choice_text(choice: EffectChoice, robot: Robot) -> str:
+    """An effect in words: "Stribeck friction on joint2"."""
+    title = effect_by_id(choice.effect).title
+    return f"{title} on {place_text(choice.joints, robot)}" if choice.joints else title
+
+
+def choice_argument(choice: EffectChoice) -> str:
+    """An effect as `--effects` reads it."""
+    joints = f"@{'+'.join(choice.joints)}" if choice.joints else ""
+    shape = ",".join(f"{name}={value:.6g}" for name, value in choice.shape)
+    return f"{choice.effect}{joints}{':' + shape if shape else ''}"
+
+
+def _errors_table(found: Identification) -> object:
+    rows = []
+    for j, joint in enumerate(found.model.robot.joints):
+        row = [
+            joint.name,
+            f"{number(float(found.fit.rms[j]))} {joint.effort_unit}",
+            percent(float(found.fit.relative[j])),
+        ]
+        if found.held_out is not None:
+            rms, relative = float(found.held_out.rms[j]), float(found.held_out.relative[j])
+            row += [f"{number(rms)} {joint.effort_unit}", percent(relative)]
+        rows.append(row)
+    total = ["all joints", "", percent(found.fit.relative_total)]
+    columns = ["joint", "fit, rms", "fit, relative"]
+    if found.held_out is not None:
+        total += ["", percent(found.held_out.relative_total)]
+        columns += ["held out, rms", "held out, relative"]
+    return table("Error per joint", columns, [*rows, total])
+
+
+def _parameters_table(found: Identification) -> object:
+    rows = []
+    for one in found.parameters:
+        value, deviation = estimate(one.value, one.standard_deviation)
+        relative = percent(one.relative_standard_deviation, 2)
+        rows.append(
+            [one.name, one.link, value, deviation, one.unit, relative, "✓" if one.well_identified else "! poorly"]
+        )
+    columns = ("parameter", "joint", "value", "standard deviation", "unit", "relative", "identified")
+    return table(f"{len(rows)} base parameters", columns, rows, right_from=2)

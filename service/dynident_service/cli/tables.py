@@ -1,0 +1,52 @@
+"""Series as CSV or Parquet files, written whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+
+from dynident.diagnosis import Comparison
+from dynident.errors import DynidentError
+from dynident.excitation import Design, design_table
+from dynident_service.cli.inputs import write_whole
+
+ENDINGS = (".csv", ".parquet")
+_SIGNALS = ("measured", "predicted", "residual", "band", "q", "dq")
+
+
+def check_ending(path: Path) -> None:
+    """Raise before the work begins where its result could not be written."""
+    if path.suffix not in ENDINGS:
+        raise DynidentError(f"cannot write {path.name}; the file's ending has to be .csv or .parquet", pointer="--out")
+    if not path.parent.is_dir():
+        raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
+
+
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write a table in the format that the file's ending names."""
+    check_ending(path)
+    sink = pa.BufferOutputStream()
+    if path.suffix == ".parquet":
+        pq.write_table(table, sink)
+    else:
+        pacsv.write_csv(table, sink, pacsv.WriteOptions(quoting_style="none", quoting_header="none"))
+    write_whole(path, sink.getvalue().to_pybytes())
+
+
+def trajectory_table(design: Design) -> pa.Table:
+    """Columns t, q_<joint>…, dq_<joint>…, ddq_<joint>…."""
+    return design_table(design)
+
+
+def comparison_table(found: Comparison) -> pa.Table:
+    """Columns t, segment, and measured_<joint>, predicted_<joint>, residual_<joint>, band_<joint>, q_…, dq_…."""
+    columns = {"t": found.t, "segment": found.segment.astype(np.int64)}
+    for signal in _SIGNALS:
+        values = getattr(found, signal)
+        for index, joint in enumerate(found.joint_names):
+            columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
+    return pa.table(columns)

@@ -1,0 +1,64 @@
+"""What people see: progress and tables on stderr and stdout; what scripts see: JSON on stdout."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from dynident.progress import Progress as Report
+
+_MESSAGE = 40
+
+
+def out() -> Console:
+    """The console for results."""
+    return Console(file=sys.stdout, highlight=False, soft_wrap=False)
+
+
+def err() -> Console:
+    """The console for everything else."""
+    return Console(file=sys.stderr, highlight=False)
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """A document on stdout, for scripts."""
+    sys.stdout.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Report]:
+    """A progress bar on stderr, where that is a terminal; leaves nothing behind."""
+    console = err()
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=28),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[message]}", style="dim"),
+    )
+    shown = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    with shown:
+        yield partial(_advance, shown, shown.add_task(title, total=1.0, message=""))
+
+
+def _advance(shown: Progress, task: TaskID, fraction: float, message: str) -> None:
+    shown.update(task, completed=fraction, message=message[:_MESSAGE])
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, right_from: int = 1) -> Table:
+    """A plain table; columns from the number `right_from` on hold figures."""
+    made = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for index, column in enumerate(columns):
+        made.add_column(column, justify="right" if index >= right_from else "left", no_wrap=index >= right_from)
+    for row in rows:
+        made.add_row(*row)
+    return made

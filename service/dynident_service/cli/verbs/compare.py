@@ -1,0 +1,50 @@
+"""`dynident compare`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Out, Units, Windows
+
+
+def compare(
+    model: ModelArgument,
+    measurement: Annotated[
+        Path, typer.Argument(metavar="MEASUREMENT", help="CSV or Parquet file.", show_default=False)
+    ],
+    columns: Columns,
+    units: Units,
+    windows: Windows,
+    accept: Accept,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Hold the predicted torque against a measurement; --out writes the signals (.csv or .parquet)."""
+    from dynident.diagnosis import compare as compare_model
+    from dynident.progress import part
+    from dynident_service.adapters.comparisons import describe_comparison
+    from dynident_service.cli import inputs, shown, tables, terminal
+    from dynident_service.models.common import plain
+
+    identification = inputs.model_of(model)
+    options = inputs.FileOptions(columns, units, windows, accept)
+    if out is not None:
+        tables.check_ending(out)
+    with (
+        terminal.progress_bar("compare") as progress,
+        inputs.loaded([measurement], identification.model.robot, options, part(progress, 0.0, 0.5)) as (given, _),
+    ):
+        found = compare_model(identification, given[0].recording, part(progress, 0.5, 1.0))
+    if out is not None:
+        tables.write_table(tables.comparison_table(found), out)
+    if as_json:
+        terminal.print_json(plain(describe_comparison(found)))
+        return
+    console = terminal.out()
+    shown.show_measurements(console, (), given)
+    shown.show_comparison(console, given[0].recording.name, found)
+    if out is not None:
+        console.print(f"signals written to {out}", markup=False)

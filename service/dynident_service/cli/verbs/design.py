@@ -1,0 +1,68 @@
+"""`dynident design`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident_service.cli.options import Effects, Json, RobotArgument, Seed
+
+
+def design(
+    robot: RobotArgument,
+    effects: Effects,
+    kind: Annotated[str, typer.Option("--kind", help="optimized, random or constant_velocity.")] = "optimized",
+    criterion: Annotated[
+        str,
+        typer.Option("--criterion", help="condition_number, d_optimal, a_optimal, e_optimal, … (§12.3.4)."),
+    ] = "condition_number",
+    duration: Annotated[float, typer.Option("--duration", help="One period in s.")] = 10.0,
+    harmonics: Annotated[int, typer.Option("--harmonics", help="Of the fundamental frequency.")] = 5,
+    periods: Annotated[int, typer.Option("--periods", help="How often the period is repeated.")] = 1,
+    rate: Annotated[float, typer.Option("--rate", help="Sampling rate in Hz.")] = 100.0,
+    time_budget: Annotated[
+        float | None, typer.Option("--time-budget", help="Seconds of optimisation; the best so far is taken.")
+    ] = None,
+    limits: Annotated[
+        Path | None,
+        typer.Option(
+            "--limits",
+            metavar="FILE",
+            help='Tighter limits for this experiment, JSON: {"joint": {"position": [lo, hi], "velocity": …}}.',
+        ),
+    ] = None,
+    seed: Seed = 0,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The trajectory, .csv or .parquet.")] = Path(
+        "trajectory.csv"
+    ),
+    as_json: Json = False,
+) -> None:
+    """Design an exciting trajectory within the robot's limits."""
+    from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
+    from dynident_service.adapters.designs import describe_design
+    from dynident_service.cli import inputs, tables, terminal
+    from dynident_service.cli.designing import limits_of, show_design
+    from dynident_service.models.common import plain
+
+    tables.check_ending(out)
+    machine = inputs.robot_of(robot)
+    request = DesignRequest(
+        kind=kind,
+        effects=inputs.effects_of(effects, machine) or None,
+        criterion=CriterionChoice(criterion),
+        trajectory=TrajectoryRequest(duration=duration, harmonics=harmonics, periods=periods, sampling_rate=rate),
+        limits=limits_of(limits),
+        time_budget=time_budget,
+        seed=seed,
+    )
+    with terminal.progress_bar("design") as progress:
+        found = design_experiment(machine, request, progress)
+    tables.write_table(tables.trajectory_table(found), out)
+    if as_json:
+        terminal.print_json(plain(describe_design(found)))
+        return
+    console = terminal.out()
+    show_design(console, found)
+    console.print(f"trajectory written to {out}", markup=False)

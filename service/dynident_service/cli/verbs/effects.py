@@ -1,0 +1,28 @@
+"""`dynident effects`."""
+
+from __future__ import annotations
+
+from dynident_service.cli.options import Json
+
+
+def effects(as_json: Json = False) -> None:
+    """List the effects that models are made of."""
+    from dynident.effects import CATALOGUE
+    from dynident_service.adapters.effects import catalogue
+    from dynident_service.cli import terminal
+    from dynident_service.models.common import plain
+
+    if as_json:
+        terminal.print_json(plain(catalogue()))
+        return
+    rows = [
+        [
+            effect.id,
+            effect.title,
+            ", ".join(f"{one.name} ({one.unit})" if one.unit != "-" else one.name for one in effect.parameters),
+            effect.signature,
+        ]
+        for effect in CATALOGUE.values()
+    ]
+    columns = ("effect", "what it is", "parameters", "what it leaves in the residual")
+    terminal.out().print(terminal.table("", columns, rows, right_from=len(columns)))

@@ -1,0 +1,89 @@
+"""`dynident identify`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from dynident_service.cli.options import (
+    Accept,
+    Columns,
+    DriveGains,
+    Effects,
+    Json,
+    Measurements,
+    Out,
+    RobotArgument,
+    Units,
+    Validation,
+    Windows,
+)
+
+
+def identify(
+    robot: RobotArgument,
+    measurements: Measurements,
+    validation: Validation,
+    columns: Columns,
+    units: Units,
+    windows: Windows,
+    accept: Accept,
+    effects: Effects,
+    drive_gains: DriveGains = "",
+    estimator: Annotated[
+        str, typer.Option("--estimator", help="ols or wls (each joint weighted by its noise).")
+    ] = "wls",
+    preprocessing: Annotated[
+        str,
+        typer.Option(
+            "--preprocessing",
+            metavar="auto|NAME=VALUE,…",
+            help="auto, or any of position_cutoff, torque_cutoff (Hz, or none), decimation, filter_order.",
+        ),
+    ] = "auto",
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Identify the base parameters of a robot from its measurements."""
+    from dynident.effects import DEFAULT_EFFECTS
+    from dynident.identification import IdentificationChoices, to_bytes
+    from dynident.identification import identify as identify_model
+    from dynident.progress import part
+    from dynident.recordings import preprocessing_from_request
+    from dynident_service.adapters.identifications import describe_identification
+    from dynident_service.adapters.measurements import show_checks
+    from dynident_service.cli import inputs, parsing, shown, terminal
+    from dynident_service.models.common import plain
+
+    machine = inputs.robot_of(robot, drive_gains)
+    options = inputs.FileOptions(columns, units, windows, accept)
+    chosen = inputs.effects_of(effects, machine) or DEFAULT_EFFECTS
+    IdentificationChoices(effects=chosen, estimator=inputs.estimator_of(estimator))
+    with (
+        terminal.progress_bar("identify") as progress,
+        inputs.loaded(measurements, machine, options, part(progress, 0.0, 0.5), validation) as (training, held_out),
+    ):
+        asked = parsing.preprocessing_request(preprocessing)
+        recordings = inputs.recordings_of(training)
+        choices = IdentificationChoices(
+            effects=chosen,
+            estimator=inputs.estimator_of(estimator),
+            preprocessing=None if asked == "auto" else preprocessing_from_request(asked, recordings),
+        )
+        found = identify_model(machine, recordings, inputs.recordings_of(held_out), choices, part(progress, 0.5, 1.0))
+    if out is not None:
+        inputs.write_whole(out, to_bytes(found))
+    if as_json:
+        document = plain(describe_identification(found, None))
+        document["measurements"] = [
+            {"name": item.recording.name, "checks": [plain(check) for check in show_checks(item.checks)]}
+            for item in [*training, *held_out]
+        ]
+        terminal.print_json(document)
+        return
+    console = terminal.out()
+    shown.show_measurements(console, training, held_out)
+    shown.show_identification(console, found)
+    if out is not None:
+        console.print(f"model written to {out}", markup=False)

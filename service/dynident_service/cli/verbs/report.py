@@ -1,0 +1,60 @@
+"""`dynident report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident_service.cli.options import (
+    Accept,
+    Columns,
+    Json,
+    Measurements,
+    ModelArgument,
+    Units,
+    Validation,
+    Windows,
+)
+
+
+def report(
+    model: ModelArgument,
+    measurements: Measurements,
+    validation: Validation,
+    columns: Columns,
+    units: Units,
+    windows: Windows,
+    accept: Accept,
+    diagnosis: Annotated[
+        Path | None, typer.Option("--diagnosis", metavar="FILE", help="What `dynident diagnose --out` wrote.")
+    ] = None,
+    title: Annotated[str, typer.Option("--title", help="The heading; the robot's name by default.")] = "",
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file.")] = Path("report.html"),
+    as_json: Json = False,
+) -> None:
+    """Write a model, its data and its diagnosis into one self-contained HTML file."""
+    from dynident.progress import part
+    from dynident.reports import html_report
+    from dynident_service.cli import inputs, terminal
+    from dynident_service.cli.reporting import reported_runs
+
+    identification = inputs.model_of(model)
+    found = inputs.stored_diagnosis(diagnosis) if diagnosis is not None else None
+    options = inputs.FileOptions(columns, units, windows, accept)
+    with (
+        terminal.progress_bar("report") as progress,
+        inputs.loaded(measurements, identification.model.robot, options, part(progress, 0.0, 0.4), validation) as (
+            training,
+            held_out,
+        ),
+    ):
+        runs = reported_runs(identification, training, held_out, part(progress, 0.4, 0.7))
+        progress(0.7, "drawing")
+        content = html_report(identification, runs, diagnosis=found, title=title).encode()
+    inputs.write_whole(out, content)
+    if as_json:
+        terminal.print_json({"path": str(out), "size": len(content), "media_type": "text/html"})
+        return
+    terminal.out().print(f"report written to {out} ({len(content) / 1e6:.2f} MB)", markup=False)

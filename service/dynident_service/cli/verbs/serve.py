@@ -1,0 +1,43 @@
+"""`dynident serve`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def serve(
+    host: Annotated[str | None, typer.Option("--host", help="Where to listen; 127.0.0.1 by default.")] = None,
+    port: Annotated[int | None, typer.Option("--port", help="8000 by default.", min=0, max=65535)] = None,
+    data_dir: Annotated[
+        Path | None, typer.Option("--data-dir", help="Where to keep data; ./dynident-data by default.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Jobs at a time; one a core by default.", min=1)
+    ] = None,
+) -> None:
+    """Run the HTTP service; every setting is also an environment variable DYNIDENT_…"""
+    from dynident.errors import DynidentError
+
+    try:
+        from pydantic import ValidationError
+
+        from dynident_service.serve import serve as run
+        from dynident_service.settings import Settings
+    except ModuleNotFoundError as missing:
+        raise DynidentError(
+            f"the service needs the package {missing.name}; install it with: pip install 'dynident[service]'",
+            title="Not installed",
+        ) from missing
+    given = {"host": host, "port": port, "data_dir": data_dir, "workers": workers}
+    try:
+        settings = Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = "DYNIDENT_" + "_".join(str(item) for item in first["loc"]).upper()
+        raise DynidentError(
+            f"{first['msg']} (it is {first['input']!r})", pointer=name, title="Unusable setting"
+        ) from error
+    run(settings)

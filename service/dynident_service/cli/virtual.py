@@ -1,0 +1,93 @@
+"""Virtual robots on the command line: their effects, their motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+from scipy.interpolate import CubicSpline
+
+from dynident.effects import effect_by_id
+from dynident.errors import DynidentError
+from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
+from dynident.progress import Progress
+from dynident.robot import Robot
+from dynident.simulation import Reference, TrueEffect
+from dynident_service.adapters import simulations
+from dynident_service.cli import parsing
+from dynident_service.models.simulations import TrueEffect as WireEffect
+
+_TITLE = "Unusable trajectory"
+_RANDOM = TrajectoryRequest(sampling_rate=200.0)
+FloatArray = np.ndarray[tuple[int, int], np.dtype[np.float64]]
+
+
+def true_effects(given: Sequence[str], robot: Robot) -> tuple[TrueEffect, ...]:
+    """The effects of a virtual robot: of a usual size, or with the values stated."""
+    asked = []
+    for index, text in enumerate(parsing.effect_texts(given)):
+        name, joints, values = parsing.effect_parts(text, "--effects")
+        shapes = {spec.name for spec in effect_by_id(name, f"/effects/{index}").shapes}
+        asked.append(
+            WireEffect(
+                effect=name,
+                joints=list(joints),
+                parameters={key: value for key, value in values.items() if key not in shapes},
+                shape_parameters={key: value for key, value in values.items() if key in shapes},
+            )
+        )
+    return simulations.true_effects(asked, robot)
+
+
+def beside(usual: Sequence[TrueEffect], stated: Sequence[TrueEffect]) -> tuple[TrueEffect, ...]:
+    """The usual effects, replaced where one is stated, and the stated ones."""
+    taken = {(one.effect, one.joint) for one in stated}
+    return (*(one for one in usual if (one.effect, one.joint) not in taken), *stated)
+
+
+def reference_of(path: Path | None, robot: Robot, seed: int, progress: Progress) -> Reference:
+    """The motion in a file, or a random one within the robot's limits."""
+    if path is None:
+        request = DesignRequest(kind="random", trajectory=_RANDOM, seed=seed)
+        found = design_experiment(robot, request, progress)
+        return Reference(found.t, found.q, found.dq, found.ddq)
+    table = _read(path)
+    t, q = _column(table, "t", path), _signal(table, "q", robot, path)
+    if len(t) < 4 or not np.all(np.diff(t) > 0):
+        raise DynidentError("t has to increase, over four rows at least", pointer=f"{path}: t", title=_TITLE)
+    spline = CubicSpline(t, q)
+    derivatives = []
+    for order, kind in enumerate(("dq", "ddq"), start=1):
+        present = all(f"{kind}_{name}" in table.column_names for name in robot.joint_names)
+        derivatives.append(_signal(table, kind, robot, path) if present else np.asarray(spline(t, order)))
+    return Reference(t, q, *derivatives)
+
+
+def _read(path: Path) -> pa.Table:
+    if not path.is_file():
+        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
+    try:
+        return pq.read_table(path) if path.suffix == ".parquet" else pacsv.read_csv(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DynidentError(f"{path.name} cannot be read: {error}", pointer=str(path), title=_TITLE) from error
+
+
+def _signal(table: pa.Table, kind: str, robot: Robot, path: Path) -> FloatArray:
+    return np.column_stack([_column(table, f"{kind}_{name}", path) for name in robot.joint_names])
+
+
+def _column(table: pa.Table, name: str, path: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    if name not in table.column_names:
+        raise DynidentError(
+            f"{path.name} has no column {name}; it has: {', '.join(table.column_names)}",
+            pointer=name,
+            title=_TITLE,
+        )
+    column = table[name]
+    if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
+        raise DynidentError(f"column {name} of {path.name} does not hold numbers", pointer=name, title=_TITLE)
+    return np.asarray(column.to_numpy(), dtype=np.float64)

@@ -1,0 +1,105 @@
+"""What is hidden, in which robot, and the experiment that is to show it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.effects import effect_by_id
+from dynident.errors import DynidentError
+from dynident.robot import Limits, Robot
+from dynident.robot.model import FloatArray
+from dynident.simulation import TrueEffect, typical_drive, typical_effect
+
+NOTHING = "none"
+# An arm in its cell turns no joint further than this from its middle.
+_RANGE = 2.5
+_LINK_SPREAD, _DRIVE_SPREAD, _HIDDEN_SPREAD = 0.1, 0.25, 0.2
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long the experiment is: seconds of a period, periods of the two runs, seconds to design each."""
+
+    period: float
+    periods: tuple[int, int]
+    validation_period: float
+    time_budget: float
+    rate: float = 500.0
+
+
+LONG = Plan(period=10.0, periods=(3, 2), validation_period=12.0, time_budget=3.0)
+SHORT = Plan(period=8.0, periods=(2, 1), validation_period=9.0, time_budget=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A virtual robot: `robot` as its description has it, `inertias` (n, 10) and `drive` as they truly are.
+
+    `hidden` is None where nothing is hidden.
+    """
+
+    robot: Robot
+    inertias: FloatArray
+    drive: tuple[TrueEffect, ...]
+    hidden: TrueEffect | None
+    plan: Plan
+    seed: int
+
+    @classmethod
+    def of(cls, robot: Robot, effect: str, joint: str, seed: int, quick: bool) -> Scenario:
+        """Draw a robot and hide an effect in it.
+
+        Raises
+        ------
+        DynidentError
+            Where the effect cannot be hidden, or not on that joint, or the robot has no inertias.
+        """
+        if robot.inertias is None:
+            raise DynidentError(
+                f"the description of {robot.name} gives no inertias, so it cannot be simulated", pointer="--robot"
+            )
+        rng = np.random.default_rng(seed)
+        # One factor a link scales its mass, moments and inertia alike: the link stays physically possible.
+        links = 1.0 + rng.uniform(-_LINK_SPREAD, _LINK_SPREAD, (robot.n, 1))
+        drive = tuple(_scaled(one, rng, _DRIVE_SPREAD) for one in typical_drive(robot))
+        hidden = None if effect == NOTHING else _hidden(robot, effect, joint, rng)
+        return cls(robot, robot.inertias * links, drive, hidden, SHORT if quick else LONG, seed)
+
+    @property
+    def effects(self) -> tuple[TrueEffect, ...]:
+        """All that acts on the robot besides its links."""
+        return self.drive if self.hidden is None else (*self.drive, self.hidden)
+
+    @property
+    def limits(self) -> dict[str, Limits]:
+        """The ranges of an arm that stands in a cell."""
+        found = {}
+        for joint in self.robot.joints:
+            low, high = joint.limits.position or (-np.pi, np.pi)
+            if joint.kind == "revolute" and high - low > 2 * _RANGE:
+                middle = 0.5 * (low + high)
+                found[joint.name] = Limits(position=(middle - _RANGE, middle + _RANGE))
+        return found
+
+
+def _hidden(robot: Robot, effect: str, joint: str, rng: np.random.Generator) -> TrueEffect:
+    described = effect_by_id(effect, "--effect")
+    names = [robot.joint_names[index] for index in described.applicable(robot)]
+    drawn = "" if described.scope == "robot" or not names else names[int(rng.integers(len(names)))]
+    if joint and joint not in names:
+        raise DynidentError(f"{effect} cannot sit on {joint!r}; it can on: {', '.join(names)}", pointer="--joint")
+    try:
+        return _scaled(typical_effect(robot, effect, joint or drawn), rng, _HIDDEN_SPREAD)
+    except DynidentError as error:
+        raise DynidentError(
+            f"{error.detail}; an effect that every model has, or that needs more than one robot, cannot be hidden",
+            pointer="--effect",
+            title="Nothing to hide",
+        ) from error
+
+
+def _scaled(effect: TrueEffect, rng: np.random.Generator, spread: float) -> TrueEffect:
+    factor = 1.0 + float(rng.uniform(-spread, spread))
+    return replace(effect, values=tuple((name, factor * value) for name, value in effect.values))

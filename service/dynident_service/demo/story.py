@@ -1,0 +1,111 @@
+"""The demonstration from beginning to end, told as it goes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from dynident.errors import DynidentError
+from dynident.identification import to_bytes
+from dynident.progress import part
+from dynident_service.cli.inputs import write_whole
+from dynident_service.cli.terminal import progress_bar
+from dynident_service.demo import telling
+from dynident_service.demo.analysis import Analysis, analyse
+from dynident_service.demo.measuring import MeasuredRun, design_runs, measure, seal
+from dynident_service.demo.scenario import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What was hidden, what was found, and how long it took in all (s)."""
+
+    scenario: Scenario
+    analysis: Analysis
+    folder: Path
+    seconds: float
+
+    @property
+    def named_right(self) -> bool:
+        """Whether the diagnosis recommends the hidden effect where it is; nothing, where nothing was hidden."""
+        hidden = self.scenario.hidden
+        recommended = self.analysis.diagnosis.recommended
+        if hidden is None:
+            return not recommended
+        return any(
+            one.effect == hidden.effect and (not hidden.joint or hidden.joint in one.joints) for one in recommended
+        )
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Indices of the joints that the hidden effect acts on; all of them where it belongs to the robot."""
+        names = self.scenario.robot.joint_names
+        hidden = self.scenario.hidden
+        return (names.index(hidden.joint),) if hidden is not None and hidden.joint else tuple(range(len(names)))
+
+    def document(self) -> dict[str, Any]:
+        """The outcome for programs."""
+        found, hidden = self.analysis, self.scenario.hidden
+        return {
+            "robot": self.scenario.robot.name,
+            "joints": list(self.scenario.robot.joint_names),
+            "seed": self.scenario.seed,
+            "hidden": None
+            if hidden is None
+            else {**asdict(hidden), "values": dict(hidden.values), "shape": dict(hidden.shape)},
+            "verdict": found.diagnosis.verdict,
+            "named": [{"effect": one.effect, "joints": list(one.joints)} for one in found.diagnosis.recommended],
+            "named_right": self.named_right,
+            "noise_floor": found.diagnosis.noise_floor.tolist(),
+            "ladder": [
+                {
+                    "added": [{"effect": one.effect, "joints": list(one.joints)} for one in model.added],
+                    "fit": model.fit.relative_total,
+                    "held_out": model.held_out.relative_total if model.held_out is not None else None,
+                    "held_out_over_noise_floor": found.over_floor(model).tolist(),
+                }
+                for model in found.ladder
+            ],
+            "hidden_joints": list(self.joints),
+            "folder": str(self.folder),
+            "seconds": self.seconds,
+        }
+
+
+def tell(scenario: Scenario, folder: Path, console: Console) -> Outcome:
+    """Run the demonstration and write its files into a folder."""
+    _prepare(folder)
+    begun = time.monotonic()
+    telling.opening(console, scenario)
+    with progress_bar("design and measure") as progress:
+        designs = design_runs(scenario, part(progress, 0.0, 0.5))
+        seal(scenario, folder / "hidden.json")
+        runs = measure(scenario, designs, folder, part(progress, 0.5, 1.0))
+    telling.experiment(console, runs, time.monotonic() - begun)
+    analysis = _analysed(scenario, runs)
+    write_whole(folder / "first_model.npz", to_bytes(analysis.first))
+    write_whole(folder / "model.npz", to_bytes(analysis.last))
+    write_whole(folder / "report.html", analysis.report.encode())
+    outcome = Outcome(scenario, analysis, folder, time.monotonic() - begun)
+    telling.findings(console, scenario.robot, analysis)
+    telling.envelope(console, scenario, analysis, outcome.named_right, outcome.joints)
+    telling.closing(console, scenario.robot, runs, folder, outcome.seconds)
+    return outcome
+
+
+def _analysed(scenario: Scenario, runs: list[MeasuredRun]) -> Analysis:
+    """The analysis is told the robot's description and the files; not what is hidden."""
+    training, held_out = [run.path for run in runs[:-1]], [runs[-1].path]
+    with progress_bar("identify and diagnose") as progress:
+        return analyse(scenario.robot, training, held_out, [run.windows_option for run in runs], progress)
+
+
+def _prepare(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DynidentError(f"cannot make the folder {folder}: {error.strerror}", pointer="--out") from error

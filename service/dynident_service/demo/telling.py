@@ -1,0 +1,186 @@
+"""The words and tables of the demonstration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from dynident.effects import effect_by_id
+from dynident.reports.numbers import number, percent
+from dynident.reports.sections.diagnosis import place_text
+from dynident.robot import Robot
+from dynident_service.cli.shown import choice_text
+from dynident_service.cli.terminal import table
+from dynident_service.demo.analysis import Analysis
+from dynident_service.demo.measuring import MeasuredRun
+from dynident_service.demo.scenario import Scenario
+
+_SHOWN_CANDIDATES = 5
+
+
+def opening(console: Console, scenario: Scenario) -> None:
+    """What will happen."""
+    robot = scenario.robot
+    _heading(console, "The robot")
+    _say(
+        console,
+        f"A virtual {robot.name} with {robot.n} joints. Its links are up to 10 % lighter or heavier than its "
+        "description says, its friction and rotor inertias are drawn by lot"
+        + (", and one more effect is hidden in it." if scenario.hidden is not None else "."),
+    )
+    _say(
+        console,
+        "What is hidden is written to hidden.json and not read again before the end: identification and diagnosis "
+        "are given the description and the recorded files alone.",
+    )
+
+
+def experiment(console: Console, runs: Sequence[MeasuredRun], seconds: float) -> None:
+    """Trajectories and recordings."""
+    _heading(console, "Design and measurement")
+    rows = []
+    for run in runs:
+        values, baseline = run.design.criterion_values, run.design.baseline
+        best = number(baseline.best.condition_number) if baseline is not None else "–"
+        kind = "optimised" if run.design.request.kind == "optimized" else run.design.request.kind
+        rows.append([run.path.name, kind, f"{run.design.duration:.0f} s", str(run.n_samples),
+                     number(values.condition_number), best])  # fmt: skip
+    columns = ("recording", "trajectory", "length", "samples", "condition number", "best random one")
+    console.print(table("", columns, rows, right_from=2))
+    _say(
+        console,
+        f"Encoders of 2^19 counts, torque noise of 0.5 % of each joint's limit; {seconds:.1f} s to design and measure. "
+        "validation.csv, another trajectory, is never fitted to.",
+    )
+
+
+def findings(console: Console, robot: Robot, found: Analysis) -> None:
+    """What identification, comparison and diagnosis say."""
+    first = found.first
+    _heading(console, "Identify")
+    assert first.held_out is not None
+    _say(
+        console,
+        f"{first.model.n_parameters} base parameters: links, rotor inertia, Coulomb and viscous friction. Error "
+        f"{percent(first.fit.relative_total)} in the fit, {percent(first.held_out.relative_total)} held out.",
+    )
+    _heading(console, "Compare")
+    over = found.over_floor(first)
+    worst = int(over.argmax())
+    _say(
+        console,
+        f"On held-out data {robot.joint_names[worst]} is worst: its residual is {over[worst]:.1f} times what the "
+        "torque sensor's noise explains.",
+    )
+    spot = next((one for one in found.diagnosis.failure_map if one.joint == robot.joint_names[worst]), None)
+    if spot is not None:
+        _say(
+            console,
+            f"It is largest over {spot.variable}, between {number(spot.low)} and {number(spot.high)} {spot.unit}: "
+            f"{spot.ratio:.1f} times the joint's own.",
+        )
+    _heading(console, "Diagnose")
+    _candidates(console, robot, found)
+    _heading(console, "Add, and see the error fall")
+    _ladder(console, robot, found)
+
+
+def envelope(console: Console, scenario: Scenario, found: Analysis, named_right: bool, joints: Sequence[int]) -> None:
+    """What was hidden, beside what was named."""
+    _heading(console, "The envelope is opened")
+    hidden = scenario.hidden
+    if hidden is None:
+        answer = "and nothing was found" if named_right else "but something was found: a false alarm"
+        _say(console, f"Nothing was hidden, {answer}.", style="bold")
+        return
+    where = f" on {hidden.joint}" if hidden.joint else ""
+    _say(console, f"Hidden: {effect_by_id(hidden.effect).title}{where}.", style="bold")
+    _say(
+        console,
+        "It was named." if named_right else "It was not named.",
+        style="bold green" if named_right else "bold red",
+    )
+    truth = dict(hidden.values)
+    rows = [
+        [one.name, one.unit, number(truth[one.parameter], 4), number(value, 4), number(deviation, 2)]
+        for one, value, deviation in zip(
+            found.last.model.kept, found.last.values, found.last.statistics.standard_deviations, strict=True
+        )
+        if one.effect == hidden.effect and one.link in (hidden.joint, "") and one.parameter in truth
+    ]
+    for one in found.diagnosis.recommended:
+        if one.effect == hidden.effect and (not hidden.joint or hidden.joint in one.joints):
+            known = dict(hidden.shape)
+            units = {spec.name: spec.unit for spec in effect_by_id(one.effect).shapes}
+            rows += [[name, units[name], number(known.get(name), 4), number(value, 4), ""] for name, value in one.shape]
+    if named_right and rows:
+        columns = ("parameter", "unit", "true", "identified", "standard deviation")
+        console.print(table("", columns, rows, right_from=2))
+    before = max(float(found.over_floor(found.first)[j]) for j in joints)
+    after = max(float(found.over_floor(found.last)[j]) for j in joints)
+    _say(console, f"Held-out residual there: {before:.2f} times the noise floor before, {after:.2f} times after.")
+
+
+def closing(console: Console, robot: Robot, runs: Sequence[MeasuredRun], folder: Path, seconds: float) -> None:
+    """Where everything is, and how to do it again by hand."""
+    _heading(console, "Files")
+    _say(console, f"{folder}/report.html tells all of this with figures; model.npz is the last model.")
+    training = " ".join(str(run.path) for run in runs[:-1])
+    windows = " ".join(f"--windows {run.windows_option}" for run in runs)
+    only = " ".join(f"--windows {run.windows_option}" for run in runs[:-1])
+    _say(console, "The same by hand, on the files alone:")
+    for line in (
+        f"dynident identify {robot.name} {training} -v {runs[-1].path} {windows} -o my_model.npz",
+        f"dynident diagnose my_model.npz {training} {only} -o my_diagnosis.json",
+    ):
+        console.print(f"  {line}", markup=False, soft_wrap=True, style="cyan")
+    _say(console, f"Everything took {seconds:.1f} s.")
+
+
+def _candidates(console: Console, robot: Robot, found: Analysis) -> None:
+    rows = [
+        [
+            str(item.rank),
+            effect_by_id(item.effect).title,
+            place_text(item.joints, robot),
+            percent(item.error_before),
+            percent(item.error_after),
+            "yes" if item.significant else "no",
+        ]
+        for item in found.diagnosis.candidates[:_SHOWN_CANDIDATES]
+    ]
+    columns = ("rank", "effect", "joints", "error before", "after", "significant")
+    console.print(table("", columns, rows, right_from=3))
+    _say(console, found.diagnosis.summary, style="bold")
+    for item in found.diagnosis.candidates:
+        if item.significant and item.equivalent:
+            _say(console, f"This data cannot tell {item.effect} from {', '.join(item.equivalent)}.")
+
+
+def _ladder(console: Console, robot: Robot, found: Analysis) -> None:
+    """Joints down, models across: names of joints are long, of effects short."""
+    added = [", ".join(choice.effect for choice in model.added) for model in found.ladder[1:]]
+    over = [found.over_floor(model) for model in found.ladder]
+    floor = found.diagnosis.noise_floor
+    rows = [
+        [joint.name, *(f"{values[j]:.2f}" for values in over), f"{floor[j]:.2g} {joint.effort_unit}"]
+        for j, joint in enumerate(robot.joints)
+    ]
+    totals = [percent(model.held_out.relative_total) for model in found.ladder if model.held_out is not None]
+    rows.append(["all joints, relative error", *totals, ""])
+    title = "Held-out residual per joint, as a multiple of the noise floor"
+    columns = ("joint", "first model", *(f"+ {name}" for name in added), "noise floor")
+    console.print(table(title, columns, rows))
+    for index, choice in enumerate(found.diagnosis.recommended):
+        _say(console, f"{'+' if index == 0 else 'then +'} {choice_text(choice, robot)}")
+
+
+def _heading(console: Console, text: str) -> None:
+    console.print()
+    console.print(text, markup=False, style="bold underline")
+
+
+def _say(console: Console, text: str, style: str = "") -> None:
+    console.print(text, markup=False, style=style or None)
