@@ -16,7 +16,7 @@ from dynident_service.keys import KeyRing
 from dynident_service.metrics import Metrics
 from dynident_service.middleware import BodyLimit, Gate, Timing
 from dynident_service.problem_responses import install as install_problems
-from dynident_service.problems import Problem
+from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.routes import ROUTERS
 from dynident_service.services import Services, open_services
 from dynident_service.settings import Settings
@@ -24,6 +24,10 @@ from dynident_service.settings import Settings
 DESCRIPTION = """Identification of the dynamic parameters of robots: a robot and its recordings give an identified
 model, what is missing in it by name, and a report. Long work is a job: the answer 202 has its resource and its
 `job_id`; `/v1/jobs/{id}/events` tells how far it is. SI units throughout; errors are `application/problem+json`."""
+PROBLEM = {
+    "description": "A problem (RFC 9457)",
+    "content": {MEDIA_TYPE: {"schema": {"$ref": f"#/components/schemas/{Problem.__name__}"}}},
+}
 log = logging.getLogger("dynident.service")
 
 
@@ -50,7 +54,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         description=DESCRIPTION,
         lifespan=lifespan,
         generate_unique_id_function=lambda route: route.name,
-        responses={"default": {"model": Problem, "description": "A problem (RFC 9457)"}},
+        responses={422: PROBLEM, "default": PROBLEM},
     )
     app.state.metrics = metrics
     for router in ROUTERS:

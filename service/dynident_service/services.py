@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, cast
 
 from fastapi import Depends, Request
@@ -16,6 +19,9 @@ from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.resources import Resources
+
+ABANDONED = 24 * 3600.0
+"""An upload that has not moved for so many seconds is over."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,7 @@ class Services:
 def open_services(settings: Settings) -> Iterator[Services]:
     """Open the storage, bring the database up to date, and start the engine in the background."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
+    sweep_uploads(settings.uploads_dir)
     database = Database(settings.database)
     try:
         migrate(database)
@@ -47,6 +54,14 @@ def open_services(settings: Settings) -> Iterator[Services]:
             engine.close()
     finally:
         database.close()
+
+
+def sweep_uploads(folder: Path) -> None:
+    """Remove what uploads left behind that were cut off by the end of the service."""
+    long_ago = time.time() - ABANDONED
+    for left in folder.glob("*"):
+        if left.stat().st_mtime < long_ago:
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def services_of(request: Request) -> Services:

@@ -56,6 +56,11 @@ class Settings(BaseSettings):
         return self.data_dir.resolve() / "cache"
 
     @property
+    def uploads_dir(self) -> Path:
+        """Where uploads are while they are checked."""
+        return self.data_dir.resolve() / "uploads"
+
+    @property
     def is_loopback(self) -> bool:
         """Whether only programs on this machine reach the service."""
         return is_loopback(self.host)

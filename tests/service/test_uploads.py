@@ -3,6 +3,8 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from dynident_service.services import Services
+from dynident_service.services import Services, sweep_uploads
 
 Columns = dict[str, np.ndarray]
 
@@ -212,3 +214,14 @@ def test_a_form_without_its_parts_says_which(client: TestClient) -> None:
     bad = client.post("/v1/measurements", data={"metadata": "{oops"}, files={"file": b"x"})
     assert bad.status_code == 422
     assert bad.json()["errors"][0]["pointer"] == "/metadata"
+
+
+def test_uploads_that_were_cut_off_are_swept_away_after_a_day(tmp_path: Path) -> None:
+    for name in ("old", "new"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "source").write_bytes(b"half a fi")
+    a_day_ago = time.time() - 25 * 3600
+    os.utime(tmp_path / "old", (a_day_ago, a_day_ago))
+    sweep_uploads(tmp_path)
+    sweep_uploads(tmp_path / "not there")
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]

@@ -36,7 +36,7 @@ def upload_measurement(
 ) -> MeasurementView:
     """Store a recording, checked; one that cannot be used is refused with the column and the row or time."""
     said = _metadata(metadata)
-    folder = services.settings.data_dir / "uploads"
+    folder = services.settings.uploads_dir
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as name:
         return show(_store(services, said, file, Path(name), retry, response))
