@@ -20,6 +20,7 @@ from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.routes import ROUTERS
 from dynident_service.services import Services, open_services
 from dynident_service.settings import Settings
+from dynident_service.workbench import mount as mount_workbench
 
 DESCRIPTION = """Identification of the dynamic parameters of robots: a robot and its recordings give an identified
 model, what is missing in it by name, and a report. Long work is a job: the answer 202 has its resource and its
@@ -59,6 +60,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.metrics = metrics
     for router in ROUTERS:
         app.include_router(router)
+    mount_workbench(app)
     install_problems(app, _methods_by_path(app))
     # The last one added is the first that a request meets.
     app.add_middleware(BodyLimit, settings=settings)

@@ -18,6 +18,7 @@ from dynident_service.problems import make_problem
 from dynident_service.settings import Settings, is_loopback
 
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})
+PAGE = "/workbench/"
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -39,6 +40,8 @@ class Gate:
             return await self._app(scope, receive, send)
         headers = Headers(scope=scope)
         if self._settings.needs_keys:
+            if scope["path"] == "/" or scope["path"].startswith(PAGE):
+                return await self._app(scope, receive, send)  # the page holds no data, and asks for the key itself
             key = _key_in(headers)
             if key is None or not await to_thread.run_sync(self._keys().knows, key):
                 detail = "This service asks for an API key, as 'Authorization: Bearer …' or 'X-API-Key: …'."

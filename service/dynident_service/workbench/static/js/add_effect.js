@@ -1,0 +1,41 @@
+// Any effect of the catalogue by hand, on chosen joints.
+
+import { aboutEffect } from "./catalogue.js";
+import { field, h, put, select } from "./dom.js";
+import { formula } from "./formula.js";
+
+/** A form, folded away; `add(effects, said)` adds. */
+export function addByHand(model, add) {
+  const { items, byId } = model.effects;
+  const places = h("fieldset", { class: "checks-of" });
+  const shapes = h("div", { class: "fields" });
+  const about = h("div");
+  const said = h("div");
+  const choose = (id) => {
+    const effect = byId.get(id);
+    const boxes = model.joints.map((joint) => h("label", {}, h("input", { type: "checkbox", name: "joint", value: joint, checked: joint === model.joint }), ` ${joint}`));
+    put(places, h("legend", {}, "Joints"), effect.scope === "robot" ? h("p", { class: "note" }, "It belongs to the whole robot.") : boxes);
+    put(shapes, effect.shape_parameters.map((one) =>
+      field(`${one.name} (${one.unit})`, h("input", { type: "number", step: "any", name: one.name, placeholder: "searched" }), { hint: `${one.description}; about ${one.default}` })));
+    put(about, aboutEffect(model.effects, id, formula));
+  };
+  const effect = select(items.map((one) => [one.id, one.title]), items[0].id, choose, { name: "effect", id: "effect-by-hand" });
+  choose(items[0].id);
+  const submit = (event) => {
+    event.preventDefault();
+    const joints = [...places.querySelectorAll("input:checked")].map((box) => box.value);
+    const given = [...shapes.querySelectorAll("input")].filter((input) => input.value !== "");
+    if (byId.get(effect.value).scope === "joint" && !joints.length) {
+      put(said, h("p", { class: "complaint", role: "alert" }, "Choose at least one joint."));
+      return;
+    }
+    const shape_parameters = Object.fromEntries(given.map((input) => [input.name, Number(input.value)]));
+    add([{ effect: effect.value, joints, shape_parameters }], said);
+  };
+  return h(
+    "details",
+    { id: "by-hand" },
+    h("summary", {}, "Add an effect by hand"),
+    h("form", { onsubmit: submit }, field("Effect", effect), places, shapes, said, h("p", {}, h("button", {}, "Add to the model")), about),
+  );
+}

@@ -1,0 +1,142 @@
+// The public HTTP API, version 1. Errors are problems (RFC 9457); long work is a job whose events are followed.
+
+const KEY = "dynident.key";
+const RETRY = 1000;
+
+/** An answer that says what is wrong. */
+export class ProblemError extends Error {
+  constructor(problem) {
+    super(problem.detail ?? problem.title);
+    this.status = problem.status ?? 0;
+    this.title = problem.title ?? "Problem";
+    this.fields = problem.errors ?? [];
+    this.dependents = problem.dependents ?? [];
+    this.checks = problem.checks ?? [];
+  }
+}
+
+export const apiKey = {
+  get: () => sessionStorage.getItem(KEY) ?? "",
+  set: (key) => sessionStorage.setItem(KEY, key),
+};
+
+/** Get a resource: get("/identifications", { limit: 20 }). */
+export function get(path, query = {}, signal = undefined) {
+  return ask("GET", path + search(query), { signal });
+}
+
+/** Post a body; with a key, asking again gives the same resource. */
+export function post(path, body, { key = "", signal = undefined } = {}) {
+  const headers = { "content-type": "application/json" };
+  if (key) headers["idempotency-key"] = key;
+  return ask("POST", path, { headers, body: JSON.stringify(body), signal });
+}
+
+/** Upload a recording; `onProgress` is told the share that has gone. */
+export function upload(file, metadata, onProgress) {
+  const form = new FormData();
+  form.append("metadata", JSON.stringify(metadata));
+  form.append("file", file, file.name);
+  // fetch does not tell how far an upload is.
+  const request = new XMLHttpRequest();
+  return new Promise((resolve, reject) => {
+    request.open("POST", "/v1/measurements");
+    for (const [name, value] of Object.entries(credentials())) request.setRequestHeader(name, value);
+    request.upload.onprogress = (event) => onProgress?.(event.total ? event.loaded / event.total : 0);
+    request.onload = () => settle(request.status, request.responseText, resolve, reject);
+    request.onerror = () => reject(unreachable());
+    request.send(form);
+  });
+}
+
+/** Give a document that a link cannot open because the link cannot carry the key. */
+export async function content(path) {
+  const answer = await send("GET", path, {});
+  return answer.blob();
+}
+
+/** The events of a job, from the first until it ends; a broken stream is taken up where it broke. */
+export async function* events(jobId, signal) {
+  let last = "";
+  while (!signal?.aborted) {
+    const headers = last ? { "last-event-id": last } : {};
+    try {
+      const answer = await send("GET", `/v1/jobs/${jobId}/events`, { headers, signal });
+      for await (const event of parsed(answer.body)) {
+        last = event.id || last;
+        if (event.data) yield { kind: event.event, ...JSON.parse(event.data) };
+      }
+      return;
+    } catch (error) {
+      if (signal?.aborted || (error instanceof ProblemError && error.status)) throw error;
+      await new Promise((resolve) => setTimeout(resolve, RETRY));
+    }
+  }
+}
+
+async function* parsed(body) {
+  const reader = body.pipeThrough(new TextDecoderStream()).getReader();
+  let rest = "";
+  for (;;) {
+    const { value, done } = await reader.read();
+    if (done) return;
+    const blocks = (rest + value.replaceAll("\r\n", "\n")).split("\n\n");
+    rest = blocks.pop();
+    for (const block of blocks) {
+      const event = { id: "", event: "message", data: "" };
+      for (const line of block.split("\n")) {
+        const at = line.indexOf(":");
+        if (at > 0) event[line.slice(0, at)] = line.slice(at + 1).trimStart();
+      }
+      yield event;
+    }
+  }
+}
+
+async function ask(method, path, options) {
+  const answer = await send(method, `/v1${path}`, options);
+  return answer.status === 204 ? null : answer.json();
+}
+
+async function send(method, path, { headers = {}, body = undefined, signal = undefined }) {
+  let answer;
+  try {
+    answer = await fetch(path, { method, headers: { ...headers, ...credentials() }, body, signal });
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw unreachable();
+  }
+  if (!answer.ok) throw problemFrom(answer.status, await answer.text());
+  return answer;
+}
+
+function settle(status, text, resolve, reject) {
+  if (status < 300) resolve(JSON.parse(text));
+  else reject(problemFrom(status, text));
+}
+
+function problemFrom(status, text) {
+  let problem = { status, title: `Answer ${status}`, detail: text.slice(0, 500) };
+  try {
+    problem = { ...problem, ...JSON.parse(text) };
+  } catch {
+    // Not from the service itself, but from something before it.
+  }
+  if (status === 401) document.dispatchEvent(new CustomEvent("key-needed"));
+  return new ProblemError(problem);
+}
+
+function unreachable() {
+  return new ProblemError({ title: "No answer", detail: "The service does not answer; is it running?" });
+}
+
+function credentials() {
+  const key = apiKey.get();
+  return key ? { "x-api-key": key } : {};
+}
+
+function search(query) {
+  const given = Object.entries(query).filter(([, value]) => value !== null && value !== undefined && value !== "");
+  const text = new URLSearchParams(given).toString();
+  return text ? `?${text}` : "";
+}

@@ -1,0 +1,94 @@
+// The page: which view its address asks for, and what stands around it.
+
+import { apiKey, get } from "./api.js";
+import { beginPage } from "./begin.js";
+import { h, put } from "./dom.js";
+import { lookForJobs, watch } from "./jobs.js";
+import { address, asked, follow } from "./location.js";
+import { modelPage } from "./model_page.js";
+import { ModelList } from "./model_list.js";
+import { problemBox } from "./problem.js";
+
+const main = document.getElementById("main");
+const list = new ModelList(document.getElementById("models"));
+let running = new AbortController();
+let shown = null;
+
+/** Show what the address asks for, unless it is shown already. */
+async function show({ anew = false } = {}) {
+  const wanted = asked();
+  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot]);
+  if (view === shown && !anew) return;
+  shown = view;
+  running.abort();
+  running = new AbortController();
+  const { signal } = running;
+  navigation(wanted.view);
+  list.mark(wanted.identification);
+  put(main, h("p", { class: "note" }, "Loading …"));
+  scrollTo(0, 0);
+  try {
+    if (wanted.view === "new") await beginPage(main, wanted, signal);
+    else if (wanted.identification) await modelPage(main, wanted, signal);
+    else await firstView(signal);
+  } catch (error) {
+    if (signal.aborted) return;
+    put(main, problemBox(error, () => show({ anew: true })));
+    if (!error.status) console.error(error);
+  }
+}
+
+/** Without a wish: the newest model that is done, or how to begin. */
+async function firstView(signal) {
+  const { items } = await get("/identifications", { limit: 50 }, signal);
+  const done = items.find((one) => one.status === "succeeded") ?? items[0];
+  if (!done) return beginPage(main, {}, signal);
+  history.replaceState(null, "", address({ identification: done.id }));
+  return show();
+}
+
+function navigation(view) {
+  const links = [["", "Models"], ["new", "New model"]];
+  put(
+    document.getElementById("views"),
+    links.map(([name, text]) =>
+      h("a", { href: address({ view: name }), "aria-current": view === name ? "page" : null }, text),
+    ),
+  );
+}
+
+/** Ask for the key of a service that wants one. */
+function askForKey() {
+  if (document.querySelector("dialog[open]")) return;
+  const input = h("input", { type: "password", id: "api-key", autocomplete: "off", required: true });
+  const dialog = h(
+    "dialog",
+    { "aria-labelledby": "key-title" },
+    h(
+      "form",
+      { method: "dialog" },
+      h("h2", { id: "key-title" }, "API key"),
+      h("p", {}, "This service asks for an API key. It is kept in this tab only."),
+      h("label", { for: "api-key" }, "Key"),
+      input,
+      h("p", {}, h("button", { class: "main" }, "Enter")),
+    ),
+  );
+  dialog.addEventListener("close", () => {
+    dialog.remove();
+    apiKey.set(input.value);
+    list.refresh();
+    lookForJobs().catch(() => {});
+    show({ anew: true });
+  });
+  document.body.append(dialog);
+  dialog.showModal();
+}
+
+document.addEventListener("click", follow);
+document.addEventListener("key-needed", askForKey);
+addEventListener("popstate", () => show());
+addEventListener("models-changed", () => list.refresh());
+watch(document.getElementById("jobs"));
+list.refresh();
+show();

@@ -1,0 +1,82 @@
+// How to come to a model: a robot, its measurements, an identification.
+
+import { get } from "./api.js";
+import { h, put } from "./dom.js";
+import { counted, quantity } from "./format.js";
+import { identificationForm } from "./identification_form.js";
+import { remember } from "./location.js";
+import { measurementForm, measurementsTable } from "./measurement_form.js";
+import { robotForm } from "./robot_form.js";
+
+/** Three steps on one page; each opens once the one before it is done. */
+export async function beginPage(target, wanted, signal) {
+  document.title = "New model: dynident";
+  const { items: robots } = await get("/robots", { limit: 100 }, signal);
+  const steps = { robot: h("div"), measurements: h("div"), identification: h("div") };
+  const state = { robots, robot: robots.find((one) => one.id === wanted.robot) ?? robots[0] ?? null, measurements: [] };
+
+  const choose = async (robot) => {
+    state.robot = robot;
+    if (robot && !robots.includes(robot)) robots.unshift(robot);
+    if (robot) remember({ view: "new", robot: robot.id });
+    showRobots();
+    await readMeasurements();
+  };
+  const readMeasurements = async () => {
+    const { robot } = state;
+    if (!robot) {
+      put(steps.measurements, h("p", { class: "note" }, "First choose or create a robot."));
+      put(steps.identification, h("p", { class: "note" }, "First upload a measurement."));
+      return;
+    }
+    state.measurements = (await get("/measurements", { robot_id: robot.id, limit: 200 }, signal)).items;
+    if (robot !== state.robot || signal.aborted) return;
+    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { onStored: stored, onRobot: choose, isFirst: !state.measurements.length }));
+    await showIdentification();
+  };
+  const stored = async (measurement) => {
+    state.measurements.unshift(measurement);
+    const list = steps.measurements.querySelector(".stored");
+    list.replaceWith(measurementsTable(state.measurements));
+    await showIdentification();
+  };
+  const showIdentification = async () => {
+    const usable = state.measurements.length > 0;
+    put(steps.identification, usable ? await identificationForm(state.robot, state.measurements) : h("p", { class: "note" }, "First upload a measurement."));
+  };
+  const showRobots = () => put(steps.robot, robotChoice(state, choose), robotForm(choose, robots.length === 0));
+
+  put(
+    target,
+    h("h1", {}, robots.length ? "A new model" : "Begin with a robot"),
+    h("p", {}, "From a description of the robot and recordings of its motion follow the parameters of its dynamics, and what physics is missing in them."),
+    step("1. Robot", steps.robot),
+    step("2. Measurements", steps.measurements),
+    step("3. Identification", steps.identification),
+  );
+  showRobots();
+  await readMeasurements();
+}
+
+function step(title, body) {
+  return h("section", { class: "step", "aria-label": title }, h("h2", {}, title), body);
+}
+
+function robotChoice(state, choose) {
+  if (!state.robots.length) return null;
+  const radios = state.robots.map((robot) =>
+    h(
+      "label",
+      { class: "pick-one" },
+      h("input", { type: "radio", name: "robot", value: robot.id, checked: robot === state.robot, onchange: () => choose(robot) }),
+      h("strong", {}, ` ${robot.name} `),
+      h("span", { class: "note" }, `${counted(robot.joints.length, "joint")}, ${counted(robot.base_parameters.count, "base parameter")}${gains(robot)}`),
+    ),
+  );
+  return h("fieldset", { class: "list-of-choices" }, h("legend", {}, "Robots that are there"), radios);
+}
+
+function gains(robot) {
+  const known = robot.joints.filter((joint) => joint.drive_gain !== null);
+  return known.length ? `, drive gains ${known.map((joint) => quantity(joint.drive_gain, joint.type === "revolute" ? "N m/A" : "N/A", 4)).join(", ")}` : "";
+}

@@ -1,0 +1,87 @@
+// The ranked effects of a diagnosis, each with its evidence and the figure that shows it.
+
+import { aboutEffect, placeOf, shapeInWords, titleOf } from "./catalogue.js";
+import { h, numeric, put, row, table } from "./dom.js";
+import { number, percent, pValue } from "./format.js";
+import { formula } from "./formula.js";
+import { drawProfile } from "./profile.js";
+
+const COLUMNS = 9;
+
+/** Every family that was tried, best first; a row opens to its evidence. */
+export function candidatesTable(model, result, add, signal) {
+  if (!result.candidates.length) return null;
+  const most = Math.max(...result.candidates.map((one) => one.error_drop ?? 0), 1e-9);
+  const head = ["rank", "effect", "where", right("error before"), right("after"), "drop, held out", right("p"), right("separable"), ""];
+  const rows = result.candidates.flatMap((one) => candidateRows(model, one, most, add, signal));
+  const notes = "Errors are relative, on stretches left out of the fit, on the joints named. Separable: the share of the effect's columns that the model does not explain already; near zero, this data cannot tell it from the model.";
+  return [table("Ranked effects", head, rows, { id: "candidates" }), h("p", { class: "note" }, notes)];
+}
+
+function candidateRows(model, one, most, add, signal) {
+  const evidence = h("tr", { class: "evidence", hidden: true }, h("td", { colspan: COLUMNS }));
+  const title = titleOf(model.effects, one.effect);
+  const opener = h("button", { type: "button", class: "plain", "aria-expanded": "false", onclick: () => toggle() }, title);
+  const toggle = () => {
+    const open = evidence.toggleAttribute("hidden") === false;
+    opener.setAttribute("aria-expanded", String(open));
+    if (open && !evidence.dataset.filled) {
+      evidence.dataset.filled = "yes";
+      fillEvidence(evidence.firstChild, model, one, signal);
+    }
+  };
+  const shape = shapeInWords(model.effects, one);
+  const share = Math.max(0, one.error_drop ?? 0) / most;
+  const cells = [
+    { text: String(one.rank), scope: "row" },
+    [opener, one.significant ? h("span", { class: "mark ok" }, " ✓ significant") : null, shape ? h("small", { class: "note" }, h("br"), shape) : null],
+    placeOf(model.effects, one, model.joints),
+    numeric(percent(one.error_before), one.error_before),
+    numeric(percent(one.error_after), one.error_after),
+    h("span", { class: "share" }, h("span", { class: one.significant ? "fill good" : "fill", style: { width: `${(100 * share).toFixed(1)}%` } }), h("data", { value: one.error_drop ?? "" }, percent(one.error_drop))),
+    numeric(pValue(one.p_value), one.p_value),
+    numeric(percent(one.separability, 2), one.separability),
+    addButton(model, one, title, add),
+  ];
+  return [row(cells, { "data-effect": one.effect, class: one.significant ? "pick" : null }), evidence];
+}
+
+function addButton(model, one, title, add) {
+  if (model.contains(one)) return h("span", { class: "note" }, "in the model");
+  const choice = { effect: one.effect, joints: one.joints, shape_parameters: one.shape_parameters };
+  const where = placeOf(model.effects, one, model.joints);
+  const said = h("div");
+  const text = one.significant ? "Add" : "Add anyway";
+  const warning = one.significant ? null : "held-out data does not ask for it";
+  return [h("button", { type: "button", class: "small", title: warning, "aria-label": `${text}: ${title} on ${where}`, onclick: () => add([choice], said) }, text), said];
+}
+
+function fillEvidence(cell, model, one, signal) {
+  const figure = h("div", { class: "chart" });
+  const equivalent = one.equivalent.map((id) => titleOf(model.effects, id)).join(", ");
+  put(
+    cell,
+    h("p", {}, one.evidence),
+    equivalent ? h("p", { class: "box warning" }, `This data cannot tell it apart from: ${equivalent}.`) : null,
+    one.significant ? null : h("p", {}, `Not significant (t = ${number(one.t_value)}, p = ${pValue(one.p_value)}): add it only if you know that it is there.`),
+    h("div", { class: "two" }, figure, aboutEffect(model.effects, one.effect, formula)),
+  );
+  const joint = one.joints[0] ?? model.joint;
+  const draw = () => drawProfile(figure, model, { comparison: model.comparison, before: null, joint, signal: `${variableOf(model, one.effect)}_${joint}` }, signal);
+  if (model.comparison) draw();
+  else model.addEventListener("comparison", draw, { once: true });
+}
+
+/** The signal that an effect's formula depends on most plainly. */
+function variableOf(model, id) {
+  const text = model.effects.byId.get(id)?.formula ?? "";
+  if (text.includes("\\tau_l")) return "load";
+  if (text.includes("\\ddot q")) return "ddq";
+  const alone = text.replaceAll("\\mathrm{sign}(\\dot q)", "");
+  if (alone.includes("\\dot q")) return "dq";
+  return /(^|[^\\a-z])k?q/.test(alone) ? "q" : "dq";
+}
+
+function right(text) {
+  return { text, class: "n" };
+}

@@ -1,0 +1,40 @@
+// What was looked at in a recording, what was found, and what to do about it.
+
+import { h, row, table } from "./dom.js";
+
+const MARKS = { ok: "✓ fine", warning: "! look", error: "✗ wrong" };
+const ORDER = { error: 0, warning: 1, ok: 2 };
+
+/** A table of checks, the worst first. With `onAccept`, errors that the user knows to be right can be accepted. */
+export function checksTable(checks, onAccept = null) {
+  const sorted = [...checks].sort((a, b) => ORDER[a.status] - ORDER[b.status]);
+  const rows = sorted.map((one) =>
+    row([
+      one.name.replaceAll("_", " "),
+      h("span", { class: `mark ${one.status}` }, MARKS[one.status]),
+      [
+        one.detail,
+        where(one),
+        onAccept && one.status === "error"
+          ? h("button", { type: "button", class: "small", onclick: () => onAccept(one.name) }, "It is right: use it all the same")
+          : null,
+      ],
+    ]),
+  );
+  return table("Checks of the recording", ["check", "found", "what to do"], rows, { class: "checks" });
+}
+
+/** How many checks ended how, in words. */
+export function checksInWords(checks) {
+  const count = (status) => checks.filter((one) => one.status === status).length;
+  const parts = [`${count("ok")} fine`];
+  if (count("warning")) parts.push(`${count("warning")} to look at`);
+  if (count("error")) parts.push(`${count("error")} wrong`);
+  return parts.join(", ");
+}
+
+function where({ column, row: line, time }) {
+  const parts = [column && `column ${column}`, line && `row ${line}`, typeof time === "number" && `t = ${time} s`];
+  const text = parts.filter(Boolean).join(", ");
+  return text ? h("small", { class: "note" }, ` (${text})`) : null;
+}

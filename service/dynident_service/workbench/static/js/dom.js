@@ -1,0 +1,101 @@
+// Elements without a framework. Text is always set as text: no name that a user gave can become markup.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** Make an element: h("p", { class: "note", onclick: f }, "text", child, [more]). */
+export function h(tag, props = {}, ...children) {
+  return fill(document.createElement(tag), props, children);
+}
+
+/** Make an SVG element. */
+export function svg(tag, props = {}, ...children) {
+  return fill(document.createElementNS(SVG, tag), props, children);
+}
+
+/** Replace what is in an element. */
+export function put(element, ...children) {
+  element.replaceChildren(...children.flat(Infinity).filter(isShown));
+  return element;
+}
+
+/** Say something to people who do not see the page. */
+export function announce(text) {
+  document.getElementById("announcer").textContent = text;
+}
+
+let lastId = 0;
+
+/** An id for `for` and `aria-describedby`. */
+export function newId(stem) {
+  lastId += 1;
+  return `${stem}-${lastId}`;
+}
+
+/** A labelled form control; its problems are shown beneath it (see problem.js). */
+export function field(label, control, { hint = "", pointer = "", wide = false } = {}) {
+  control.id ||= newId("field");
+  const note = hint ? h("small", { class: "note", id: `${control.id}-hint` }, hint) : null;
+  if (note) control.setAttribute("aria-describedby", note.id);
+  return h(
+    "div",
+    { class: wide ? "field wide" : "field", "data-pointer": pointer || null },
+    h("label", { for: control.id }, label),
+    control,
+    note,
+  );
+}
+
+/** A select from [value, text] pairs. */
+export function select(options, chosen, onchange, props = {}) {
+  const made = options.map(([value, text]) => h("option", { value, selected: value === chosen }, text));
+  return h("select", { onchange: (event) => onchange?.(event.target.value), ...props }, made);
+}
+
+/** A table from header cells and rows; a cell is text, a node, or { text, class }. */
+export function table(caption, head, rows, props = {}) {
+  return h(
+    "div",
+    { class: "scroll", tabindex: "0", role: "region", "aria-label": caption },
+    h(
+      "table",
+      props,
+      h("caption", {}, caption),
+      h("thead", {}, h("tr", {}, head.map((cell) => cellOf("th", cell, { scope: "col" })))),
+      h("tbody", {}, rows),
+    ),
+  );
+}
+
+/** A row whose first cell names it. */
+export function row(cells, props = {}) {
+  const [first, ...rest] = cells;
+  return h("tr", props, cellOf("th", first, { scope: "row" }), rest.map((cell) => cellOf("td", cell)));
+}
+
+/** A number's cell: { value } is its exact value for programs. */
+export function numeric(text, value) {
+  return { class: "n", text: value === undefined ? text : h("data", { value: value ?? "" }, text) };
+}
+
+function cellOf(tag, cell, props = {}) {
+  const plain = cell === null || typeof cell !== "object" || cell instanceof Node || Array.isArray(cell);
+  if (plain) return h(tag, props, cell);
+  const { text, ...more } = cell;
+  return h(tag, { ...props, ...more }, text);
+}
+
+function fill(element, props, children) {
+  for (const [name, value] of Object.entries(props)) {
+    if (value === null || value === undefined || value === false) continue;
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (name === "style") for (const [key, one] of Object.entries(value)) element.style.setProperty(key, one);
+    else if (name === "value" && "value" in element) element.value = value;
+    else element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children.flat(Infinity).filter(isShown));
+  return element;
+}
+
+function isShown(child) {
+  return child !== null && child !== undefined && child !== false && child !== "";
+}

@@ -1,0 +1,56 @@
+// The errors of a model, joint by joint.
+
+import { h, numeric, put, row, table } from "./dom.js";
+import { number, percent } from "./format.js";
+
+/** A table of errors that follows the diagnosis, for the noise floor, and the joint that is chosen. */
+export function errorsSection(model) {
+  const body = h("div");
+  const show = () => put(body, errorsTable(model));
+  model.addEventListener("diagnosis", show);
+  model.addEventListener("joint", show);
+  show();
+  return h("section", { "aria-labelledby": "errors-title" }, h("h2", { id: "errors-title" }, "Errors"), body);
+}
+
+function errorsTable(model) {
+  const { residual, validation } = model.result;
+  const hasFloor = Boolean(model.diagnosis?.result);
+  const head = ["joint", "unit", ...["fit, rms", "fit (%)"].map(right)];
+  if (validation) head.push(...["held out, rms", "held out (%)"].map(right));
+  if (hasFloor) head.push(...["noise floor, rms", "fit over floor"].map(right));
+  const rows = model.joints.map((joint, index) => {
+    const cells = [jointButton(model, joint), model.unitOf(joint), ...figures(residual, index)];
+    if (validation) cells.push(...figures(validation, index));
+    if (hasFloor) cells.push(...floorOf(model, joint, residual.rms[index]));
+    return row(cells, { class: joint === model.joint ? "chosen" : null });
+  });
+  const total = ["all joints", "", "", numeric(percent(residual.relative_total), residual.relative_total)];
+  if (validation) total.push("", numeric(percent(validation.relative_total), validation.relative_total));
+  if (hasFloor) total.push("", "");
+  rows.push(row(total, { class: "total" }));
+  const notes = [
+    "Relative errors are ‖y − ŷ‖ / ‖y‖ on the filtered, decimated torque.",
+    hasFloor ? "The noise floor is what the torque sensor's noise alone leaves; 1 times the floor is as good as a model can be." : "Diagnose the model to see the noise floor.",
+    validation ? "" : "There is no validation data: an error on data that the fit has not seen tells more.",
+  ];
+  return [table("Error per joint", head, rows, { id: "error-table" }), h("p", { class: "note" }, notes.join(" "))];
+}
+
+function jointButton(model, joint) {
+  const pressed = joint === model.joint ? "true" : "false";
+  return h("button", { type: "button", class: "plain", "aria-pressed": pressed, onclick: () => model.chooseJoint(joint) }, joint);
+}
+
+function figures({ rms, relative }, index) {
+  return [numeric(number(rms[index]), rms[index]), numeric(percent(relative[index]), relative[index])];
+}
+
+function floorOf(model, joint, rms) {
+  const floor = model.floorOf(joint);
+  return [numeric(number(floor), floor), numeric(floor && rms !== null ? `${number(rms / floor, 2)} ×` : "–")];
+}
+
+function right(text) {
+  return { text, class: "n" };
+}

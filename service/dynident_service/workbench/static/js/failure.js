@@ -1,0 +1,92 @@
+// Where a model fails: its residual over velocity, position and load; over any two signals; the diagnosis's map.
+
+import { get } from "./api.js";
+import { field, h, numeric, put, row, select, table } from "./dom.js";
+import { number, span } from "./format.js";
+import { heatMap } from "./heat_map.js";
+import { existingComparison } from "./model.js";
+import { problemBox } from "./problem.js";
+import { drawProfile, signalInWords, signalsOf } from "./profile.js";
+
+const OVER = ["dq", "q", "load"];
+
+/** Follows the joint, the comparison and the diagnosis. */
+export function failureSection(model, signal) {
+  const profiles = h("div", { class: "profiles" });
+  const map = h("div");
+  const spots = h("div");
+  let drawing = new AbortController();
+  signal.addEventListener("abort", () => drawing.abort());
+
+  const draw = async () => {
+    drawing.abort();
+    drawing = new AbortController();
+    const { comparison, joint } = model;
+    if (!comparison) return;
+    const until = drawing.signal;
+    const before = await earlier(model, until);
+    if (until.aborted) return;
+    const targets = OVER.map(() => h("div", { class: "chart" }));
+    put(profiles, targets);
+    OVER.forEach((kind, index) => drawProfile(targets[index], model, { comparison, before, joint, signal: `${kind}_${joint}` }, until));
+    put(map, mapOfTwo(model, until));
+  };
+  model.addEventListener("comparison", draw);
+  model.addEventListener("joint", draw);
+  model.addEventListener("diagnosis", () => put(spots, failureMap(model)));
+  return h(
+    "section",
+    { "aria-labelledby": "fails-title" },
+    h("h2", { id: "fails-title" }, "Where it fails"),
+    h("p", { class: "note" }, "A flat mean at zero shows nothing missing; the wash is the spread around the mean."),
+    profiles,
+    map,
+    spots,
+  );
+}
+
+/** The comparison of the model before this one with the same measurement, if there is one. */
+export async function earlier(model, signal) {
+  const parent = model.identification.parent_id;
+  if (!parent) return null;
+  const found = await existingComparison(parent, model.measurement, signal).catch(() => null);
+  return found?.status === "succeeded" ? found : null;
+}
+
+function mapOfTwo(model, signal) {
+  const { comparison, joint } = model;
+  const chosen = { x: `q_${joint}`, y: `dq_${joint}` };
+  const figure = h("div");
+  const draw = async () => {
+    try {
+      const found = await get(`/comparisons/${comparison.id}/residual_map`, { joint, ...chosen, bins: 28 }, signal);
+      put(figure, heatMap(found, model));
+    } catch (error) {
+      if (!signal.aborted) put(figure, problemBox(error));
+    }
+  };
+  const pick = (name) =>
+    select(signalsOf(model).map((one) => [one, signalInWords(one, model)]), chosen[name], (value) => {
+      chosen[name] = value;
+      draw();
+    });
+  draw();
+  return [h("h3", {}, `Residual of ${joint} over two signals`), h("div", { class: "bar-of-fields" }, field("Across", pick("x")), field("Up", pick("y"))), figure];
+}
+
+function failureMap(model) {
+  const spots = model.diagnosis?.result?.failure_map ?? [];
+  if (!spots.length) return null;
+  const head = ["joint", "over", "where", { text: "rms there", class: "n" }, { text: "times the joint's own rms", class: "n" }];
+  const rows = spots.map((one) =>
+    row([
+      h("button", { type: "button", class: "plain", onclick: () => model.chooseJoint(one.joint) }, one.joint),
+      one.variable,
+      span(one.low, one.high, one.unit),
+      numeric(`${number(one.rms)} ${model.unitOf(one.joint)}`, one.rms),
+      numeric(one.ratio === null ? "–" : `${number(one.ratio)} ×`),
+    ]),
+  );
+  const whose = model.diagnosis.request.identification_id === model.id ? "" : " of the model that was diagnosed, before what has been added";
+  return table(`Where the residual${whose} is largest`, head, rows, { id: "failure-map" });
+}

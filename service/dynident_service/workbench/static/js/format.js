@@ -1,0 +1,76 @@
+// How figures are written for people: enough digits, always with a unit. The same rules as in the reports.
+
+const SPACE = "\u202f";
+const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
+
+/** A number with so many significant digits; "–" where there is none. */
+export function number(value, digits = 3) {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  if (value === 0) return "0";
+  const size = Math.abs(value);
+  if (size < 1e-4 || size >= 1e6) {
+    const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
+    return minus(`${mantissa}·10${superscript(Number(exponent))}`);
+  }
+  return minus(value.toFixed(decimals(value, digits)));
+}
+
+/** A number with its unit. */
+export function quantity(value, unit, digits = 3) {
+  return `${number(value, digits)}${SPACE}${unit}`;
+}
+
+/** A fraction as per cent. */
+export function percent(fraction, digits = 3) {
+  if (fraction === null || fraction === undefined || Number.isNaN(fraction)) return "–";
+  if (fraction > 10) return `> 1000${SPACE}%`;
+  if (fraction === 0) return `0${SPACE}%`;
+  const scaled = 100 * fraction;
+  return minus(scaled.toFixed(Math.min(3, decimals(scaled, digits)))) + `${SPACE}%`;
+}
+
+/** A p-value; what is below one in a million is only said to be so. */
+export function pValue(p) {
+  if (p === null || p === undefined) return "–";
+  return p < 1e-6 ? "< 10⁻⁶" : number(p, 2);
+}
+
+/** A range with its unit. */
+export function span(low, high, unit, digits = 3) {
+  return `${number(low, digits)} … ${number(high, digits)}${SPACE}${unit}`;
+}
+
+/** A count with its noun. */
+export function counted(count, noun, plural = `${noun}s`) {
+  return `${grouped(count)} ${count === 1 ? noun : plural}`;
+}
+
+/** A whole number in groups of three digits. */
+export function grouped(count) {
+  return String(count).replace(/\B(?=(\d{3})+$)/g, SPACE);
+}
+
+/** A moment as people say it. */
+export function moment(text) {
+  const then = new Date(text);
+  const time = then.toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" });
+  const today = new Date().toDateString() === then.toDateString();
+  return today ? `today ${time}` : `${then.toLocaleDateString([], { dateStyle: "medium" })} ${time}`;
+}
+
+/** The unit of a joint's position, from the unit of its effort. */
+export function positionUnit(effortUnit) {
+  return effortUnit === "N m" ? "rad" : "m";
+}
+
+function decimals(value, digits) {
+  return Math.max(0, digits - 1 - Math.floor(Math.log10(Math.abs(value))));
+}
+
+function minus(text) {
+  return text.replaceAll("-", "−");
+}
+
+function superscript(exponent) {
+  return String(exponent).replace("-", "⁻").replace(/\d/g, (digit) => SUPERSCRIPTS[digit]);
+}

@@ -1,0 +1,72 @@
+// Which measurements, which effects, which estimator; then Run.
+
+import { post } from "./api.js";
+import { catalogue } from "./catalogue.js";
+import { field, h, select } from "./dom.js";
+import { counted } from "./format.js";
+import { go } from "./location.js";
+import { clearForm, showInForm } from "./problem.js";
+
+const DEFAULTS = new Set(["rigid_body", "rotor_inertia", "coulomb", "viscous"]);
+const ESTIMATORS = [["wls", "weighted least squares"], ["ols", "ordinary least squares"], ["irls", "robust (reweighted)"], ["feasible", "physically feasible"], ["iv", "instrumental variable"]];
+const MODELS = [["dynamic", "dynamic [12.18]"], ["filtered", "filtered dynamic [12.28]"], ["energy", "energy [12.43]"], ["power", "power [12.51]"], ["base_wrench", "base wrench"]];
+const STRATEGIES = [["global", "all at once"], ["sequential", "link by link"], ["separate_friction", "friction first"]];
+
+/** A form that identifies a robot from its measurements and goes to the new model. */
+export async function identificationForm(robot, measurements) {
+  const { items } = await catalogue();
+  const name = h("input", { name: "name", id: "model-name", maxlength: 200, placeholder: robot.name });
+  const estimator = select(ESTIMATORS, "wls", null, { id: "estimator" });
+  const model = select(MODELS, "dynamic", null, { name: "model" });
+  const strategy = select(STRATEGIES, "global", null, { name: "strategy" });
+  const uses = measurements.map((one) => [one, select([["fit", "fit"], ["hold", "hold out"], ["", "leave out"]], useOf(one), null, { "aria-label": `Use of ${one.name}` })]);
+  const effects = items.map((one) => h("label", { title: one.signature, "data-effect": one.id }, h("input", { type: "checkbox", name: "effect", value: one.id, checked: DEFAULTS.has(one.id) }), ` ${one.title}`));
+  const said = h("div");
+  const submit = h("button", { class: "main", id: "run" }, "Run the identification");
+
+  const chosen = (use) => uses.filter(([, control]) => control.value === use).map(([one]) => one.id);
+  const send = async (event) => {
+    event.preventDefault();
+    clearForm(form, said);
+    submit.disabled = true;
+    const boxes = [...form.querySelectorAll("input[name=effect]:checked")];
+    boxes.forEach((box, index) => {
+      box.parentElement.dataset.pointer = `/effects/${index}`;
+    });
+    const body = {
+      robot_id: robot.id,
+      name: name.value || null,
+      measurement_ids: chosen("fit"),
+      validation_ids: chosen("hold"),
+      effects: boxes.map((box) => ({ effect: box.value })),
+      estimator: estimator.value,
+      model: model.value,
+      strategy: strategy.value,
+    };
+    try {
+      const made = await post("/identifications", body);
+      dispatchEvent(new Event("models-changed"));
+      go({ identification: made.id });
+    } catch (error) {
+      showInForm(form, said, error);
+    }
+    submit.disabled = false;
+  };
+  const form = h(
+    "form",
+    { onsubmit: send, id: "identify" },
+    h("fieldset", { class: "list-of-choices", "data-pointer": "/measurement_ids" }, h("legend", {}, "Measurements"),
+      uses.map(([one, control]) => h("p", { class: "pick-one" }, control, ` ${one.name} `, h("span", { class: "note" }, counted(one.n_samples, "sample"))))),
+    h("fieldset", { class: "checks-of", "data-pointer": "/effects" }, h("legend", {}, "Effects in the model"), effects),
+    h("p", { class: "note" }, "Begin with these four: the diagnosis says what is missing."),
+    h("div", { class: "fields" }, field("Name", name, { pointer: "/name" }), field("Estimator", estimator, { pointer: "/estimator" }), field("Model", model, { pointer: "/model" }), field("Strategy", strategy, { pointer: "/strategy" })),
+    said,
+    h("p", {}, submit),
+  );
+  return form;
+}
+
+function useOf({ role }) {
+  if (role === "validation") return "hold";
+  return role === "payload" ? "" : "fit";
+}

@@ -1,0 +1,117 @@
+// Jobs: followed by their events, shown while they run, stopped on demand.
+
+import { events, get, post, ProblemError } from "./api.js";
+import { h, put } from "./dom.js";
+import { percent } from "./format.js";
+
+const ENDED = new Set(["succeeded", "failed", "cancelled"]);
+const MOST_STREAMS = 3; // A browser opens six connections to a service; some are needed for the rest.
+const LOOK_AGAIN = 4000;
+const live = new Map(); // id -> { id, kind, resource, state, fraction, message }
+const listeners = new Set();
+let streams = 0;
+
+/** Follow a job until it ends; `onChange({ state, fraction, message })` at every step. Gives the last of them. */
+export async function follow(jobId, onChange = () => {}, signal = undefined) {
+  const seen = { state: "queued", fraction: 0, message: "" };
+  while (!ENDED.has(seen.state)) {
+    if (signal?.aborted) return seen;
+    if (streams >= MOST_STREAMS) {
+      const job = await get(`/jobs/${jobId}`, {}, signal);
+      onChange(Object.assign(seen, { state: job.state, ...job.progress }));
+      if (!ENDED.has(seen.state)) await new Promise((resolve) => setTimeout(resolve, 500));
+      continue;
+    }
+    streams += 1;
+    try {
+      for await (const event of events(jobId, signal)) {
+        if (event.kind === "state") seen.state = event.state;
+        else Object.assign(seen, { fraction: event.fraction, message: event.message });
+        onChange(seen);
+      }
+    } finally {
+      streams -= 1;
+    }
+  }
+  return seen;
+}
+
+/** Wait for a resource that a job computes; give it with its result. A job that failed is thrown as its problem. */
+export async function computed(path, resource, onChange = () => {}, signal = undefined) {
+  if (!ENDED.has(resource.status)) await follow(resource.job_id, onChange, signal);
+  signal?.throwIfAborted();
+  const found = await get(`${path}/${resource.id}`, {}, signal);
+  if (found.status === "succeeded") return found;
+  if (found.error) throw new ProblemError(found.error);
+  throw new ProblemError({ title: "Cancelled", detail: "The job was cancelled before it ended." });
+}
+
+/** Stop a job. */
+export function cancel(jobId) {
+  return post(`/jobs/${jobId}/cancel`, {});
+}
+
+/** A bar that shows how far a job is, with a button that stops it. */
+export function progressBar(jobId, label) {
+  const bar = h("progress", { max: 1, value: 0, "aria-label": label });
+  const words = h("span", { class: "note" }, "waiting");
+  const stop = h("button", { type: "button", class: "small", onclick: () => halt() }, "Cancel");
+  async function halt() {
+    stop.disabled = true;
+    words.textContent = "stopping";
+    await cancel(jobId).catch((error) => {
+      words.textContent = error.message;
+      stop.disabled = false;
+    });
+  }
+  const element = h("div", { class: "progress" }, h("span", {}, label), bar, words, stop);
+  const update = ({ state, fraction, message }) => {
+    bar.value = fraction;
+    words.textContent = state === "queued" ? "queued" : `${percent(fraction, 2)} ${message}`;
+  };
+  return { element, update };
+}
+
+/** Tell a listener whenever a job began, moved or ended, whoever asked for it. */
+export function onJobs(listener) {
+  listeners.add(listener);
+}
+
+/** Look for running jobs now and from time to time, and show them in `target`. */
+export function watch(target) {
+  onJobs(() => put(target, [...live.values()].map((one) => one.bar.element)));
+  const look = async () => {
+    if (!document.hidden) await lookForJobs().catch(() => {});
+    setTimeout(look, LOOK_AGAIN);
+  };
+  look();
+}
+
+/** Look for jobs that run and follow those that are new. */
+export async function lookForJobs() {
+  const lists = await Promise.all(["running", "queued"].map((state) => get("/jobs", { state, limit: 20 })));
+  for (const job of lists.flatMap((list) => list.items)) if (!live.has(job.id)) track(job);
+}
+
+async function track(job) {
+  const bar = progressBar(job.id, job.kind);
+  const entry = { id: job.id, kind: job.kind, resource: job.resource, state: job.state, bar };
+  live.set(job.id, entry);
+  bar.update({ state: job.state, ...job.progress });
+  tell(entry);
+  try {
+    await follow(job.id, (seen) => {
+      bar.update(seen);
+      const changed = entry.state !== seen.state;
+      entry.state = seen.state;
+      if (changed) tell(entry);
+    });
+  } finally {
+    live.delete(job.id);
+    tell(entry);
+  }
+}
+
+function tell(entry) {
+  for (const listener of listeners) listener(entry);
+}

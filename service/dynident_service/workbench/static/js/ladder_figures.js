@@ -1,0 +1,99 @@
+// The ladder as figures: totals rung by rung, and every joint's error from the first model to the last.
+
+import { h, svg } from "./dom.js";
+import { number, percent } from "./format.js";
+
+const COLOURS = ["rung-0", "rung-1", "rung-2", "rung-3"];
+
+/** Relative error of all joints at each rung, of the fit and held out. */
+export function totalsFigure(rungs, heldOut) {
+  const [width, height] = [440, 260];
+  const room = { left: 48, right: 16, top: 40, bottom: 30 };
+  const lines = [{ name: "fit", css: "fit", marker: "circle", below: true, values: rungs.map((one) => one.residual.relative_total) }];
+  if (heldOut) lines.push({ name: "held out", css: "held-out", marker: "square", below: false, values: rungs.map((one) => one.validation.relative_total) });
+  const most = 1.15 * Math.max(...lines.flatMap((line) => line.values));
+  const x = (k) => room.left + ((k + 0.5) / rungs.length) * (width - room.left - room.right);
+  const y = (value) => height - room.bottom - (value / most) * (height - room.top - room.bottom);
+  const drawn = lines.map((line) => {
+    // Labels keep apart: the upper line's above it, the lower line's below.
+    const upper = !lines.some((other) => other !== line && other.values.at(-1) > line.values.at(-1));
+    return [
+      svg("polyline", { class: `line ${line.css}`, points: line.values.map((value, k) => `${x(k)},${y(value)}`).join(" ") }),
+      line.values.map((value, k) => [
+        marker(line.marker, x(k), y(value), line.css),
+        svg("text", { x: x(k), y: y(value) + (upper ? -10 : 20), "text-anchor": "middle" }, number(100 * value)),
+      ]),
+    ];
+  });
+  const words = lines.map((line) => `${line.name}: ${line.values.map((value) => percent(value)).join(", ")}`).join("; ");
+  return figure(
+    "Relative error, all joints (%)",
+    svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `Relative error of each model. ${words}` },
+      grid(ticksUpTo(100 * most), (value) => y(value / 100), room.left, width - room.right),
+      rungs.map((_, k) => svg("text", { x: x(k), y: height - 8, "text-anchor": "middle" }, `model ${k + 1}`)),
+      drawn,
+      lines.map((line, k) => [marker(line.marker, room.left + 12 + 90 * k, 14, line.css), svg("text", { x: room.left + 24 + 90 * k, y: 18 }, line.name)])),
+  );
+}
+
+/** Relative error of every joint at each rung. */
+export function jointsFigure(errors, joints, kind) {
+  const width = 560;
+  const step = 26;
+  const names = joints.map((name) => (name.length > 22 ? `${name.slice(0, 20)}…` : name));
+  const room = { left: 20 + 7 * Math.max(...names.map((name) => name.length)), right: 20, top: 40, bottom: 40 };
+  const height = room.top + room.bottom + step * joints.length;
+  const most = 1.05 * Math.max(...errors.flatMap((one) => one.relative.map((value) => value ?? 0)));
+  const x = (value) => room.left + (value / most) * (width - room.left - room.right);
+  const y = (index) => room.top + step * (index + 0.5);
+  const rows = joints.map((_, index) => {
+    const values = errors.map((one) => one.relative[index]).filter((value) => value !== null);
+    return [
+      svg("line", { class: "reach", x1: x(Math.min(...values)), x2: x(Math.max(...values)), y1: y(index), y2: y(index) }),
+      values.map((value, k) => svg("circle", { class: rungClass(k, errors.length), cx: x(value), cy: y(index), r: k === errors.length - 1 ? 6 : 5 }, svg("title", {}, `model ${k + 1}: ${percent(value)}`))),
+      svg("text", { x: room.left - 8, y: y(index) + 4, "text-anchor": "end" }, names[index]),
+    ];
+  });
+  const marks = ticksUpTo(100 * most);
+  return figure(
+    `Relative error per joint, ${kind} (%)`,
+    svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Relative error of every joint at each model; the table below has the figures." },
+      marks.map((value) => [
+        svg("line", { class: "grid", x1: x(value / 100), x2: x(value / 100), y1: room.top, y2: height - room.bottom }),
+        svg("text", { x: x(value / 100), y: height - room.bottom + 18, "text-anchor": "middle" }, number(value, 2)),
+      ]),
+      rows,
+      errors.map((_, k) => [
+        svg("circle", { class: rungClass(k, errors.length), cx: room.left + 8 + 90 * k, cy: 14, r: 5 }),
+        svg("text", { x: room.left + 18 + 90 * k, y: 18 }, `model ${k + 1}`),
+      ])),
+  );
+}
+
+function figure(title, drawing) {
+  return h("figure", { class: "drawn" }, h("figcaption", { class: "chart-title" }, title), drawing);
+}
+
+function grid(values, y, left, right) {
+  return values.map((value) => [
+    svg("line", { class: "grid", x1: left, x2: right, y1: y(value), y2: y(value) }),
+    svg("text", { x: left - 6, y: y(value) + 4, "text-anchor": "end" }, number(value, 2)),
+  ]);
+}
+
+function marker(kind, x, y, css) {
+  return kind === "circle"
+    ? svg("circle", { class: `mark-of ${css}`, cx: x, cy: y, r: 5 })
+    : svg("rect", { class: `mark-of ${css}`, x: x - 4.5, y: y - 4.5, width: 9, height: 9 });
+}
+
+function rungClass(k, count) {
+  return `mark-of ${k === count - 1 ? "held-out" : COLOURS[k % COLOURS.length]}`;
+}
+
+function ticksUpTo(most) {
+  const raw = most / 4;
+  const size = 10 ** Math.floor(Math.log10(raw));
+  const step = size * [1, 2, 5, 10].find((one) => one * size >= raw);
+  return Array.from({ length: Math.floor(most / step) + 1 }, (_, k) => k * step);
+}

@@ -1,0 +1,146 @@
+// What is missing in a model: the diagnosis, and adding what it recommends.
+
+import { post } from "./api.js";
+import { addByHand } from "./add_effect.js";
+import { candidatesTable } from "./candidates.js";
+import { choiceInWords, placeOf, shapeInWords, titleOf } from "./catalogue.js";
+import { announce, h, put, row, table } from "./dom.js";
+import { percent } from "./format.js";
+import { computed, progressBar } from "./jobs.js";
+import { go } from "./location.js";
+import { problemBox } from "./problem.js";
+
+const HEADLINES = {
+  adequate: "Nothing is missing that this data could show",
+  missing_effect: "An effect is missing",
+  unexplained: "Something is missing that the catalogue does not explain",
+};
+
+/** Follows the diagnosis; Diagnose asks for a new one. */
+export function missingSection(model, signal) {
+  const button = h("button", { type: "button", class: "main", id: "diagnose", onclick: () => diagnose() }, "Diagnose");
+  const said = h("div");
+  const body = h("div", { id: "diagnosis" });
+  const add = (effects, from) => extend(model, effects, from ?? said, signal);
+
+  async function run(diagnosis) {
+    button.disabled = true;
+    try {
+      const bar = progressBar(diagnosis.job_id, "Diagnosing");
+      put(said, bar.element);
+      const found = await computed("/diagnoses", diagnosis, bar.update, signal);
+      put(said);
+      model.setDiagnosis(found);
+      announce(`${HEADLINES[found.result.verdict]}. ${found.result.summary}`);
+    } catch (error) {
+      if (!signal.aborted) put(said, problemBox(error));
+    }
+    button.disabled = false;
+  }
+
+  async function diagnose() {
+    button.disabled = true;
+    try {
+      await run(await post("/diagnoses", { identification_id: model.id }));
+    } catch (error) {
+      put(said, problemBox(error));
+      button.disabled = false;
+    }
+  }
+
+  model.addEventListener("diagnosis", () => {
+    const { diagnosis } = model;
+    if (!diagnosis) return;
+    if (diagnosis.status === "succeeded") put(body, shown(model, add, signal));
+    else run(diagnosis);
+  });
+  return h(
+    "section",
+    { "aria-labelledby": "missing-title" },
+    h("h2", { id: "missing-title" }, "What is missing"),
+    h("p", { class: "actions" }, button, h("span", { class: "note" }, "holds every effect of the catalogue against what the model leaves unexplained")),
+    said,
+    body,
+    addByHand(model, add),
+  );
+}
+
+/** Add effects to a model and go to the new one. */
+async function extend(model, effects, said, signal) {
+  try {
+    const made = await post(`/identifications/${model.id}/extend`, { effects });
+    const bar = progressBar(made.job_id, "Adding");
+    put(said, bar.element);
+    await computed("/identifications", made, bar.update, signal);
+    dispatchEvent(new Event("models-changed"));
+    go({ identification: made.id, joint: model.joint, measurement: model.measurement }, { arrived: true });
+  } catch (error) {
+    if (!signal.aborted) put(said, problemBox(error));
+  }
+}
+
+function shown(model, add, signal) {
+  const { result, request } = model.diagnosis;
+  const ofAnother = request.identification_id !== model.id;
+  return [
+    ofAnother ? h("p", { class: "box" }, "This is the diagnosis of a model that this one came from. Diagnose this model to see what is left.") : null,
+    verdict(model, result, add),
+    candidatesTable(model, result, add, signal),
+    unknown(result),
+    nextExperiment(model, result),
+    invisible(model, result),
+  ];
+}
+
+function verdict(model, result, add) {
+  const said = h("div");
+  const left = result.recommended.filter((one) => !model.contains(one));
+  const items = result.recommended.map((one) => {
+    const words = choiceInWords(model.effects, one, model.joints);
+    const shape = shapeInWords(model.effects, one);
+    const button = model.contains(one)
+      ? h("span", { class: "mark ok" }, "✓ in the model")
+      : h("button", { type: "button", class: "small", onclick: () => add([one], said), "aria-label": `Add ${words}` }, "Add");
+    return h("li", {}, h("strong", {}, titleOf(model.effects, one.effect)), ` on ${placeOf(model.effects, one, model.joints)}${shape ? `, ${shape}` : ""} `, button);
+  });
+  return h(
+    "div",
+    { class: result.verdict === "adequate" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict },
+    h("p", {}, h("strong", {}, `${HEADLINES[result.verdict]}. `), result.summary),
+    items.length ? [h("p", {}, "Recommended, in this order:"), h("ol", {}, items)] : null,
+    left.length ? h("p", {}, h("button", { type: "button", class: "main", id: "add-recommended", onclick: () => add(left, said) }, left.length > 1 ? `Add all ${left.length} that are recommended` : "Add what is recommended")) : null,
+    said,
+  );
+}
+
+function unknown(result) {
+  if (!result.unknown.length) return null;
+  const rows = result.unknown.map((one) => row([one.joint, one.variable.replaceAll("_", " "), { class: "n", text: percent(one.share) }]));
+  return table("Left after everything recommended: the residual still depends on", ["joint", "over", { class: "n", text: "share of its variance" }], rows);
+}
+
+function nextExperiment(model, result) {
+  const next = result.next_experiment;
+  if (!next) return null;
+  const said = h("span", { class: "note" });
+  const body = JSON.stringify(next.design, null, 1);
+  const copy = () => navigator.clipboard.writeText(body).then(() => { said.textContent = " copied"; }, () => { said.textContent = " select the text below and copy it"; });
+  return h(
+    "div",
+    { class: "box" },
+    h("p", {}, h("strong", {}, "Next experiment. "), next.reason),
+    h("details", {}, h("summary", {}, "Body for POST /v1/designs"), h("pre", {}, body), h("button", { type: "button", class: "small", onclick: copy }, "Copy"), said),
+  );
+}
+
+function invisible(model, result) {
+  if (!result.not_visible.length) return null;
+  const rows = result.not_visible.map((one) => row([titleOf(model.effects, one.effect), placeOf(model.effects, one, model.joints), one.reason]));
+  return h(
+    "details",
+    {},
+    h("summary", {}, `Not visible in this data (${result.not_visible.length})`),
+    h("p", { class: "note" }, "“The data could not have shown it” is not “it is not there”."),
+    table("Effects that this data could not have shown", ["effect", "where", "why"], rows),
+  );
+}

@@ -1,0 +1,124 @@
+// The model that is looked at: what is known of it, and what is chosen on the page. Parts listen for changes.
+
+import { get, post } from "./api.js";
+import { catalogue } from "./catalogue.js";
+import { computed } from "./jobs.js";
+import { remember } from "./location.js";
+
+/** Fires "joint", "measurement", "diagnosis", "comparison" when that changes, and "zoom" with { from, to }. */
+export class Model extends EventTarget {
+  constructor(identification, parts, wanted) {
+    super();
+    this.identification = identification;
+    this.result = identification.result;
+    Object.assign(this, parts); // robot, effects, rungs, measurements
+    this.diagnosis = null;
+    this.comparison = null;
+    this.joint = this.joints.includes(wanted.joint) ? wanted.joint : this.#worstJoint();
+    const known = this.measurements.map((one) => one.id);
+    this.measurement = known.includes(wanted.measurement) ? wanted.measurement : known[0];
+  }
+
+  /** Read what belongs to an identification that is done. */
+  static async of(identification, wanted, signal) {
+    const { measurement_ids: fitted, validation_ids: heldOut } = identification.request;
+    const [robot, effects, lineage, ...measurements] = await Promise.all([
+      get(`/robots/${identification.robot_id}`, {}, signal),
+      catalogue(),
+      get(`/identifications/${identification.id}/lineage`, {}, signal),
+      ...[...heldOut, ...fitted].map((id) => get(`/measurements/${id}`, {}, signal)),
+    ]);
+    for (const one of measurements) one.heldOut = heldOut.includes(one.id);
+    return new Model(identification, { robot, effects, rungs: lineage.items, measurements }, wanted);
+  }
+
+  get id() {
+    return this.identification.id;
+  }
+
+  get joints() {
+    return this.result.joints;
+  }
+
+  /** N m or N. */
+  unitOf(joint) {
+    return this.result.effort_units[this.joints.indexOf(joint)];
+  }
+
+  chooseJoint(joint) {
+    if (joint === this.joint) return;
+    this.joint = joint;
+    remember({ joint });
+    this.#tell("joint");
+  }
+
+  chooseMeasurement(measurement) {
+    if (measurement === this.measurement) return;
+    this.measurement = measurement;
+    remember({ measurement });
+    this.#tell("measurement");
+  }
+
+  setDiagnosis(diagnosis) {
+    this.diagnosis = diagnosis;
+    this.#tell("diagnosis");
+  }
+
+  setComparison(comparison) {
+    this.comparison = comparison;
+    this.#tell("comparison");
+  }
+
+  /** Show a stretch of time of a joint. */
+  zoomTo(joint, from, to) {
+    this.chooseJoint(joint);
+    this.dispatchEvent(new CustomEvent("zoom", { detail: { from, to } }));
+  }
+
+  /** Whether an effect is in the model on all the joints wanted. */
+  contains(choice) {
+    const there = this.result.effects.filter((one) => one.effect === choice.effect);
+    if (!there.length) return false;
+    if (there.some((one) => !one.joints.length)) return true;
+    return choice.joints.length > 0 && choice.joints.every((joint) => there.some((one) => one.joints.includes(joint)));
+  }
+
+  /** Noise floor of a joint, if this model or one that it came from has been diagnosed. */
+  floorOf(joint) {
+    return this.diagnosis?.result?.noise_floor[this.joints.indexOf(joint)] ?? null;
+  }
+
+  #worstJoint() {
+    const { relative } = this.result.validation ?? this.result.residual;
+    const worst = relative.indexOf(Math.max(...relative.filter((value) => value !== null)));
+    return this.joints[Math.max(worst, 0)];
+  }
+
+  #tell(kind) {
+    this.dispatchEvent(new Event(kind));
+  }
+}
+
+/** The newest diagnosis of a model, or of the nearest one that it came from; null if there is none. */
+export async function newestDiagnosis(model, signal) {
+  for (const rung of [...model.rungs].reverse()) {
+    const { items } = await get("/diagnoses", { identification_id: rung.id, limit: 10 }, signal);
+    const usable = items.find((one) => ["succeeded", "running", "queued"].includes(one.status));
+    if (usable) return usable;
+  }
+  return null;
+}
+
+/** The comparison of a model with a measurement: the newest there is, or a new one. */
+export async function comparisonOf(modelId, measurementId, onChange, signal) {
+  const found = await existingComparison(modelId, measurementId, signal);
+  const body = { identification_id: modelId, measurement_id: measurementId };
+  return computed("/comparisons", found ?? (await post("/comparisons", body, { signal })), onChange, signal);
+}
+
+/** The newest comparison of a model with a measurement that is done or on its way; undefined if there is none. */
+export async function existingComparison(modelId, measurementId, signal) {
+  const { items } = await get("/comparisons", { identification_id: modelId, limit: 100 }, signal);
+  const mine = items.filter((one) => one.request.measurement_id === measurementId);
+  return mine.find((one) => ["succeeded", "running", "queued"].includes(one.status));
+}

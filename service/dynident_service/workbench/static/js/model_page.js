@@ -1,0 +1,139 @@
+// One identified model: its errors, its ladder, where it fails, what is missing.
+
+import { content, get, post, apiKey } from "./api.js";
+import { choiceInWords, placeOf, titleOf } from "./catalogue.js";
+import { announce, h, put } from "./dom.js";
+import { errorsSection } from "./errors.js";
+import { failureSection } from "./failure.js";
+import { counted, moment, number, percent, quantity } from "./format.js";
+import { computed, progressBar } from "./jobs.js";
+import { ladderSection, stepInWords } from "./ladder.js";
+import { takeNote } from "./location.js";
+import { missingSection } from "./missing.js";
+import { Model, newestDiagnosis } from "./model.js";
+import { parametersSection } from "./parameters.js";
+import { problemBox } from "./problem.js";
+import { torqueSection } from "./torque.js";
+
+const ENDED = new Set(["succeeded", "failed", "cancelled"]);
+
+/** Show an identification; while it is being computed, how far it is. */
+export async function modelPage(target, wanted, signal) {
+  let identification = await get(`/identifications/${wanted.identification}`, {}, signal);
+  if (!ENDED.has(identification.status)) identification = await wait(target, identification, signal);
+  if (identification.status !== "succeeded") return put(target, ended(identification));
+  const model = await Model.of(identification, wanted, signal);
+  signal.throwIfAborted();
+  document.title = `${nameOf(model)}: dynident`;
+  const sections = [
+    header(model),
+    errorsSection(model),
+    model.rungs.length > 1 ? ladderSection(model, signal) : null,
+    missingSection(model, signal),
+    torqueSection(model, signal),
+    failureSection(model, signal),
+    parametersSection(model),
+  ];
+  put(target, sections);
+  if (takeNote()?.arrived) {
+    const ladder = document.getElementById("ladder-title");
+    ladder?.scrollIntoView({ block: "start" });
+    ladder?.focus({ preventScroll: true });
+    announce(stepInWords(model));
+  }
+  model.setDiagnosis(await newestDiagnosis(model, signal));
+}
+
+async function wait(target, identification, signal) {
+  const bar = progressBar(identification.job_id, "Identifying");
+  put(target, h("h1", {}, identification.name || "A new model"), bar.element);
+  const found = await computed("/identifications", identification, bar.update, signal).catch((error) => {
+    if (error.status === undefined) throw error;
+    return get(`/identifications/${identification.id}`, {}, signal);
+  });
+  announce(`The identification ${found.status}`);
+  return found;
+}
+
+function ended(identification) {
+  const { error, status } = identification;
+  const said = error
+    ? { title: error.title, message: error.detail, fields: error.errors ?? [] }
+    : { title: "No model", message: `The identification was ${status}.` };
+  return [h("h1", {}, identification.name || "A model"), problemBox(said)];
+}
+
+function nameOf(model) {
+  return model.identification.name || model.robot.name;
+}
+
+function header(model) {
+  const { identification: found, result } = model;
+  const { residual, validation } = result;
+  const tiles = [
+    ["held-out error", percent(validation?.relative_total), validation ? "all joints" : "no validation data", "held_out"],
+    ["error of the fit", percent(residual.relative_total), "all joints", "fit"],
+    ["base parameters", String(result.parameters.length), `${result.parameters.filter((one) => one.well_identified).length} well identified`],
+    ["condition number of W", number(result.condition_number), counted(result.n_equations, "equation")],
+  ];
+  return h(
+    "section",
+    { "aria-label": "Model" },
+    h("h1", {}, nameOf(model)),
+    h("p", { class: "note" }, `${model.robot.name}, ${counted(model.joints.length, "joint")}; ${moment(found.created_at)}; `,
+      `${found.request.model} model, ${found.request.estimator} estimator; ${filters(result.preprocessing)}`),
+    warnings(result),
+    h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) =>
+      h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ? `tile-${id}` : null }, value), h("dd", { class: "note" }, more)))),
+    h("p", { class: "chips" }, "In the model: ", result.effects.map((one) => h("span", { class: "chip", title: choiceInWords(model.effects, one, model.joints) }, titleOf(model.effects, one.effect),
+      one.joints.length && one.joints.length < model.joints.length ? h("small", {}, ` ${placeOf(model.effects, one)}`) : null))),
+    actions(model),
+  );
+}
+
+function filters(used) {
+  const cutoff = (value) => (value === null ? "none" : quantity(value, "Hz"));
+  return `filters: position ${cutoff(used.position_cutoff)}, torque ${cutoff(used.torque_cutoff)}, decimation ${used.decimation}`;
+}
+
+function warnings(result) {
+  const all = [...result.warnings];
+  if (!result.inertia_matrix_positive_definite) all.push("The inertia matrix is not positive definite in every pose that was tried.");
+  if (!all.length) return null;
+  return h("div", { class: "box warning", id: "warnings" }, h("p", {}, h("strong", {}, "Before you rely on it")), h("ul", {}, all.map((one) => h("li", {}, one))));
+}
+
+function actions(model) {
+  const said = h("div");
+  const report = h("button", { type: "button", onclick: () => makeReport(model, report, said) }, "Report");
+  const json = `/v1/identifications/${model.id}/export?format=json`;
+  const exported = apiKey.get()
+    ? h("button", { type: "button", onclick: () => save(json, `${model.id}.json`) }, "Model as JSON")
+    : h("a", { class: "button", href: json, download: `${model.id}.json` }, "Model as JSON");
+  return [h("p", { class: "actions" }, report, exported), said];
+}
+
+async function makeReport(model, button, said) {
+  button.disabled = true;
+  try {
+    const diagnosis = model.diagnosis?.status === "succeeded" ? model.diagnosis.id : null;
+    const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, name: nameOf(model) });
+    const bar = progressBar(made.job_id, "Writing the report");
+    put(said, bar.element);
+    const { result } = await computed("/reports", made, bar.update);
+    const open = apiKey.get()
+      ? h("button", { type: "button", onclick: () => save(result.href, `${model.id}.html`) }, "Save the report")
+      : h("a", { href: result.href, target: "_blank", rel: "noopener" }, "Open the report");
+    put(said, h("p", {}, open, ` (${number(result.size / 1e6, 2)} MB, one HTML file)`));
+    announce("The report is written");
+  } catch (error) {
+    put(said, problemBox(error));
+  }
+  button.disabled = false;
+}
+
+async function save(path, name) {
+  const link = h("a", { href: URL.createObjectURL(await content(path)), download: name });
+  link.click();
+  URL.revokeObjectURL(link.href);
+}

@@ -1,0 +1,67 @@
+// A problem in words, next to what caused it.
+
+import { h, put } from "./dom.js";
+import { checksTable } from "./checks.js";
+
+/** A box that says what is wrong; with `again`, a button that tries once more. */
+export function problemBox(error, again = null) {
+  const details = (error.fields ?? []).filter((field) => field.detail !== error.message);
+  return h(
+    "div",
+    { class: "box error", role: "alert" },
+    h("p", {}, h("strong", {}, `${error.title ?? "The page failed"}. `), error.message),
+    details.length ? h("ul", {}, details.map((one) => h("li", {}, place(one), one.detail))) : null,
+    error.dependents?.length ? h("p", {}, `Rests on it: ${error.dependents.map((one) => one.id).join(", ")}`) : null,
+    error.checks?.length ? checksTable(error.checks) : null,
+    again ? h("button", { type: "button", onclick: again }, "Try again") : null,
+  );
+}
+
+/** Show a problem in a form: each field's own beside it, the rest in `target`. */
+export function showInForm(form, target, error) {
+  clearForm(form, target);
+  const left = [];
+  for (const one of error.fields ?? []) {
+    const beside = nearest(form, one.pointer);
+    if (!beside) {
+      left.push(one);
+      continue;
+    }
+    beside.classList.add("wrong");
+    beside.append(h("p", { class: "complaint", role: "alert" }, one.detail));
+    beside.querySelector("input, select, textarea")?.setAttribute("aria-invalid", "true");
+  }
+  const all = (error.fields ?? []).length > 0 && left.length === 0;
+  put(target, problemBox(all ? { ...summary(error), checks: error.checks } : error));
+  const first = form.querySelector("[aria-invalid]");
+  if (first) first.focus();
+  else target.scrollIntoView({ block: "nearest" });
+}
+
+/** Take away what an earlier try complained of. */
+export function clearForm(form, target) {
+  for (const one of form.querySelectorAll(".complaint")) one.remove();
+  for (const one of form.querySelectorAll(".wrong")) one.classList.remove("wrong");
+  for (const one of form.querySelectorAll("[aria-invalid]")) one.removeAttribute("aria-invalid");
+  put(target);
+}
+
+function summary(error) {
+  return { title: error.title, message: error.message };
+}
+
+function nearest(form, pointer) {
+  let best = null;
+  for (const one of form.querySelectorAll("[data-pointer]")) {
+    const mine = one.dataset.pointer;
+    const fits = pointer === mine || pointer.startsWith(`${mine}/`);
+    if (fits && mine.length > (best?.dataset.pointer.length ?? 0)) best = one;
+  }
+  return best;
+}
+
+function place({ pointer, row, time }) {
+  const parts = [pointer, row ? `row ${row}` : "", time === null || time === undefined ? "" : `t = ${time} s`];
+  const text = parts.filter(Boolean).join(", ");
+  return text ? [h("code", {}, text), ": "] : null;
+}

@@ -1,0 +1,89 @@
+// Measured against predicted torque of the chosen joint on the chosen measurement, and the worst stretches.
+
+import { announce, field, h, put, select } from "./dom.js";
+import { number, percent, quantity } from "./format.js";
+import { progressBar } from "./jobs.js";
+import { comparisonOf, existingComparison } from "./model.js";
+import { problemBox } from "./problem.js";
+import { TorquePlot } from "./torque_plot.js";
+
+/** Compares by itself as soon as the section is there. */
+export function torqueSection(model, signal) {
+  const body = h("div");
+  const figures = new TorquePlot(signal);
+  const worst = h("div");
+  const joints = h("div", { class: "choices", role: "group", "aria-label": "Joint" });
+  const showJoints = () => put(joints, model.joints.map((joint) => jointButton(model, joint)));
+  const measurement = select(
+    model.measurements.map((one) => [one.id, `${one.name} (${one.heldOut ? "held out" : "fit"})`]),
+    model.measurement,
+    (id) => model.chooseMeasurement(id),
+  );
+
+  const compare = async () => {
+    const wanted = model.measurement;
+    put(body, h("p", { class: "note" }, "Comparing …"));
+    try {
+      const comparison = await compared(model, wanted, body, signal);
+      if (signal.aborted || wanted !== model.measurement) return;
+      put(body, figures.element, worst);
+      model.setComparison(comparison);
+      put(worst, worstStretches(model));
+      await figures.show(comparison, model.joint);
+    } catch (error) {
+      if (!signal.aborted) put(body, problemBox(error, compare));
+    }
+  };
+
+  let zoomed = null;
+  model.addEventListener("joint", () => {
+    showJoints();
+    // A zoom that comes with the joint follows in the same turn of the event loop.
+    queueMicrotask(() => {
+      if (model.comparison) figures.show(model.comparison, model.joint, zoomed);
+      zoomed = null;
+    });
+  });
+  model.addEventListener("zoom", ({ detail }) => {
+    if (figures.joint === model.joint) figures.zoom(detail);
+    else zoomed = detail;
+    figures.element.scrollIntoView({ block: "nearest", behavior: "smooth" });
+    announce(`${model.joint}, ${number(detail.from)} to ${number(detail.to)} s`);
+  });
+  model.addEventListener("measurement", compare);
+  showJoints();
+  compare();
+  return h(
+    "section",
+    { "aria-labelledby": "torque-title" },
+    h("h2", { id: "torque-title" }, "Measured against predicted torque"),
+    h("div", { class: "bar-of-fields" }, field("Measurement", measurement), joints),
+    body,
+  );
+}
+
+async function compared(model, measurement, target, signal) {
+  const found = await existingComparison(model.id, measurement, signal);
+  if (found?.status === "succeeded") return found;
+  let bar = null;
+  return comparisonOf(model.id, measurement, (seen) => {
+    if (!bar) put(target, (bar = progressBar(found?.job_id ?? "", "Comparing")).element);
+    bar.update(seen);
+  }, signal);
+}
+
+function jointButton(model, joint) {
+  const pressed = joint === model.joint ? "true" : "false";
+  return h("button", { type: "button", "aria-pressed": pressed, onclick: () => model.chooseJoint(joint) }, joint);
+}
+
+function worstStretches(model) {
+  const { worst, rms, relative_total: total } = model.comparison.result;
+  if (!worst.length) return null;
+  const buttons = worst.map((one) => {
+    const text = `${one.joint}: ${number(one.from, 4)} to ${number(one.to, 4)} s`;
+    const size = `${quantity(one.rms, model.unitOf(one.joint))} rms, ${number(one.ratio, 2)} × the joint's own ${number(rms[model.joints.indexOf(one.joint)])}`;
+    return h("li", {}, h("button", { type: "button", class: "small", onclick: () => model.zoomTo(one.joint, one.from, one.to) }, text), ` ${size}`);
+  });
+  return [h("h3", {}, "Worst stretches"), h("p", { class: "note" }, `Error on this measurement, all joints: ${percent(total)}. Choose a stretch to see it.`), h("ol", { class: "worst" }, buttons)];
+}

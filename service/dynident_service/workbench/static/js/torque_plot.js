@@ -1,0 +1,181 @@
+// Two linked figures over time: measured against predicted torque, and the residual with its band.
+
+import { get } from "./api.js";
+import { h, put } from "./dom.js";
+import { number } from "./format.js";
+import { axis, colour, onColours, plot, symmetric } from "./plots.js";
+import { problemBox } from "./problem.js";
+import { find, timeline } from "./timeline.js";
+
+const POINTS = 2000;
+const SIGNALS = ["measured", "predicted", "residual", "band"];
+const STILL = { left: 0, top: 0, width: 0, height: 0 };
+
+export class TorquePlot {
+  constructor(signal) {
+    this.signal = signal;
+    this.above = h("div", { class: "chart", id: "torque-chart" });
+    this.below = h("div", { class: "chart", id: "residual-chart" });
+    this.said = h("p", { class: "note", id: "zoom-state" });
+    this.trouble = h("div");
+    this.keys = { ArrowLeft: () => this.pan(-0.25), ArrowRight: () => this.pan(0.25), "+": () => this.scale(0.5), "-": () => this.scale(2), Escape: () => this.whole() };
+    this.element = h(
+      "div",
+      {},
+      this.#buttons(),
+      this.trouble,
+      h("div", { class: "charts", tabindex: "0", role: "group", "aria-label": "Torque and residual over time. Arrow keys move, plus and minus zoom, Escape shows all.", onkeydown: (event) => this.#key(event) }, this.above, this.below),
+      this.said,
+    );
+    onColours(() => this.#draw(), signal);
+  }
+
+  /** Show a joint of a comparison, all of it or a stretch of time. */
+  async show(comparison, joint, stretch = null) {
+    Object.assign(this, { comparison, joint, stretch: null, full: null });
+    await this.#read(null);
+    if (stretch && this.full) this.zoom(stretch);
+  }
+
+  /** Zoom to a stretch of the recording's time. */
+  zoom({ from, to }) {
+    if (!this.full) return;
+    const room = 0.25 * (to - from);
+    const place = this.full.shifted ? find(this.full, from, to, this.full.values.residual) : { from, to };
+    if (place) this.#go({ from: place.from - room, to: place.to + room });
+  }
+
+  whole() {
+    this.#go(null);
+  }
+
+  scale(factor) {
+    const { from, to } = this.#range();
+    const [middle, half] = [(from + to) / 2, ((to - from) / 2) * factor];
+    this.#go({ from: middle - half, to: middle + half });
+  }
+
+  pan(share) {
+    const { from, to } = this.#range();
+    const step = share * (to - from);
+    this.#go({ from: from + step, to: to + step });
+  }
+
+  #key(event) {
+    const act = this.keys[event.key];
+    if (!act || event.ctrlKey || event.metaKey) return;
+    event.preventDefault();
+    act();
+  }
+
+  #buttons() {
+    const button = (text, act) => h("button", { type: "button", class: "small", onclick: act }, text);
+    return h(
+      "p",
+      { class: "actions" },
+      button("Whole recording", () => this.whole()),
+      button("Zoom in", () => this.scale(0.5)),
+      button("Zoom out", () => this.scale(2)),
+      button("← Earlier", () => this.pan(-0.5)),
+      button("Later →", () => this.pan(0.5)),
+      h("span", { class: "note" }, "or drag over a stretch; double click shows all"),
+    );
+  }
+
+  #range() {
+    const x = this.full?.x ?? [0, 1];
+    return this.stretch ?? { from: x[0], to: x.at(-1) };
+  }
+
+  #go(stretch) {
+    if (!this.full) return;
+    const [first, last] = [this.full.x[0], this.full.x.at(-1)];
+    if (stretch) {
+      const from = Math.max(first, Math.min(stretch.from, last - 1e-3));
+      const to = Math.min(last, Math.max(stretch.to, from + 1e-3));
+      stretch = to - from > 0.999 * (last - first) ? null : { from, to };
+    }
+    this.stretch = stretch;
+    // Runs set one after another have no time of their own to ask for: what is there is shown larger.
+    if (this.full.shifted || !stretch) this.#set(this.full);
+    else this.#read(stretch);
+  }
+
+  async #read(stretch) {
+    this.reading?.abort();
+    const mine = (this.reading = new AbortController());
+    const query = { joint: this.joint, points: POINTS, ...(stretch ?? {}) };
+    try {
+      const series = await get(`/comparisons/${this.comparison.id}/series`, query, mine.signal);
+      if (this.signal.aborted) return;
+      const line = timeline(series, SIGNALS);
+      line.unit = series.effort_unit;
+      line.samples = series.n_samples;
+      if (!stretch) this.full = line;
+      put(this.trouble);
+      this.#set(line);
+    } catch (error) {
+      if (!mine.signal.aborted && !this.signal.aborted) put(this.trouble, problemBox(error));
+    }
+  }
+
+  #set(line) {
+    this.line = line;
+    const drawn = this.drawn === `${this.joint} ${line.unit} ${this.full?.shifted}`;
+    if (drawn) this.#fill();
+    else this.#draw();
+  }
+
+  #draw() {
+    if (!this.line) return;
+    for (const one of this.plots ?? []) one.destroy();
+    const { unit } = this.line;
+    this.drawn = `${this.joint} ${unit} ${this.full?.shifted}`;
+    const value = (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw)} ${unit}`);
+    const band = { stroke: "transparent", width: 0, points: { show: false }, value, show: true };
+    const wash = { series: [1, 2], fill: colour("band-wash") };
+    const time = this.full?.shifted ? "time, runs one after another (s)" : "time (s)";
+    const line = (label, stroke, width = 1) => ({ label, stroke, width, points: { show: false }, value });
+    const first = { label: "time", value: (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw, 5)} s`) };
+    this.plots = [
+      this.#plot(this.above, 250, `torque (${unit})`, time, [first, { ...band, label: "95 % upper" }, { ...band, label: "lower" }, line("measured", colour("measured"), 1.6), line("predicted", colour("predicted"), 1.2)], wash, undefined),
+      this.#plot(this.below, 200, `residual (${unit})`, time, [first, { ...band, label: "95 % upper" }, { ...band, label: "lower" }, line("residual", colour("residual"), 1)], wash, symmetric),
+    ];
+    this.#fill();
+  }
+
+  #plot(target, height, label, time, series, wash, range) {
+    const cursor = {
+      sync: { key: "torque", setSeries: false, filters: { pub: (type) => type === "mousemove" || type === "mouseleave" } },
+      drag: { x: true, y: false, setScale: false },
+      bind: { dblclick: () => () => this.whole() },
+      points: { size: 6 },
+    };
+    const hooks = { setSelect: [(one) => this.#selected(one)] };
+    const scales = { x: { time: false }, y: range ? { range } : {} };
+    const options = { height, cursor, hooks, scales, series, bands: [wash], axes: [axis(time, 2), axis(label, 3)], legend: { live: true } };
+    return plot(target, options, series.map(() => []), this.signal);
+  }
+
+  #selected(one) {
+    const { left, width } = one.select;
+    if (width < 4) return;
+    const [from, to] = [one.posToVal(left, "x"), one.posToVal(left + width, "x")];
+    one.setSelect(STILL, false);
+    this.#go({ from, to });
+  }
+
+  #fill() {
+    const { x, values, samples } = this.line;
+    const { measured, predicted, residual, band } = values;
+    const plus = (centre, sign) => band.map((half, index) => (half === null ? null : (centre ? centre[index] : 0) + sign * half));
+    const [above, below] = this.plots;
+    above.setData([x, plus(predicted, 1), plus(predicted, -1), measured, predicted], false);
+    below.setData([x, plus(null, 1), plus(null, -1), residual], false);
+    const { from, to } = this.#range();
+    for (const one of this.plots) one.setScale("x", { min: from, max: to });
+    const outside = residual.filter((value, index) => value !== null && Math.abs(value) > band[index]).length;
+    const drawn = residual.filter((value) => value !== null).length;
+    put(this.said, `${this.joint}, ${number(from, 4)} s to ${number(to, 4)} s: ${samples} samples, ${drawn} drawn with their extremes. `, outside ? "Where the residual leaves its 95 % band, more than noise is at work." : "");
+  }
+}
