@@ -82,3 +82,8 @@ class Signals:
     def memory_symbols(self) -> ca.SX:
         """SX (number of memory signals, 1)."""
         return ca.vertcat(*self._memory.values()) if self._memory else ca.SX(0, 1)
+
+    def memory_in(self, expression: ca.SX) -> tuple[MemorySignal, ...]:
+        """The hysteresis states that an expression depends on, of all that were ever asked for."""
+        used = {symbol.name() for symbol in ca.symvar(expression)}
+        return tuple(signal for signal, symbol in self._memory.items() if symbol.name() in used)

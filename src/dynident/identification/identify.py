@@ -93,7 +93,8 @@ def extend(
         part(progress, 0.0, 0.5),
     )
     choices = replace(identification.choices, effects=identification.choices.effects + new)
-    model = build_model(identification.model.robot, choices.effects, tolerance=choices.tolerance)
+    known = identification.model
+    model = build_model(known.robot, choices.effects, tolerance=choices.tolerance, signals=known.signals)
     if model.n_parameters == identification.model.n_parameters:
         raise DynidentError(
             f"{', '.join(choice.effect for choice in new)} adds nothing: its columns are combinations of those in the "

@@ -82,8 +82,23 @@ class Model:
         return 10 * link + names.index(column.parameter)
 
 
-def build_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: float = DEFAULT_TOLERANCE) -> Model:
+def build_model(
+    robot: Robot,
+    effects: Sequence[EffectChoice],
+    *,
+    tolerance: float = DEFAULT_TOLERANCE,
+    signals: Signals | None = None,
+) -> Model:
     """Build the model of effects on a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    effects : sequence of EffectChoice
+    tolerance : float
+        Share of a column that may be left beside the others for it to count as dependent on them.
+    signals : Signals, optional
+        Those of another model of the same robot: its mechanics need not be derived again.
 
     Raises
     ------
@@ -92,7 +107,7 @@ def build_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: flo
     """
     if not effects:
         raise DynidentError("choose at least one effect, for instance rigid_body", pointer="/effects")
-    signals = Signals(robot)
+    signals = signals or Signals(robot)
     columns = columns_of(effects, signals)
     seen: dict[tuple[str, tuple[tuple[str, float], ...]], int] = {}
     for column in columns:

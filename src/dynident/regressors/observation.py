@@ -36,6 +36,7 @@ class Observation:
         """Build the observation matrix of columns that were made from `signals`."""
         matrix = ca.horzcat(*(column.torque for column in columns)) if columns else ca.SX(robot.n, 0)
         rows, cols = matrix.sparsity().get_triplet()
+        memory = signals.memory_in(matrix)
         program = BlockProgram(
             [
                 signals.q,
@@ -43,7 +44,7 @@ class Observation:
                 signals.ddq,
                 signals.time,
                 signals.temperature,
-                signals.memory_symbols,
+                ca.vertcat(*(signals.memory(item) for item in memory)) if memory else ca.SX(0, 1),
                 signals.reference,
             ],
             matrix,
@@ -51,7 +52,7 @@ class Observation:
         return cls(
             robot=robot,
             columns=tuple(columns),
-            memory=signals.memory_signals,
+            memory=memory,
             entry_rows=np.array(rows, dtype=np.intp),
             entry_columns=np.array(cols, dtype=np.intp),
             program=program,
