@@ -2,7 +2,7 @@
 
 import { get } from "./api.js";
 import { h, put } from "./dom.js";
-import { counted, quantity } from "./format.js";
+import { counted, number } from "./format.js";
 import { identificationForm } from "./identification_form.js";
 import { remember } from "./location.js";
 import { measurementForm, measurementsTable } from "./measurement_form.js";
@@ -31,18 +31,20 @@ export async function beginPage(target, wanted, signal) {
     }
     state.measurements = (await get("/measurements", { robot_id: robot.id, limit: 200 }, signal)).items;
     if (robot !== state.robot || signal.aborted) return;
-    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { onStored: stored, onRobot: choose, isFirst: !state.measurements.length }));
-    await showIdentification();
+    state.form = await identificationForm(robot);
+    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { onStored: stored, onRobot: choose, count: () => state.measurements.length }));
+    showIdentification();
   };
-  const stored = async (measurement) => {
+  const stored = (measurement) => {
     state.measurements.unshift(measurement);
     const list = steps.measurements.querySelector(".stored");
     list.replaceWith(measurementsTable(state.measurements));
-    await showIdentification();
+    showIdentification();
   };
-  const showIdentification = async () => {
-    const usable = state.measurements.length > 0;
-    put(steps.identification, usable ? await identificationForm(state.robot, state.measurements) : h("p", { class: "note" }, "First upload a measurement."));
+  const showIdentification = () => {
+    state.form.update(state.measurements);
+    if (state.form.element.isConnected) return;
+    put(steps.identification, state.measurements.length ? state.form.element : h("p", { class: "note" }, "First upload a measurement."));
   };
   const showRobots = () => put(steps.robot, robotChoice(state, choose), robotForm(choose, robots.length === 0));
 
@@ -78,5 +80,6 @@ function robotChoice(state, choose) {
 
 function gains(robot) {
   const known = robot.joints.filter((joint) => joint.drive_gain !== null);
-  return known.length ? `, drive gains ${known.map((joint) => quantity(joint.drive_gain, joint.type === "revolute" ? "N m/A" : "N/A", 4)).join(", ")}` : "";
+  const units = [...new Set(known.map((joint) => (joint.type === "revolute" ? "N m/A" : "N/A")))].join(" or ");
+  return known.length ? `, drive gains ${known.map((joint) => number(joint.drive_gain, 4)).join(", ")} ${units}` : "";
 }

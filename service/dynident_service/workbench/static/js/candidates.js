@@ -6,13 +6,13 @@ import { number, percent, pValue } from "./format.js";
 import { formula } from "./formula.js";
 import { drawProfile } from "./profile.js";
 
-const COLUMNS = 9;
+const COLUMNS = 8;
 
 /** Every family that was tried, best first; a row opens to its evidence. */
 export function candidatesTable(model, result, add, signal) {
   if (!result.candidates.length) return null;
   const most = Math.max(...result.candidates.map((one) => one.error_drop ?? 0), 1e-9);
-  const head = ["rank", "effect", "where", right("error before"), right("after"), "drop, held out", right("p"), right("separable"), ""];
+  const head = ["rank", "effect", "where", right("error (%)"), "drop, held out", right("p"), right("separable"), ""];
   const rows = result.candidates.flatMap((one) => candidateRows(model, one, most, add, signal));
   const notes = "Errors are relative, on stretches left out of the fit, on the joints named. Separable: the share of the effect's columns that the model does not explain already; near zero, this data cannot tell it from the model.";
   return [table("Ranked effects", head, rows, { id: "candidates" }), h("p", { class: "note" }, notes)];
@@ -36,8 +36,7 @@ function candidateRows(model, one, most, add, signal) {
     { text: String(one.rank), scope: "row" },
     [opener, one.significant ? h("span", { class: "mark ok" }, " ✓ significant") : null, shape ? h("small", { class: "note" }, h("br"), shape) : null],
     placeOf(model.effects, one, model.joints),
-    numeric(percent(one.error_before), one.error_before),
-    numeric(percent(one.error_after), one.error_after),
+    { class: "n", text: [percent(one.error_before), h("br"), "→ ", percent(one.error_after)] },
     h("span", { class: "share" }, h("span", { class: one.significant ? "fill good" : "fill", style: { width: `${(100 * share).toFixed(1)}%` } }), h("data", { value: one.error_drop ?? "" }, percent(one.error_drop))),
     numeric(pValue(one.p_value), one.p_value),
     numeric(percent(one.separability, 2), one.separability),

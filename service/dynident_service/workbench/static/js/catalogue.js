@@ -2,7 +2,7 @@
 
 import { get } from "./api.js";
 import { h } from "./dom.js";
-import { number } from "./format.js";
+import { quantity } from "./format.js";
 
 let reading = null;
 
@@ -40,7 +40,7 @@ export function shapeInWords(effects, choice) {
   const known = effects.byId.get(choice.effect)?.shape_parameters ?? [];
   return Object.entries(choice.shape_parameters ?? {}).map(([name, value]) => {
     const unit = known.find((one) => one.name === name)?.unit ?? "";
-    return `${name} = ${number(value)} ${unit}`.trim();
+    return `${name} = ${quantity(value, unit)}`;
   }).join(", ");
 }
 
@@ -58,7 +58,7 @@ export function aboutEffect(effects, id, formula) {
     h("dt", {}, "Leaves in the residual"),
     h("dd", {}, effect.signature),
     h("dt", {}, "Parameters"),
-    h("dd", {}, parameters.map((one) => h("div", {}, h("code", {}, one.name), ` ${one.description} (${one.unit})`))),
+    h("dd", {}, parameters.map((one) => h("div", {}, h("code", {}, one.name), ` ${one.description}${one.unit === "-" ? "" : ` (${one.unit})`}`))),
     others ? [h("dt", {}, "Confused with"), h("dd", {}, others)] : null,
     h("dt", {}, "Sources"),
     h("dd", {}, effect.sources.join("; ")),

@@ -1,7 +1,7 @@
 // The errors of a model, joint by joint.
 
 import { h, numeric, put, row, table } from "./dom.js";
-import { number, percent } from "./format.js";
+import { number, percent, quantity } from "./format.js";
 
 /** A table of errors that follows the diagnosis, for the noise floor, and the joint that is chosen. */
 export function errorsSection(model) {
@@ -16,16 +16,17 @@ export function errorsSection(model) {
 function errorsTable(model) {
   const { residual, validation } = model.result;
   const hasFloor = Boolean(model.diagnosis?.result);
-  const head = ["joint", "unit", ...["fit, rms", "fit (%)"].map(right)];
+  const head = ["joint", ...["fit, rms", "fit (%)"].map(right)];
   if (validation) head.push(...["held out, rms", "held out (%)"].map(right));
   if (hasFloor) head.push(...["noise floor, rms", "fit over floor"].map(right));
   const rows = model.joints.map((joint, index) => {
-    const cells = [jointButton(model, joint), model.unitOf(joint), ...figures(residual, index)];
-    if (validation) cells.push(...figures(validation, index));
-    if (hasFloor) cells.push(...floorOf(model, joint, residual.rms[index]));
+    const unit = model.unitOf(joint);
+    const cells = [jointButton(model, joint), ...figures(residual, index, unit)];
+    if (validation) cells.push(...figures(validation, index, unit));
+    if (hasFloor) cells.push(...floorOf(model, joint, residual.rms[index], unit));
     return row(cells, { class: joint === model.joint ? "chosen" : null });
   });
-  const total = ["all joints", "", "", numeric(percent(residual.relative_total), residual.relative_total)];
+  const total = ["all joints", "", numeric(percent(residual.relative_total), residual.relative_total)];
   if (validation) total.push("", numeric(percent(validation.relative_total), validation.relative_total));
   if (hasFloor) total.push("", "");
   rows.push(row(total, { class: "total" }));
@@ -42,13 +43,13 @@ function jointButton(model, joint) {
   return h("button", { type: "button", class: "plain", "aria-pressed": pressed, onclick: () => model.chooseJoint(joint) }, joint);
 }
 
-function figures({ rms, relative }, index) {
-  return [numeric(number(rms[index]), rms[index]), numeric(percent(relative[index]), relative[index])];
+function figures({ rms, relative }, index, unit) {
+  return [numeric(quantity(rms[index], unit), rms[index]), numeric(percent(relative[index]), relative[index])];
 }
 
-function floorOf(model, joint, rms) {
+function floorOf(model, joint, rms, unit) {
   const floor = model.floorOf(joint);
-  return [numeric(number(floor), floor), numeric(floor && rms !== null ? `${number(rms / floor, 2)} ×` : "–")];
+  return [numeric(quantity(floor, unit), floor), numeric(floor && rms !== null ? `${number(rms / floor, 2)} ×` : "–")];
 }
 
 function right(text) {

@@ -9,6 +9,7 @@ import { problemBox } from "./problem.js";
 import { drawProfile, signalInWords, signalsOf } from "./profile.js";
 
 const OVER = ["dq", "q", "load"];
+const SPOTS = 8;
 
 /** Follows the joint, the comparison and the diagnosis. */
 export function failureSection(model, signal) {
@@ -88,5 +89,9 @@ function failureMap(model) {
     ]),
   );
   const whose = model.diagnosis.request.identification_id === model.id ? "" : " of the model that was diagnosed, before what has been added";
-  return table(`Where the residual${whose} is largest`, head, rows, { id: "failure-map" });
+  const more = rows.splice(SPOTS);
+  return [
+    table(`Where the residual${whose} is largest`, head, rows, { id: "failure-map" }),
+    more.length ? h("details", {}, h("summary", {}, `${more.length} more`), table("More places", head, more)) : null,
+  ];
 }

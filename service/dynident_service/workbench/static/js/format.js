@@ -17,7 +17,8 @@ export function number(value, digits = 3) {
 
 /** A number with its unit. */
 export function quantity(value, unit, digits = 3) {
-  return `${number(value, digits)}${SPACE}${unit}`;
+  const figure = number(value, digits);
+  return figure === "–" || unit === "-" || !unit ? figure : `${figure}${SPACE}${unit}`;
 }
 
 /** A fraction as per cent. */

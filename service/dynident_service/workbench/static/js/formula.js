@@ -51,7 +51,7 @@ function atom(tokens) {
   if (token.startsWith("\\")) return command(token.slice(1), tokens);
   if (/^[0-9.]+$/.test(token)) return leaf("mn", token);
   if (/^[A-Za-z]$/.test(token)) return leaf("mi", token);
-  if ("()[]|".includes(token)) return leaf("mo", token, { stretchy: "false" });
+  if ("()[]|".includes(token)) return leaf("mo", token, { stretchy: "false", lspace: "0", rspace: "0" });
   return leaf("mo", token === "-" ? "−" : token);
 }
 

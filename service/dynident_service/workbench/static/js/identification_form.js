@@ -2,7 +2,7 @@
 
 import { post } from "./api.js";
 import { catalogue } from "./catalogue.js";
-import { field, h, select } from "./dom.js";
+import { field, h, put, select } from "./dom.js";
 import { counted } from "./format.js";
 import { go } from "./location.js";
 import { clearForm, showInForm } from "./problem.js";
@@ -10,21 +10,28 @@ import { clearForm, showInForm } from "./problem.js";
 const DEFAULTS = new Set(["rigid_body", "rotor_inertia", "coulomb", "viscous"]);
 const ESTIMATORS = [["wls", "weighted least squares"], ["ols", "ordinary least squares"], ["irls", "robust (reweighted)"], ["feasible", "physically feasible"], ["iv", "instrumental variable"]];
 const MODELS = [["dynamic", "dynamic [12.18]"], ["filtered", "filtered dynamic [12.28]"], ["energy", "energy [12.43]"], ["power", "power [12.51]"], ["base_wrench", "base wrench"]];
+const USES = [["fit", "fit"], ["hold", "hold out"], ["", "leave out"]];
 const STRATEGIES = [["global", "all at once"], ["sequential", "link by link"], ["separate_friction", "friction first"]];
 
-/** A form that identifies a robot from its measurements and goes to the new model. */
-export async function identificationForm(robot, measurements) {
+/** A form that identifies a robot and goes to the new model; `update(measurements)` keeps what has been filled in. */
+export async function identificationForm(robot) {
   const { items } = await catalogue();
+  const uses = new Map(); // measurement's id -> its select
+  const places = h("div", { class: "list-of-choices" });
   const name = h("input", { name: "name", id: "model-name", maxlength: 200, placeholder: robot.name });
   const estimator = select(ESTIMATORS, "wls", null, { id: "estimator" });
   const model = select(MODELS, "dynamic", null, { name: "model" });
   const strategy = select(STRATEGIES, "global", null, { name: "strategy" });
-  const uses = measurements.map((one) => [one, select([["fit", "fit"], ["hold", "hold out"], ["", "leave out"]], useOf(one), null, { "aria-label": `Use of ${one.name}` })]);
   const effects = items.map((one) => h("label", { title: one.signature, "data-effect": one.id }, h("input", { type: "checkbox", name: "effect", value: one.id, checked: DEFAULTS.has(one.id) }), ` ${one.title}`));
   const said = h("div");
   const submit = h("button", { class: "main", id: "run" }, "Run the identification");
 
-  const chosen = (use) => uses.filter(([, control]) => control.value === use).map(([one]) => one.id);
+  const chosen = (use) => [...uses].filter(([, control]) => control.value === use).map(([id]) => id);
+  const update = (measurements) =>
+    put(places, measurements.map((one) => {
+      if (!uses.has(one.id)) uses.set(one.id, select(USES, useOf(one), null, { "aria-label": `Use of ${one.name}` }));
+      return h("p", { class: "pick-one" }, uses.get(one.id), ` ${one.name} `, h("span", { class: "note" }, counted(one.n_samples, "sample")));
+    }));
   const send = async (event) => {
     event.preventDefault();
     clearForm(form, said);
@@ -55,15 +62,14 @@ export async function identificationForm(robot, measurements) {
   const form = h(
     "form",
     { onsubmit: send, id: "identify" },
-    h("fieldset", { class: "list-of-choices", "data-pointer": "/measurement_ids" }, h("legend", {}, "Measurements"),
-      uses.map(([one, control]) => h("p", { class: "pick-one" }, control, ` ${one.name} `, h("span", { class: "note" }, counted(one.n_samples, "sample"))))),
+    h("fieldset", { "data-pointer": "/measurement_ids" }, h("legend", {}, "Measurements"), places),
     h("fieldset", { class: "checks-of", "data-pointer": "/effects" }, h("legend", {}, "Effects in the model"), effects),
     h("p", { class: "note" }, "Begin with these four: the diagnosis says what is missing."),
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" }), field("Estimator", estimator, { pointer: "/estimator" }), field("Model", model, { pointer: "/model" }), field("Strategy", strategy, { pointer: "/strategy" })),
     said,
     h("p", {}, submit),
   );
-  return form;
+  return { element: form, update };
 }
 
 function useOf({ role }) {

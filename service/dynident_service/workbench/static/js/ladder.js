@@ -45,7 +45,7 @@ function rungTable(model, rungs, heldOut) {
   if (heldOut) head.push(right("held out (%)"));
   const rows = rungs.map((one, index) => {
     const here = one.id === model.id;
-    const link = here ? `${index + 1}, shown` : h("a", { href: address({ identification: one.id }) }, `${index + 1}, show`);
+    const link = here ? h("strong", {}, `${index + 1}`) : h("a", { href: address({ identification: one.id }) }, `${index + 1}`);
     const added = one.added.map((choice) => choiceInWords(model.effects, choice, model.joints)).join("; ") || "the first model";
     const cells = [link, added, numeric(String(one.n_parameters)), error(one.residual.relative_total)];
     if (heldOut) cells.push(error(one.validation.relative_total));

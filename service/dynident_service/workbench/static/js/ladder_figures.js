@@ -28,7 +28,7 @@ export function totalsFigure(rungs, heldOut) {
   const words = lines.map((line) => `${line.name}: ${line.values.map((value) => percent(value)).join(", ")}`).join("; ");
   return figure(
     "Relative error, all joints (%)",
-    svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `Relative error of each model. ${words}` },
+    svg("svg", { viewBox: `0 0 ${width} ${height}`, style: { "max-width": `${width}px` }, role: "img", "aria-label": `Relative error of each model. ${words}` },
       grid(ticksUpTo(100 * most), (value) => y(value / 100), room.left, width - room.right),
       rungs.map((_, k) => svg("text", { x: x(k), y: height - 8, "text-anchor": "middle" }, `model ${k + 1}`)),
       drawn,
@@ -57,7 +57,7 @@ export function jointsFigure(errors, joints, kind) {
   const marks = ticksUpTo(100 * most);
   return figure(
     `Relative error per joint, ${kind} (%)`,
-    svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Relative error of every joint at each model; the table below has the figures." },
+    svg("svg", { viewBox: `0 0 ${width} ${height}`, style: { "max-width": `${width}px` }, role: "img", "aria-label": "Relative error of every joint at each model; the table below has the figures." },
       marks.map((value) => [
         svg("line", { class: "grid", x1: x(value / 100), x2: x(value / 100), y1: room.top, y2: height - room.bottom }),
         svg("text", { x: x(value / 100), y: height - room.bottom + 18, "text-anchor": "middle" }, number(value, 2)),

@@ -37,10 +37,10 @@ export function measurementsTable(measurements) {
 }
 
 /** Where recordings are dropped; a form appears for each. */
-export function measurementForm(robot, { onStored, onRobot, isFirst }) {
+export function measurementForm(robot, { onStored, onRobot, count }) {
   const forms = h("div");
   const add = (files) => {
-    for (const file of files) forms.append(fileForm(robot, file, onStored, isFirst || !forms.children.length ? "identification" : "validation"));
+    for (const file of files) forms.append(fileForm(robot, file, onStored, count() + forms.childElementCount ? "validation" : "identification"));
     forms.lastChild?.querySelector("input")?.focus();
   };
   return h(

@@ -51,7 +51,7 @@ export function missingSection(model, signal) {
   model.addEventListener("diagnosis", () => {
     const { diagnosis } = model;
     if (!diagnosis) return;
-    if (diagnosis.status === "succeeded") put(body, shown(model, add, signal));
+    if (diagnosis.status === "succeeded") put(body, whole(model, add, signal));
     else run(diagnosis);
   });
   return h(
@@ -79,11 +79,18 @@ async function extend(model, effects, said, signal) {
   }
 }
 
-function shown(model, add, signal) {
-  const { result, request } = model.diagnosis;
-  const ofAnother = request.identification_id !== model.id;
+/** The diagnosis of the model itself; that of one that it came from is folded away. */
+function whole(model, add, signal) {
+  if (model.diagnosis.request.identification_id === model.id) return shown(model, add, signal);
   return [
-    ofAnother ? h("p", { class: "box" }, "This is the diagnosis of a model that this one came from. Diagnose this model to see what is left.") : null,
+    h("p", {}, "Diagnose this model to see what is left."),
+    h("details", {}, h("summary", {}, "The diagnosis of the model that it came from"), shown(model, add, signal)),
+  ];
+}
+
+function shown(model, add, signal) {
+  const { result } = model.diagnosis;
+  return [
     verdict(model, result, add),
     candidatesTable(model, result, add, signal),
     unknown(result),

@@ -1,7 +1,7 @@
 // The identified models, newest first, with their errors; those that are being computed, live.
 
 import { get } from "./api.js";
-import { catalogue, choiceInWords } from "./catalogue.js";
+import { catalogue, titleOf } from "./catalogue.js";
 import { h, put } from "./dom.js";
 import { moment, percent } from "./format.js";
 import { onJobs } from "./jobs.js";
@@ -56,7 +56,7 @@ export class ModelList {
   #item(model, effects) {
     const result = model.result;
     const robot = this.robots.get(model.robot_id);
-    const added = model.added.map((one) => choiceInWords(effects, one, result?.joints)).join("; ");
+    const added = [...new Set(model.added.map((one) => titleOf(effects, one.effect)))].join(", ");
     const link = h(
       "a",
       { href: address({ identification: model.id }), "data-id": model.id },

@@ -85,7 +85,7 @@ function header(model) {
     warnings(result),
     h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) =>
       h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ? `tile-${id}` : null }, value), h("dd", { class: "note" }, more)))),
-    h("p", { class: "chips" }, "In the model: ", result.effects.map((one) => h("span", { class: "chip", title: choiceInWords(model.effects, one, model.joints) }, titleOf(model.effects, one.effect),
+    h("p", { class: "chips" }, h("span", {}, "In the model:"), result.effects.map((one) => h("span", { class: "chip", title: choiceInWords(model.effects, one, model.joints) }, titleOf(model.effects, one.effect),
       one.joints.length && one.joints.length < model.joints.length ? h("small", {}, ` ${placeOf(model.effects, one)}`) : null))),
     actions(model),
   );

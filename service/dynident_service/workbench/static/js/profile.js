@@ -48,7 +48,7 @@ function paint(target, model, { now, then, signal }, until) {
   const around = (sign) => mean.map((one, index) => (one === null ? null : one + sign * (spread[index] ?? 0)));
   const value = (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw)} ${unit}`);
   const line = (label, stroke, width) => ({ label, stroke, width, points: { show: false }, value });
-  const hidden = { stroke: "transparent", width: 0, points: { show: false }, value };
+  const hidden = { class: "edge", stroke: "transparent", width: 0, points: { show: false }, value };
   const series = [
     { label: signalInWords(signal, model, false), value: (_, raw) => number(raw) },
     { ...hidden, label: "mean + spread" },

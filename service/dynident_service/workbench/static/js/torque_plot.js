@@ -132,7 +132,7 @@ export class TorquePlot {
     const { unit } = this.line;
     this.drawn = `${this.joint} ${unit} ${this.full?.shifted}`;
     const value = (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw)} ${unit}`);
-    const band = { stroke: "transparent", width: 0, points: { show: false }, value, show: true };
+    const band = { class: "edge", stroke: "transparent", width: 0, points: { show: false }, value };
     const wash = { series: [1, 2], fill: colour("band-wash") };
     const time = this.full?.shifted ? "time, runs one after another (s)" : "time (s)";
     const line = (label, stroke, width = 1) => ({ label, stroke, width, points: { show: false }, value });

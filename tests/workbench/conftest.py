@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from two_link_arm import write_recording
+
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
+FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+
+playwright = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright")
+
+
+@dataclass
+class Heard:
+    """What went wrong in the browser, and whom it asked."""
+
+    complaints: list[str] = field(default_factory=list)
+    hosts: set[str] = field(default_factory=set)
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A service of its own, as users start it; gives its address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    folder = tmp_path_factory.mktemp("workbench")
+    settings = {"DYNIDENT_PORT": str(port), "DYNIDENT_DATA_DIR": str(folder), "DYNIDENT_WORKERS": "2"}
+    command = [sys.executable, "-c", "from dynident_service.serve import serve; serve()"]
+    with (folder / "log.txt").open("wb") as log:
+        process = subprocess.Popen(command, env={**os.environ, **settings}, stdout=log, stderr=subprocess.STDOUT)
+        try:
+            _wait_until_it_answers(process, port, folder / "log.txt")
+            yield f"http://127.0.0.1:{port}"
+        finally:
+            process.terminate()
+            process.wait(30)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[playwright.Browser]:
+    if CHROMIUM is None:
+        pytest.skip("there is no chromium on this machine")
+    with playwright.sync_playwright() as started:
+        opened = started.chromium.launch(executable_path=CHROMIUM, args=FLAGS, headless=True)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def heard() -> Heard:
+    return Heard()
+
+
+@pytest.fixture
+def page(browser: playwright.Browser, service: str, heard: Heard) -> Iterator[playwright.Page]:
+    """A page of the service, listened to."""
+    context = browser.new_context(base_url=service, viewport={"width": 1280, "height": 900})
+    opened = context.new_page()
+    opened.set_default_timeout(60_000)
+    opened.on("console", lambda message: _note(heard, message))
+    opened.on("pageerror", lambda error: heard.complaints.append(str(error)))
+    opened.on("request", lambda request: heard.hosts.add(request.url.split("/")[2]))
+    yield opened
+    context.close()
+
+
+@pytest.fixture(scope="session")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two recordings of the arm with the hidden spring: to identify from, and to hold out."""
+    folder = tmp_path_factory.mktemp("recordings")
+    return write_recording(folder / "exciting.csv", seed=1), write_recording(folder / "another.csv", seed=2)
+
+
+def _note(heard: Heard, message: playwright.ConsoleMessage) -> None:
+    # The browser itself says of every answer of 400 and above that it failed to load; the page shows those in words.
+    if message.type in ("error", "warning") and "Failed to load resource" not in message.text:
+        heard.complaints.append(message.text)
+
+
+def _wait_until_it_answers(process: subprocess.Popen[bytes], port: int, log: Path) -> None:
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1):
+            return
+        assert process.poll() is None, log.read_text()
+        time.sleep(0.1)
+    raise AssertionError(log.read_text())

@@ -1,0 +1,270 @@
+"""The workbench in a real Chromium, against a live service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from two_link_arm import NOISE, URDF
+
+expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
+pytestmark = pytest.mark.slow
+
+
+def the_robot(page: Any) -> None:
+    page.goto("/?view=new")
+    page.locator("#new-robot").wait_for()
+    if page.locator("#new-robot[open]").count() == 0:
+        page.locator("#new-robot > summary").click()
+    page.fill("#robot-description", URDF)
+    page.fill("#robot-name", "two links")
+    page.click("#create-robot")
+    expect(page.locator("input[name=robot]:checked")).to_have_count(1)
+    page.locator("#recordings").wait_for()
+
+
+def upload(page: Any, path: Path, role: str) -> None:
+    page.set_input_files("#recordings", path)
+    form = page.locator("form.card").last
+    form.locator("select[name=role]").select_option(role)
+    form.get_by_role("button", name="Upload and check").click()
+    expect(page.locator(".stored tbody > tr", has_text=path.stem).first).to_be_visible()
+
+
+def value_in(page: Any, table: str, row: str, column: int) -> float:
+    """The exact value behind a figure of a table: the `column`-th figure of the row that so begins."""
+    found = page.locator(f"{table} tbody tr", has=page.locator("th", has_text=row)).first
+    return float(found.locator("data").nth(column).get_attribute("value"))
+
+
+def identifier(page: Any) -> str:
+    return str(page.evaluate("new URLSearchParams(location.search).get('identification')"))
+
+
+def ask(page: Any, path: str) -> Any:
+    return page.request.get(f"/v1{path}").json()
+
+
+@pytest.fixture
+def model(page: Any, recordings: tuple[Path, Path]) -> str:
+    """The page at a model that lacks the spring; gives its id."""
+    known = ask(page, "/identifications")["items"]
+    first = next((one for one in known if one["status"] == "succeeded" and one["parent_id"] is None), None)
+    if first is not None:
+        page.goto(f"/?identification={first['id']}")
+    else:
+        the_robot(page)
+        upload(page, recordings[0], "identification")
+        upload(page, recordings[1], "validation")
+        page.fill("#model-name", "first try")
+        page.click("#run")
+    page.locator("#error-table").wait_for()
+    return identifier(page)
+
+
+def test_the_whole_story_can_be_done_in_the_browser(
+    page: Any, recordings: tuple[Path, Path], heard: Any, tmp_path: Path
+) -> None:
+    page.goto("/")
+    expect(page.get_by_role("heading", name="Begin with a robot")).to_be_visible()
+    page.screenshot(path=tmp_path / "1_begin.png", full_page=True)
+    the_robot(page)
+    upload(page, recordings[0], "identification")
+    upload(page, recordings[1], "validation")
+    page.screenshot(path=tmp_path / "2_ready.png", full_page=True)
+    page.fill("#model-name", "first try")
+    page.click("#run")
+
+    page.locator("#error-table").wait_for()
+    before = identifier(page)
+    result = ask(page, f"/identifications/{before}")["result"]
+    assert value_in(page, "#error-table", "elbow", 0) == result["residual"]["rms"][1]
+    assert value_in(page, "#error-table", "all joints", 1) == result["validation"]["relative_total"]
+    for warning in result["warnings"]:
+        expect(page.locator("#warnings")).to_contain_text(warning)
+    # Measured, predicted and residual are drawn: not one colour only.
+    page.locator("#torque-chart canvas").wait_for()
+    expect(page.locator("#zoom-state")).to_contain_text("samples")
+    assert page.evaluate(COLOURS_IN_CHART) > 20
+
+    page.click("#diagnose")
+    page.locator("#verdict").wait_for()
+    assert page.locator("#verdict").get_attribute("data-verdict") == "missing_effect"
+    first = page.locator("#candidates tbody tr").first
+    assert first.get_attribute("data-effect") == "joint_spring"
+    expect(first).to_contain_text("elbow")
+    first.get_by_role("button", name="Joint spring", exact=True).click()
+    expect(page.locator("tr.evidence").first.locator("canvas")).to_be_visible()
+    floor = ask(page, f"/diagnoses?identification_id={before}")["items"][0]["result"]["noise_floor"]
+    assert value_in(page, "#error-table", "elbow", 4) == floor[1]
+    page.screenshot(path=tmp_path / "3_diagnosed.png", full_page=True)
+
+    page.click("#add-recommended")
+    page.locator("#ladder-table").wait_for()
+    after = identifier(page)
+    assert after != before
+    rungs = ask(page, f"/identifications/{after}/lineage")["items"]
+    shown = [[value_in(page, "#ladder-table", str(rung + 1), column) for column in (0, 1)] for rung in range(2)]
+    assert shown == [[one["residual"]["relative_total"], one["validation"]["relative_total"]] for one in rungs]
+    assert shown[1][1] < 0.2 * shown[0][1]
+    assert value_in(page, "#ladder-joints", "elbow", 1) < 0.2 * value_in(page, "#ladder-joints", "elbow", 0)
+    rms = value_in(page, "#error-table", "elbow", 2)
+    assert rms < 2 * NOISE
+    expect(page.locator("#step")).to_contain_text("Joint spring on elbow")
+    page.locator(".profiles canvas").nth(2).wait_for()
+    page.screenshot(path=tmp_path / "4_ladder.png", full_page=True)
+
+    page.get_by_role("button", name="Report").click()
+    href = page.get_by_role("link", name="Open the report").get_attribute("href")
+    assert "<svg" in page.request.get(href).text()
+    assert heard.complaints == []
+    assert heard.hosts == {page.url.split("/")[2]}
+
+
+def test_what_is_shown_is_in_the_address(page: Any, model: str) -> None:
+    page.locator("#error-table").get_by_role("button", name="shoulder").click()
+    assert "joint=shoulder" in page.url
+    expect(page.locator("#zoom-state")).to_contain_text("shoulder")
+    page.reload()
+    expect(page.locator("#zoom-state")).to_contain_text("shoulder")
+    page.get_by_role("link", name="New model").click()
+    page.locator("#identify").wait_for()
+    page.go_back()
+    page.locator("#error-table").wait_for()
+    assert identifier(page) == model
+    assert "joint=shoulder" in page.url
+
+
+def test_a_zoom_fetches_every_sample_of_the_stretch(page: Any, model: str) -> None:
+    expect(page.locator("#zoom-state")).to_contain_text("samples")
+    box = page.locator("#torque-chart .u-over").bounding_box()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url) if "/series" in request.url else None)
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 80, steps=5)
+    with page.expect_response(lambda response: "/series" in response.url and "from=" in response.url) as answered:
+        page.mouse.up()
+    series = answered.value.json()
+    assert len(asked) == 1
+    assert len(series["t"]) == series["n_samples"]
+    expect(page.locator("#zoom-state")).to_contain_text(f"{series['n_samples']} samples")
+    page.locator(".charts").focus()
+    page.keyboard.press("Escape")
+    whole = ask(page, f"/comparisons?identification_id={model}")["items"][0]["result"]["n_samples"]
+    expect(page.locator("#zoom-state")).to_contain_text(f"{whole} samples")
+    page.locator("ol.worst button").first.click()
+    expect(page.locator("#zoom-state")).not_to_contain_text(f"{whole} samples")
+
+
+def test_an_effect_by_hand_that_does_not_help_is_added_with_a_warning(page: Any, model: str) -> None:
+    page.locator("#by-hand > summary").click()
+    page.select_option("#effect-by-hand", "torque_ripple")
+    page.locator("#by-hand input[value=shoulder]").check()
+    page.locator("#by-hand input[value=elbow]").uncheck()
+    page.get_by_role("button", name="Add to the model").click()
+    page.locator("#ladder-table").wait_for()
+    added = ask(page, f"/identifications/{identifier(page)}")
+    assert added["parent_id"] == model
+    assert [(one["effect"], one["joints"]) for one in added["added"]] == [("torque_ripple", ["shoulder"])]
+    fell = value_in(page, "#ladder-table", "2", 1) < value_in(page, "#ladder-table", "1", 1)
+    expect(page.locator("#step")).to_contain_class("good" if fell else "warning")
+
+
+def test_a_mistake_is_explained_beside_the_field_that_caused_it(
+    page: Any, recordings: tuple[Path, Path], tmp_path: Path, heard: Any
+) -> None:
+    the_robot(page)
+    page.set_input_files("#recordings", recordings[0])
+    form = page.locator("form.card").last
+    form.locator("input[name=windows]").fill("20 to 10")
+    form.get_by_role("button", name="Upload and check").click()
+    windows = page.locator("[data-pointer='/metadata/windows']")
+    expect(windows.locator(".complaint")).to_contain_text("the end has to come after the beginning")
+    form.locator("input[name=windows]").fill("")
+    form.get_by_role("button", name="Upload and check").click()
+    expect(page.locator(".stored tbody > tr")).not_to_have_count(0)
+
+    broken = tmp_path / "broken.csv"
+    broken.write_text("t,q_shoulder,q_elbow\n0,0,0\n0.01,0,0\n")
+    page.set_input_files("#recordings", broken)
+    page.locator("form.card").last.get_by_role("button", name="Upload and check").click()
+    box = page.locator("form.card .box.error")
+    expect(box).to_contain_text("tau")
+    assert not any("TypeError" in one for one in heard.complaints)
+
+
+def test_a_running_job_is_shown_with_its_progress_and_can_be_cancelled(page: Any, model: str) -> None:
+    robot = ask(page, f"/identifications/{model}")["robot_id"]
+    body = {"robot_id": robot, "time_budget": 300, "starts": 50, "random_trajectories": 5}
+    job = page.request.post("/v1/designs", data=body).json()["job_id"]
+    strip = page.locator("#jobs .progress", has_text="design")
+    expect(strip).to_be_visible(timeout=15_000)
+    strip.get_by_role("button", name="Cancel").click()
+    expect(strip).to_have_count(0, timeout=15_000)
+    assert ask(page, f"/jobs/{job}")["state"] == "cancelled"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 800])
+def test_the_page_fits_and_is_readable(page: Any, model: str, width: int, scheme: str, tmp_path: Path) -> None:
+    page.emulate_media(color_scheme=scheme)
+    page.set_viewport_size({"width": width, "height": 900})
+    page.locator(".profiles canvas").nth(2).wait_for()
+    page.screenshot(path=tmp_path / f"model_{width}_{scheme}.png", full_page=True)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate(CONTRASTS) == []
+    page.goto("/?view=new")
+    page.locator("#identify").wait_for()
+    page.screenshot(path=tmp_path / f"new_{width}_{scheme}.png", full_page=True)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate(CONTRASTS) == []
+
+
+def test_every_control_has_a_name_and_is_reached_by_the_keyboard(page: Any, model: str) -> None:
+    nameless = """[...document.querySelectorAll('button, input, select, textarea, a[href]')].filter((one) =>
+        !(one.textContent.trim() || one.ariaLabel || one.labels?.length)).map((one) => one.outerHTML)"""
+    assert page.evaluate(nameless) == []
+    assert page.evaluate('document.querySelectorAll(\'[tabindex]:not([tabindex="0"], [tabindex="-1"])\').length') == 0
+    shoulder = page.locator(".choices").get_by_role("button", name="shoulder")
+    shoulder.focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#zoom-state")).to_contain_text("shoulder")
+    page.locator(".charts").focus()
+    whole = page.locator("#zoom-state").inner_text()
+    page.keyboard.press("+")
+    expect(page.locator("#zoom-state")).not_to_have_text(whole)
+    page.goto("/?view=new")
+    page.locator("#identify").wait_for()
+    assert page.evaluate(nameless) == []
+
+
+COLOURS_IN_CHART = """() => {
+  const canvas = document.querySelector('#residual-chart canvas');
+  return new Set(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size;
+}"""
+
+CONTRASTS = """() => {
+  const channels = (colour) => colour.match(/[\\d.]+/g).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map((c) => c / 255)
+    .map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, c, k) => sum + c * [0.2126, 0.7152, 0.0722][k], 0);
+  const ground = (element) => {
+    for (let one = element; one; one = one.parentElement) {
+      const found = channels(getComputedStyle(one).backgroundColor);
+      if (found.length === 3 || found[3] > 0.9) return found;
+    }
+    return [255, 255, 255];
+  };
+  const poor = [];
+  for (const one of document.querySelectorAll('main *, aside *, header *')) {
+    const own = [...one.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
+    if (!own || one.disabled || one instanceof SVGElement || !one.checkVisibility()) continue;
+    const [a, b] = [light(channels(getComputedStyle(one).color)), light(ground(one))].sort((x, y) => y - x);
+    const ratio = (a + 0.05) / (b + 0.05);
+    if (ratio < 4.5) poor.push(`${ratio.toFixed(2)} ${one.outerHTML.slice(0, 120)}`);
+  }
+  return poor;
+}"""
+"""Texts whose contrast against their ground is below 4.5, which WCAG asks for."""
