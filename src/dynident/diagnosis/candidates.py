@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from dynident.diagnosis.resolution import Resolution
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
@@ -41,6 +42,7 @@ def build_pool(
     model: Model,
     effects: Sequence[str] | None = None,
     spectral: Sequence[tuple[int, float]] = (),
+    resolved: Resolution | None = None,
 ) -> Pool:
     """Build the columns of a model and of everything that might be missing in it.
 
@@ -51,6 +53,8 @@ def build_pool(
         Only these; all of the catalogue otherwise.
     spectral : sequence of (joint index, cycles per radian)
         Lines found in the residual over a joint's angle: where to look for periodic effects.
+    resolved : Resolution, optional
+        What the data can resolve: shape constants below it are not offered.
     """
     chosen = [CATALOGUE[name] for name in (effects or CATALOGUE) if name not in _NEVER]
     signals = model.signals
@@ -74,7 +78,8 @@ def build_pool(
 
     for effect in chosen:
         for choice in _choices(effect, model, spectral):
-            add(choice)
+            if resolved is None or _shows(choice, effect, model, resolved):
+                add(choice)
     return Pool(Observation.of(model.robot, columns, signals), model.n_parameters, tuple(candidates))
 
 
@@ -97,6 +102,11 @@ def _choices(effect: Effect, model: Model, spectral: Sequence[tuple[int, float]]
     if effect.is_friction and len(free) > 1:
         choices += _groups(effect, model, free)
     return choices
+
+
+def _shows(choice: EffectChoice, effect: Effect, model: Model, resolved: Resolution) -> bool:
+    joints = [model.robot.joint_names.index(name) for name in choice.joints]
+    return all(resolved.shows(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in effect.shapes)
 
 
 def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:

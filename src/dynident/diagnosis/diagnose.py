@@ -9,8 +9,9 @@ import numpy as np
 
 from dynident.diagnosis.candidates import Candidate, Pool, build_pool
 from dynident.diagnosis.compare import Comparison, compare
-from dynident.diagnosis.gate import Judged, judge, p_value, simplest
+from dynident.diagnosis.gate import SMALLEST_GAIN_OVER_NOISE, Judged, judge, p_value, simplest
 from dynident.diagnosis.residuals import angle_lines, failure_map, noise_floor, unknown_patterns
+from dynident.diagnosis.resolution import resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
 from dynident.diagnosis.scoring import Products, held_out_errors, products, score_candidates
 from dynident.diagnosis.words import Finding, next_experiment, rank_all, summary, verdict_of
@@ -33,10 +34,11 @@ _PRUNE_DROP, _PRUNE_T = 0.01, 1.5
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """The search so far: the columns of the model, the noise they leave, what was picked."""
+    """The search so far: the model's columns, the residual (n,) they leave, sensor noise (n,), what was picked."""
 
     base: tuple[int, ...]
     noise: FloatArray
+    floor: FloatArray
     picks: tuple[Finding, ...]
 
 
@@ -66,16 +68,18 @@ def diagnose(
         effect_by_id(name, f"/candidates/{index}")
     model = identification.model
     comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
-    pool = build_pool(model, candidates, angle_lines(comparisons, model.robot))
+    resolved = resolution(comparisons, identification.preprocessing)
+    pool = build_pool(model, candidates, angle_lines(comparisons, model.robot), resolved)
+    floor = noise_floor(recordings, identification.preprocessing)
     reference = identification.standard_inertia()
     reduction = reduce_recordings(
         pool.observation, recordings, identification.preprocessing, reference, part(progress, 0.1, 0.5)
     )
     data = products(reduction)
     first = _judge_all(data, pool, tuple(range(pool.n_base)), pool.candidates, identification.statistics.noise)
-    picks = _search(data, pool, identification.statistics.noise, first, most_effects, part(progress, 0.5, 0.8))
+    start = _State(tuple(range(pool.n_base)), identification.statistics.noise, floor, ())
+    picks = _search(data, pool, start, first, most_effects, part(progress, 0.5, 0.8))
     picks, recommended = _refined(identification, picks, recordings, reference, part(progress, 0.8, 0.9))
-    floor = noise_floor(recordings, identification.preprocessing)
     final = _extended_comparisons(identification, recommended, recordings, comparisons, part(progress, 0.9, 1.0))
     unknown = unknown_patterns(final)
     residual = _rms(final)
@@ -120,10 +124,9 @@ def joints_acted_on(pool: Pool, candidate: Candidate) -> tuple[int, ...]:
 
 
 def _search(
-    data: Products, pool: Pool, noise: FloatArray, first: list[Judged], most: int, progress: Progress
+    data: Products, pool: Pool, state: _State, first: list[Judged], most: int, progress: Progress
 ) -> tuple[Finding, ...]:
     """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous."""
-    state = _State(tuple(range(pool.n_base)), noise, ())
     judged = first
     remaining = list(pool.candidates)
     while len(state.picks) < most:
@@ -135,7 +138,7 @@ def _search(
         chosen = _without_idle_joints(data, pool, state, chosen)
         finding = Finding(chosen, equal, p_value(chosen, len(remaining)))
         base = state.base + chosen.candidate.columns
-        state = _State(base, _noise(data, base), (*state.picks, finding))
+        state = _State(base, _noise(data, base), state.floor, (*state.picks, finding))
         remaining = [c for c in remaining if not _superseded(c, chosen.candidate)]
         if not remaining:
             break
@@ -165,6 +168,8 @@ def _superseded(candidate: Candidate, chosen: Candidate) -> bool:
 def _acceptable(data: Products, pool: Pool, state: _State, item: Judged, n_tried: int) -> bool:
     effect = effect_by_id(item.candidate.effect)
     if item.separability < _VISIBLE or not item.passes(effect.scope == "robot", n_tried):
+        return False
+    if item.gain_over(state.floor, data.counts, whole_robot=effect.scope == "robot") < SMALLEST_GAIN_OVER_NOISE:
         return False
     return not effect.is_friction or _passive(data, pool, state, item)
 
@@ -284,7 +289,7 @@ def _needed(
     pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined))
     data = products(reduce_recordings(observation, recordings, preprocessing, reference))
     everything = tuple(range(len(columns)))
-    still = _pruned(data, pool, _State(everything, _noise(data, everything), tuple(refined)))
+    still = _pruned(data, pool, _State(everything, _noise(data, everything), np.zeros(data.n_joints), tuple(refined)))
     return [i for i, finding in enumerate(refined) if any(finding is other for other in still)]
 
 

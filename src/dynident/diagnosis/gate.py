@@ -25,6 +25,10 @@ An effect that shows in few stretches (a friction peak at reversals) gains uneve
 stretch that shows it asks for the same amplitude. Columns shifted in time passed neither in 48 runs on real arms.
 """
 
+SMALLEST_GAIN_OVER_NOISE = 0.3
+"""Share of the sensor noise's own power that an effect must remove: less would be no matter to anybody, and small
+errors of the filtered signals at reversals are of that size."""
+
 _ROBOT_DROP, _ROBOT_T, _ROBOT_SHARE = 0.08, 2.0, 0.7
 _CAP = 3.0
 
@@ -61,6 +65,16 @@ class Judged:
     def total_gain(self) -> float:
         """What the candidate removes in all, in units of the noise."""
         return float(self.gains.sum())
+
+    def gain_over(self, floor: FloatArray, counts: FloatArray, *, whole_robot: bool) -> float:
+        """Removed squared error over that of the sensors' noise `floor` (n,): mean of its joints, or the largest.
+
+        `counts` (s,) are the rows of the stretches.
+        """
+        joints = list(self.joints)
+        removed = (self.before - self.after)[:, joints].sum(axis=0) / float(counts.sum())
+        ratio = removed / np.maximum(floor[joints] ** 2, np.finfo(float).tiny)
+        return float(ratio.max() if whole_robot else ratio.mean())
 
     def consistency_p(self, n_tried: int) -> float:
         """p of the amplitudes' agreement between stretches, corrected for the number of candidates tried."""

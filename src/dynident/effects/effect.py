@@ -34,7 +34,8 @@ class ShapeSpec:
 
     `default` is used where nobody chose a value. `proposal` says where candidates come from: a fixed grid (`grid`), or
     lines in the spectrum of the residual over the joint's angle. A constant is above zero unless it is `signed`; it is
-    not searched for below `least`, where sensors can no longer show it.
+    not searched for below `least`. `resolved_by` names what a filtered position must still resolve for the constant to
+    show: the displacement or the speed around a reversal.
     """
 
     name: str
@@ -45,6 +46,7 @@ class ShapeSpec:
     relative_to_velocity: bool = False
     signed: bool = False
     least: float = 0.0
+    resolved_by: Literal["displacement", "speed"] | None = None
 
     def admits(self, value: float) -> bool:
         """Whether a value makes sense for this constant."""

@@ -94,7 +94,7 @@ class Stribeck(_OneColumnFriction):
     title = "Stribeck friction"
     formula = r"(F_s - F_c)\,e^{-|\dot q / v_s|^2}\,\mathrm{sign}(\dot q)"
     parameters = (ParameterSpec("Fst", "N m", "excess of friction at low speed over Coulomb friction", "N"),)
-    shapes = (ShapeSpec("vs", "rad/s", "Stribeck velocity", 0.05, relative_to_velocity=True),)
+    shapes = (ShapeSpec("vs", "rad/s", "Stribeck velocity", 0.05, relative_to_velocity=True, resolved_by="speed"),)
     signature = "odd in the velocity, with peaks at low speed on both sides"
     confused_with = ("viscous_nonlinear", "presliding")
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)

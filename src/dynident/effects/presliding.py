@@ -21,7 +21,7 @@ class Presliding(Effect):
         ParameterSpec("Fz", "N m", "friction reached after the slip distance", "N"),
         ParameterSpec("cz", "-", "friction reached after the slip distance, per unit of load torque"),
     )
-    shapes = (ShapeSpec("d0", "rad", "slip distance", 2e-3, least=0.25e-3),)
+    shapes = (ShapeSpec("d0", "rad", "slip distance", 2e-3, least=0.5e-3, resolved_by="displacement"),)
     signature = "a rounded corner after each reversal instead of a step"
     confused_with = ("stribeck",)
     sources = ("Al-Bender, Lampaert and Swevers 2005", "Dahl 1968")
@@ -39,5 +39,5 @@ class Presliding(Effect):
         return made
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Slip distances from 0.25 to 64 mrad (or mm) in factors of two."""
-        return [{"d0": d} for d in geometric_grid(0.25e-3, 64e-3, 2.0)]
+        """Slip distances from 0.5 to 64 mrad (or mm) in factors of two."""
+        return [{"d0": d} for d in geometric_grid(0.5e-3, 64e-3, 2.0)]

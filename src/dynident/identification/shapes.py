@@ -18,8 +18,8 @@ from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray, Robot
 
-# Steps to either side of a coarse value: two octaves in steps of a quarter, or a line by less than its own width.
-_STEPS, _STEPS_AN_OCTAVE, _LINE_STEP = 8, 4, 0.025
+# Steps around a coarse value, up and down, in quarters of an octave; or those of a line, less than its own width.
+_STEPS, _STEPS_DOWN, _STEPS_AN_OCTAVE, _LINE_STEP = 8, 5, 4, 0.025
 
 
 def lacks_shape(choice: EffectChoice) -> bool:
@@ -131,7 +131,7 @@ def _moves(choice: EffectChoice) -> tuple[str, list[float]] | None:
         if spec.proposal == "angle_spectrum":
             return spec.name, [value + _LINE_STEP * k for k in range(-_STEPS, _STEPS + 1)]
         if spec.unit in ("rad", "rad/s"):
-            ratios = [value * 2.0 ** (k / _STEPS_AN_OCTAVE) for k in range(-_STEPS, _STEPS + 1)]
+            ratios = [value * 2.0 ** (k / _STEPS_AN_OCTAVE) for k in range(-_STEPS_DOWN, _STEPS + 1)]
             return spec.name, [ratio for ratio in ratios if ratio >= min(spec.least, value)]
     return None
 
