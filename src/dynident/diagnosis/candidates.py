@@ -9,6 +9,7 @@ from dynident.diagnosis.resolution import Resolution
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
+from dynident.robot.model import Robot
 
 # The links and rotors are the model itself: without them nothing can be diagnosed.
 _NEVER = ("rigid_body", "rotor_inertia")
@@ -78,7 +79,7 @@ def build_pool(
 
     for effect in chosen:
         for choice in _choices(effect, model, spectral):
-            if resolved is None or _shows(choice, effect, model, resolved):
+            if resolved is None or shows(choice, model.robot, resolved):
                 add(choice)
     return Pool(Observation.of(model.robot, columns, signals), model.n_parameters, tuple(candidates))
 
@@ -104,9 +105,22 @@ def _choices(effect: Effect, model: Model, spectral: Sequence[tuple[int, float]]
     return choices
 
 
-def _shows(choice: EffectChoice, effect: Effect, model: Model, resolved: Resolution) -> bool:
-    joints = [model.robot.joint_names.index(name) for name in choice.joints]
-    return all(resolved.shows(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in effect.shapes)
+def shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
+    """Whether a choice's shape constants are large enough to be seen in the data."""
+    joints = [robot.joint_names.index(name) for name in choice.joints]
+    specs = CATALOGUE[choice.effect].shapes
+    return all(resolved.shows(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
+
+
+def width_shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
+    """The same for constants that are a speed alone.
+
+    A slip distance at the limit of resolution is still hysteresis, only sharper than the data can tell; a friction
+    peak narrower than the limit is nothing that was seen.
+    """
+    joints = [robot.joint_names.index(name) for name in choice.joints]
+    specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by == "speed"]
+    return all(resolved.shows(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
 
 
 def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:

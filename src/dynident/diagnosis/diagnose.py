@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.diagnosis.candidates import Candidate, Pool, build_pool
+from dynident.diagnosis.candidates import Candidate, Pool, build_pool, width_shows
 from dynident.diagnosis.compare import Comparison, compare
 from dynident.diagnosis.gate import SMALLEST_GAIN_OVER_NOISE, Judged, judge, p_value, simplest
 from dynident.diagnosis.residuals import angle_lines, failure_map, noise_floor, unknown_patterns
-from dynident.diagnosis.resolution import resolution
+from dynident.diagnosis.resolution import Resolution, resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
 from dynident.diagnosis.scoring import Products, held_out_errors, products, score_candidates
 from dynident.diagnosis.words import Finding, next_experiment, rank_all, summary, verdict_of
@@ -79,7 +79,7 @@ def diagnose(
     first = _judge_all(data, pool, tuple(range(pool.n_base)), pool.candidates, identification.statistics.noise)
     start = _State(tuple(range(pool.n_base)), identification.statistics.noise, floor, ())
     picks = _search(data, pool, start, first, most_effects, part(progress, 0.5, 0.8))
-    picks, recommended = _refined(identification, picks, recordings, reference, part(progress, 0.8, 0.9))
+    picks, recommended = _refined(identification, picks, recordings, reference, resolved, part(progress, 0.8, 0.9))
     final = _extended_comparisons(identification, recommended, recordings, comparisons, part(progress, 0.9, 1.0))
     unknown = unknown_patterns(final)
     residual = _rms(final)
@@ -250,15 +250,21 @@ def _refined(
     picks: Sequence[Finding],
     recordings: Sequence[Recording],
     reference: FloatArray,
+    resolved: Resolution,
     progress: Progress,
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
-    """The picks with their shape constants refined, without those that only made up for another's coarse shape."""
+    """The picks with their shape constants refined, without those that only made up for another's coarse shape.
+
+    A peak of friction whose best width is below what the data resolve made up for sticking, not for Stribeck friction.
+    """
     kept = tuple(picks)
     choices = tuple(finding.judged.candidate.choice for finding in kept)
     if not choices:
         return (), ()
     model, preprocessing = identification.model, identification.preprocessing
     choices = refine_shapes(model, choices, recordings, preprocessing, reference, part(progress, 0.0, 0.5))
+    visible = [i for i, choice in enumerate(choices) if width_shows(choice, model.robot, resolved)]
+    kept, choices = tuple(kept[i] for i in visible), tuple(choices[i] for i in visible)
     while len(kept) > 1:
         needed = _needed(model, kept, choices, recordings, preprocessing, reference)
         if len(needed) == len(kept):

@@ -33,7 +33,7 @@ class Resolution:
         if spec.resolved_by is None or not len(joints):
             return True
         limit = self.displacement if spec.resolved_by == "displacement" else self.speed
-        return value >= float(np.median(limit[list(joints)]))
+        return value >= float(np.max(limit[list(joints)]))
 
 
 def resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> Resolution:
