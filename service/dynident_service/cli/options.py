@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+
+def _known_arms() -> list[str]:
+    # Their names alone: importing the room of robots would take longer than most commands.
+    names = (entry.name for entry in (files("dynident") / "robot" / "library").iterdir())
+    return sorted(name.removesuffix(".json") for name in names if name.endswith(".json"))
+
 
 RobotArgument = Annotated[
     str,
     typer.Argument(
         metavar="ROBOT",
         help="A URDF file, a JSON file (a modified Denavit-Hartenberg table, or a robot as the service takes it), or "
-        "the name of a well-known arm (see `dynident design --help`).",
+        f"a well-known arm: {', '.join(_known_arms())}.",
         show_default=False,
     ),
 ]
@@ -22,7 +30,7 @@ ModelArgument = Annotated[
 Measurements = Annotated[
     list[Path],
     typer.Argument(
-        metavar="MEASUREMENT...",
+        metavar="MEASUREMENT",
         help="CSV or Parquet files with the columns t, q1… and tau1… or current1… (or q_<joint>…).",
         show_default=False,
     ),
@@ -35,6 +43,7 @@ Validation = Annotated[
         metavar="FILE",
         help="Measurement that no parameter sees; may be repeated.",
         default_factory=list,
+        show_default=False,
     ),
 ]
 Columns = Annotated[
@@ -44,11 +53,18 @@ Columns = Annotated[
         metavar="OURS=THEIRS,…",
         help="Columns with other names: q1=shoulder,tau1=torque_a; or a JSON object.",
         default_factory=list,
+        show_default=False,
     ),
 ]
 Units = Annotated[
     list[str],
-    typer.Option("--units", metavar="KIND=UNIT,…", help="Units other than SI: q=deg,tau=mN m.", default_factory=list),
+    typer.Option(
+        "--units",
+        metavar="KIND=UNIT,…",
+        help="Units other than SI: q=deg,tau=mN m.",
+        default_factory=list,
+        show_default=False,
+    ),
 ]
 Windows = Annotated[
     list[str],
@@ -57,6 +73,7 @@ Windows = Annotated[
         metavar="[NAME=]FROM:TO,…",
         help="Seconds of t to use, of all files or of the one with that name (its file's, without the ending).",
         default_factory=list,
+        show_default=False,
     ),
 ]
 Accept = Annotated[
@@ -66,6 +83,7 @@ Accept = Annotated[
         metavar="CHECK",
         help="Treat the errors of this check as warnings; may be repeated.",
         default_factory=list,
+        show_default=False,
     ),
 ]
 DriveGains = Annotated[
@@ -86,6 +104,7 @@ Effects = Annotated[
         help="Effects of the catalogue: `default,offset` or `stribeck@joint1+joint2:vs=0.05`; `default` stands for "
         "rigid_body,rotor_inertia,coulomb,viscous.",
         default_factory=list,
+        show_default=False,
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same result.")]

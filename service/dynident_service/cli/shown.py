@@ -96,7 +96,7 @@ def show_diagnosis(console: Console, found: Diagnosis, robot: Robot) -> None:
             console.print(f"  {item.rank}. {item.evidence}", markup=False)
     if found.recommended:
         wanted = ",".join(choice_argument(choice) for choice in found.recommended)
-        console.print(f"To add what is missing: dynident extend … --effects '{wanted}'", markup=False)
+        console.print(f"To add what is missing: dynident extend … --effects '{wanted}'", markup=False, soft_wrap=True)
     for pattern in found.unknown:
         console.print(
             f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} ({percent(pattern.share, 2)})",

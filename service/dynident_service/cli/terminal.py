@@ -16,11 +16,12 @@ from rich.table import Table
 from dynident.progress import Progress as Report
 
 _MESSAGE = 40
+_WIDE = 120
 
 
 def out() -> Console:
-    """The console for results."""
-    return Console(file=sys.stdout, highlight=False, soft_wrap=False)
+    """The console for results; where they go into a file or a pipe, lines may be longer."""
+    return Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else _WIDE)
 
 
 def err() -> Console:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dynident.diagnosis import Comparison, Diagnosis, compare, diagnose
+from dynident.excitation import Design
 from dynident.identification import Identification, extend, identify
 from dynident.progress import Progress, part
 from dynident.recordings import Recording
@@ -45,9 +46,14 @@ class Analysis:
 
 
 def analyse(
-    robot: Robot, training: Sequence[Path], held_out: Sequence[Path], windows: Sequence[str], progress: Progress
+    robot: Robot,
+    training: Sequence[Path],
+    held_out: Sequence[Path],
+    windows: Sequence[str],
+    design: Design,
+    progress: Progress,
 ) -> Analysis:
-    """Identify, compare, diagnose, add what is missing one by one, and write the report."""
+    """Identify, compare, diagnose, add what is missing one by one, and write the report (with the first design)."""
     options = FileOptions(windows=windows)
     with loaded(training, robot, options, part(progress, 0.0, 0.1), held_out) as (given, tried):
         recordings, validation = recordings_of(given), recordings_of(tried)
@@ -57,7 +63,7 @@ def analyse(
         ladder = _ladder(first, found, recordings, validation, part(progress, 0.7, 0.85))
         runs = reported_runs(ladder[-1], given, tried, part(progress, 0.85, 0.9))
         progress(0.9, "writing the report")
-        report = html_report(ladder[-1], runs, diagnosis=found, title=f"Demonstration: {robot.name}")
+        report = html_report(ladder[-1], runs, diagnosis=found, design=design, title=f"Demonstration: {robot.name}")
         return Analysis(tuple(given), tuple(tried), compared, found, tuple(ladder), report)
 
 

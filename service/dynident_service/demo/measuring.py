@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.progress import Progress, part
 from dynident.simulation import Measurement, Reference, Sensors, VirtualRobot, measurement_table
@@ -14,8 +16,10 @@ from dynident_service.cli.inputs import write_whole
 from dynident_service.cli.tables import trajectory_table, write_table
 from dynident_service.demo.scenario import Scenario
 
-# Friction is not determined where a joint stands still: the rest at either end is left out, with some room.
-_ROOM = 0.5
+# Where a joint stands still, or nearly so for a while, it may stick, and its torque is then not determined by any
+# motion: slower than this (rad/s or m/s) for longer than this (s) is left out, with some room (s) around it.
+_SLOW, _LONG, _ROOM = 0.012, 0.06, 0.1
+_SHORTEST_WINDOW = 0.6
 _DESIGN_RATE = 200.0
 
 
@@ -24,40 +28,37 @@ class MeasuredRun:
     """One recording as a user has it: a file, and the seconds of it that are worth using."""
 
     path: Path
-    window: tuple[float, float]
+    windows: tuple[tuple[float, float], ...]
     design: Design
     n_samples: int
 
     @property
     def windows_option(self) -> str:
-        """The window as the command line reads it."""
-        return f"{self.path.stem}={self.window[0]:.6g}:{self.window[1]:.6g}"
+        """The windows as the command line reads them."""
+        return f"{self.path.stem}={','.join(f'{first:.6g}:{last:.6g}' for first, last in self.windows)}"
 
 
 def design_runs(scenario: Scenario, progress: Progress) -> list[Design]:
-    """Two optimised trajectories to identify from, and one of another kind to try the model on."""
-    plan, seed = scenario.plan, scenario.seed
-
-    def wanted(kind: str, period: float, harmonics: int, periods: int, number: int) -> DesignRequest:
-        return DesignRequest(
-            kind=kind,
+    """A design for every course of the plan."""
+    courses = scenario.plan.courses
+    found = []
+    for index, course in enumerate(courses):
+        request = DesignRequest(
+            kind=course.kind,
             trajectory=TrajectoryRequest(
-                duration=period, harmonics=harmonics, periods=periods, sampling_rate=_DESIGN_RATE
+                duration=course.period,
+                harmonics=course.harmonics,
+                periods=course.periods,
+                sampling_rate=_DESIGN_RATE,
             ),
-            limits=scenario.limits,
-            time_budget=plan.time_budget if kind == "optimized" else None,
-            seed=3 * seed + number,
+            limits=scenario.limits(course),
+            # A number of starts, not seconds: the same seed then gives the same trajectory on any machine.
+            starts=course.starts,
+            seed=len(courses) * scenario.seed + index,
         )
-
-    requests = [
-        wanted("optimized", plan.period, 5, plan.periods[0], 0),
-        wanted("optimized", plan.period, 4, plan.periods[1], 1),
-        wanted("random", plan.validation_period, 6, 1, 2),
-    ]
-    return [
-        design_experiment(scenario.robot, request, part(progress, index / 3, (index + 1) / 3))
-        for index, request in enumerate(requests)
-    ]
+        share = part(progress, index / len(courses), (index + 1) / len(courses))
+        found.append(design_experiment(scenario.robot, request, share))
+    return found
 
 
 def measure(scenario: Scenario, designs: Sequence[Design], folder: Path, progress: Progress) -> list[MeasuredRun]:
@@ -65,13 +66,13 @@ def measure(scenario: Scenario, designs: Sequence[Design], folder: Path, progres
     virtual = VirtualRobot(scenario.robot, scenario.effects, inertias=scenario.inertias)
     sensors = Sensors(sampling_rate=scenario.plan.rate)
     total = sum(design.duration for design in designs)
-    names = ("run1", "run2", "validation")
     runs, done = [], 0.0
-    for index, (name, design) in enumerate(zip(names, designs, strict=True)):
+    for index, (course, design) in enumerate(zip(scenario.plan.courses, designs, strict=True)):
         share = part(progress, done / total, (done + design.duration) / total)
-        found = virtual.measure(reference_of(design), sensors, seed=3 * scenario.seed + index, progress=share)
-        write_table(trajectory_table(design), folder / f"trajectory_{name}.csv")
-        runs.append(_written(found, design, folder / f"{name}.csv"))
+        seed = len(designs) * scenario.seed + index
+        found = virtual.measure(reference_of(design), sensors, seed=seed, progress=share)
+        write_table(trajectory_table(design), folder / f"trajectory_{course.name}.csv")
+        runs.append(_written(found, design, folder / f"{course.name}.csv"))
         done += design.duration
     return runs
 
@@ -89,5 +90,24 @@ def reference_of(design: Design) -> Reference:
 
 def _written(found: Measurement, design: Design, path: Path) -> MeasuredRun:
     write_table(measurement_table(found), path)
+    return MeasuredRun(path, _in_motion(design), design, found.n_samples)
+
+
+def _in_motion(design: Design) -> tuple[tuple[float, float], ...]:
+    """The stretches of a design's exciting part in which no joint dwells, in seconds of t."""
     first, last = design.exciting
-    return MeasuredRun(path, (first + _ROOM, last - _ROOM), design, found.n_samples)
+    period = 1.0 / design.sampling_rate
+    usable = (design.t >= first) & (design.t <= last)
+    room = round(_ROOM / period)
+    for joint in range(design.dq.shape[1]):
+        for start, end in _stretches(np.abs(design.dq[:, joint]) < _SLOW):
+            if (end - start) * period > _LONG:
+                usable[max(0, start - room) : end + room] = False
+    windows = ((float(design.t[start]), float(design.t[end - 1])) for start, end in _stretches(usable))
+    return tuple((start, end) for start, end in windows if end - start >= _SHORTEST_WINDOW)
+
+
+def _stretches(mask: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[int, int]]:
+    """First index and end of every run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -19,18 +20,40 @@ _LINK_SPREAD, _DRIVE_SPREAD, _HIDDEN_SPREAD = 0.1, 0.25, 0.2
 
 
 @dataclass(frozen=True)
-class Plan:
-    """How long the experiment is: seconds of a period, periods of the two runs, seconds to design each."""
+class Course:
+    """One trajectory: seconds of a period, harmonics, periods, share of the robot's speed, starts of the optimiser."""
 
+    name: str
+    kind: Literal["optimized", "random"]
     period: float
-    periods: tuple[int, int]
-    validation_period: float
-    time_budget: float
+    harmonics: int
+    periods: int
+    speed: float
+    starts: int = 1
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The experiment: a fast and a slow run to identify from, one of another kind to try the model on; rate in Hz."""
+
+    courses: tuple[Course, Course, Course]
     rate: float = 500.0
 
 
-LONG = Plan(period=10.0, periods=(3, 2), validation_period=12.0, time_budget=3.0)
-SHORT = Plan(period=8.0, periods=(2, 1), validation_period=9.0, time_budget=1.0)
+LONG = Plan(
+    (
+        Course("run1", "optimized", 10.0, 5, 3, 1.0, 2),
+        Course("run2", "optimized", 24.0, 8, 1, 0.35, 2),
+        Course("validation", "random", 12.0, 6, 1, 0.6),
+    )
+)
+SHORT = Plan(
+    (
+        Course("run1", "optimized", 8.0, 5, 2, 1.0),
+        Course("run2", "optimized", 14.0, 5, 1, 0.35),
+        Course("validation", "random", 9.0, 6, 1, 0.6),
+    )
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +95,18 @@ class Scenario:
         """All that acts on the robot besides its links."""
         return self.drive if self.hidden is None else (*self.drive, self.hidden)
 
-    @property
-    def limits(self) -> dict[str, Limits]:
-        """The ranges of an arm that stands in a cell."""
+    def limits(self, course: Course) -> dict[str, Limits]:
+        """The ranges of an arm that stands in a cell, and the speed of the course."""
         found = {}
         for joint in self.robot.joints:
             low, high = joint.limits.position or (-np.pi, np.pi)
-            if joint.kind == "revolute" and high - low > 2 * _RANGE:
-                middle = 0.5 * (low + high)
-                found[joint.name] = Limits(position=(middle - _RANGE, middle + _RANGE))
+            wide = joint.kind == "revolute" and high - low > 2 * _RANGE
+            middle = 0.5 * (low + high)
+            speed = joint.limits.velocity
+            found[joint.name] = Limits(
+                position=(middle - _RANGE, middle + _RANGE) if wide else None,
+                velocity=None if speed is None else course.speed * speed,
+            )
         return found
 
 

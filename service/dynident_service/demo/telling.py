@@ -18,6 +18,7 @@ from dynident_service.demo.measuring import MeasuredRun
 from dynident_service.demo.scenario import Scenario
 
 _SHOWN_CANDIDATES = 5
+_VISIBLE = 1.15
 
 
 def opening(console: Console, scenario: Scenario) -> None:
@@ -119,6 +120,8 @@ def envelope(console: Console, scenario: Scenario, found: Analysis, named_right:
         columns = ("parameter", "unit", "true", "identified", "standard deviation")
         console.print(table("", columns, rows, right_from=2))
     before = max(float(found.over_floor(found.first)[j]) for j in joints)
+    if not named_right and before < _VISIBLE:
+        _say(console, "On these motions it leaves nothing above the sensors' noise, so nobody could have seen it.")
     after = max(float(found.over_floor(found.last)[j]) for j in joints)
     _say(console, f"Held-out residual there: {before:.2f} times the noise floor before, {after:.2f} times after.")
 

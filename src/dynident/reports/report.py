@@ -11,10 +11,12 @@ from markupsafe import Markup
 
 from dynident.diagnosis import Diagnosis
 from dynident.errors import DynidentError
+from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.reports.run import ReportedRun
 from dynident.reports.section import Section
 from dynident.reports.sections.data import data_section
+from dynident.reports.sections.design import design_section
 from dynident.reports.sections.diagnosis import diagnosis_section
 from dynident.reports.sections.errors import errors_section
 from dynident.reports.sections.ladder import ladder_section
@@ -31,6 +33,7 @@ def html_report(
     runs: Sequence[ReportedRun],
     *,
     diagnosis: Diagnosis | None = None,
+    design: Design | None = None,
     title: str = "",
     created: datetime | None = None,
 ) -> str:
@@ -44,6 +47,8 @@ def html_report(
         Recordings to show, each with the model's prediction: those it was identified from, those held out.
     diagnosis : Diagnosis, optional
         Of this model or of the one that it was extended from.
+    design : Design, optional
+        The experiment that the data come from.
     title : str
         The heading; the robot's name by default.
     created : datetime, optional
@@ -56,7 +61,7 @@ def html_report(
     """
     if not runs:
         raise DynidentError("give at least one recording to show in the report", pointer="/measurement_ids")
-    sections = sections_of(identification, runs, diagnosis, created or datetime.now(UTC))
+    sections = sections_of(identification, runs, diagnosis, design, created or datetime.now(UTC))
     robot = identification.model.robot.name
     return (
         _environment()
@@ -66,9 +71,13 @@ def html_report(
 
 
 def sections_of(
-    identification: Identification, runs: Sequence[ReportedRun], diagnosis: Diagnosis | None, created: datetime
+    identification: Identification,
+    runs: Sequence[ReportedRun],
+    diagnosis: Diagnosis | None,
+    design: Design | None,
+    created: datetime,
 ) -> list[Section]:
-    """The sections in their order; the diagnosis only where there is one."""
+    """The sections in their order; diagnosis and design only where there are any."""
     return [
         summary_section(identification, runs, diagnosis),
         ladder_section(identification, diagnosis),
@@ -78,6 +87,7 @@ def sections_of(
         parameters_section(identification),
         model_section(identification),
         robot_section(identification),
+        *([design_section(design, identification.model.robot)] if design is not None else []),
         data_section(identification, runs),
         provenance_section(identification, runs, created),
     ]

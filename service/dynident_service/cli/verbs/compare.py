@@ -22,7 +22,10 @@ def compare(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Hold the predicted torque against a measurement; --out writes the signals (.csv or .parquet)."""
+    """Hold predicted torque against a measurement.
+
+    --out writes the signals as .csv or .parquet.
+    """
     from dynident.diagnosis import compare as compare_model
     from dynident.progress import part
     from dynident_service.adapters.comparisons import describe_comparison

@@ -19,7 +19,10 @@ def demo(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where to write.")] = Path("demo-output"),
     as_json: Json = False,
 ) -> None:
-    """Hide an effect in a virtual robot, measure it, and find the effect by name."""
+    """Hide an effect in a virtual robot, and find it by name.
+
+    Ends with exit code 1 where the effect is not named.
+    """
     from dynident_service.cli import inputs, terminal
     from dynident_service.demo.scenario import Scenario
     from dynident_service.demo.story import tell
@@ -29,3 +32,5 @@ def demo(
     found = tell(scenario, out, console)
     if as_json:
         terminal.print_json(found.document())
+    if not found.named_right:
+        raise typer.Exit(1)

@@ -23,7 +23,10 @@ def diagnose(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Name the physics that a model is missing, from the measurements it was identified from (--out: as JSON)."""
+    """Name the physics that a model is missing.
+
+    Give the measurements that it was identified from. --out writes the diagnosis as JSON.
+    """
     import json
 
     from dynident.diagnosis import diagnose as diagnose_model

@@ -39,7 +39,10 @@ def extend(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Add effects to a model, on the measurements that it was identified from."""
+    """Add effects to a model.
+
+    Give the measurements that it was identified from.
+    """
     from dynident.errors import DynidentError
     from dynident.identification import extend as extend_model
     from dynident.identification import to_bytes

@@ -45,7 +45,7 @@ def identify(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Identify the base parameters of a robot from its measurements."""
+    """Identify the base parameters of a robot."""
     from dynident.effects import DEFAULT_EFFECTS
     from dynident.identification import IdentificationChoices, to_bytes
     from dynident.identification import identify as identify_model

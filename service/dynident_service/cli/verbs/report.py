@@ -34,7 +34,7 @@ def report(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file.")] = Path("report.html"),
     as_json: Json = False,
 ) -> None:
-    """Write a model, its data and its diagnosis into one self-contained HTML file."""
+    """Write one self-contained HTML file about a model."""
     from dynident.progress import part
     from dynident.reports import html_report
     from dynident_service.cli import inputs, terminal

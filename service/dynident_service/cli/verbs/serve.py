@@ -18,7 +18,10 @@ def serve(
         int | None, typer.Option("--workers", help="Jobs at a time; one a core by default.", min=1)
     ] = None,
 ) -> None:
-    """Run the HTTP service; every setting is also an environment variable DYNIDENT_…"""
+    """Run the HTTP service.
+
+    Every setting is also an environment variable, DYNIDENT_HOST, DYNIDENT_PORT and so on.
+    """
     from dynident.errors import DynidentError
 
     try:

@@ -20,6 +20,7 @@ def simulate(
             help="What acts besides rotor inertia, Coulomb and viscous friction: stribeck@joint2, or with values "
             "stribeck@joint2:Fst=3,vs=0.05. Of a usual size where no values are given.",
             default_factory=list,
+            show_default=False,
         ),
     ],
     trajectory: Annotated[

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from dynident.diagnosis import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
 from dynident.identification import Identification
 from dynident.reports.figures.candidates import candidates_figure
 from dynident.reports.numbers import number, p_value, percent, span
@@ -117,8 +117,13 @@ def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
         p_value(item.p_value),
         percent(item.separability, 2),
         shape_text(EffectChoice(item.effect, item.joints, item.shape)),
-        ", ".join(effect_by_id(name).title for name in item.equivalent),
+        ", ".join(_title(name) for name in item.equivalent),
     )
+
+
+def _title(identifier: str) -> str:
+    # What is equivalent to a finding need not be in the catalogue: some effects are the same function.
+    return CATALOGUE[identifier].title if identifier in CATALOGUE else identifier.replace("_", " ")
 
 
 def _choice(choice: EffectChoice, robot: Robot) -> ChoiceText:

@@ -1,0 +1,77 @@
+"""The experiment as it was designed: what the trajectory is worth, and how near it comes to the limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from dynident.excitation import Design
+from dynident.reports.figures.design import design_figure
+from dynident.reports.numbers import counted, number, percent
+from dynident.reports.section import Section
+from dynident.robot import Robot
+
+_NEAREST = 12
+_UNITS = {"position_min": "", "position_max": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
+
+
+@dataclass(frozen=True)
+class MarginRow:
+    """One limit and how much of its room is used."""
+
+    joint: str
+    limit: str
+    value: str
+    bound: str
+    share: str
+
+
+@dataclass(frozen=True)
+class DesignContent:
+    """The design in words; `rows` compare it with random trajectories: name, condition number, smallest singular."""
+
+    kind: str
+    length: str
+    rows: tuple[tuple[str, str, str], ...]
+    margins: tuple[MarginRow, ...]
+    notes: tuple[str, ...]
+    figure: Markup
+
+
+def design_section(design: Design, robot: Robot) -> Section:
+    """What was asked of the robot."""
+    values, baseline = design.criterion_values, design.baseline
+    rows = [("this trajectory", number(values.condition_number), number(values.smallest_singular_value))]
+    if baseline is not None:
+        best = baseline.best
+        name = f"best of {counted(baseline.count, 'random one')}"
+        rows.append((name, number(best.condition_number), number(best.smallest_singular_value)))
+        rows.append(("median of those", number(baseline.median_condition_number), "–"))
+    nearest = sorted(design.margins, key=lambda margin: -margin.share)[:_NEAREST]
+    content = DesignContent(
+        design.request.kind.replace("_", " "),
+        f"{number(design.duration)} s from rest to rest, {counted(design.n_samples, 'sample')} at "
+        f"{number(design.sampling_rate, 4)} Hz",
+        tuple(rows),
+        tuple(
+            MarginRow(
+                margin.joint,
+                margin.limit.replace("_", " "),
+                f"{number(margin.value)} {_unit(robot, margin.joint, margin.limit)}",
+                f"{number(margin.bound)} {_unit(robot, margin.joint, margin.limit)}",
+                percent(margin.share),
+            )
+            for margin in nearest
+        ),
+        design.notes,
+        design_figure(design, robot),
+    )
+    return Section("design", "The experiment", "design", content)
+
+
+def _unit(robot: Robot, joint: str, limit: str) -> str:
+    described = robot.joints[robot.joint_names.index(joint)]
+    if limit == "torque":
+        return described.effort_unit
+    return ("rad" if described.kind == "revolute" else "m") + _UNITS[limit]

@@ -1,0 +1,65 @@
+"""The program starts fast, light, and hands its settings on."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from running_commands import dynident
+
+from dynident.version import __version__
+from dynident_service.settings import Settings
+
+VERBS = ("serve", "design", "identify", "compare", "diagnose", "extend", "simulate", "report", "effects", "demo")
+
+
+def test_the_version_is_told_without_loading_the_science() -> None:
+    program = (
+        "import sys; from dynident_service.cli.app import app; code = 0\n"
+        "try:\n    app(['--version'], prog_name='dynident')\nexcept SystemExit as end:\n    code = end.code or 0\n"
+        "heavy = {'numpy', 'scipy', 'casadi', 'pinocchio', 'pyarrow', 'matplotlib', 'fastapi', 'pydantic'}\n"
+        "print(sorted(heavy & set(sys.modules)), code)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [f"dynident {__version__}", "[] 0"]
+
+
+def test_every_verb_explains_itself() -> None:
+    overview = dynident("--help")
+    for verb in VERBS:
+        assert f"\n  {verb}" in overview.out
+        explained = dynident(verb, "--help")
+        assert explained.code == 0
+        assert "<class" not in explained.out
+
+
+def test_serve_hands_its_settings_to_the_service(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    given: list[Settings] = []
+    monkeypatch.setattr("dynident_service.serve.serve", given.append)
+    monkeypatch.setenv("DYNIDENT_PORT", "8123")
+    assert dynident("serve", "--host", "0.0.0.0", "--data-dir", tmp_path).code == 0
+    assert (given[0].host, given[0].port, given[0].data_dir) == ("0.0.0.0", 8123, tmp_path)
+    assert dynident("serve", "--port", 9000).code == 0
+    assert (given[1].host, given[1].port) == ("127.0.0.1", 9000)
+
+
+def test_a_setting_that_cannot_be_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DYNIDENT_WORKERS", "many")
+    answer = dynident("serve")
+    assert answer.code == 2
+    assert "DYNIDENT_WORKERS" in answer.err
+    assert "many" in answer.err
+
+
+def test_a_light_installation_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dynident_service import command_line
+
+    for name in [name for name in sys.modules if name.startswith("dynident_service.cli")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "typer", None)
+    with pytest.raises(SystemExit) as end:
+        command_line.main()
+    assert "pip install" in str(end.value)
+    assert "dynident[science]" in str(end.value)

@@ -1,0 +1,270 @@
+"""The user's story on files: each verb reads what the one before has written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv as pacsv
+import pytest
+from running_commands import ROBOT, dynident, write_run
+
+from dynident.effects import CATALOGUE
+from dynident.identification import from_bytes
+
+ERRORS = {"rms", "relative", "relative_total"}
+
+
+@pytest.fixture(scope="module")
+def diagnosed(desk: Path) -> dict:
+    answer = dynident("diagnose", desk / "model.npz", desk / "run1.csv", "--out", desk / "diagnosis.json", "--json")
+    assert answer.code == 0, answer.err
+    return answer.document
+
+
+def test_identify_prints_the_result_of_the_contract(desk: Path) -> None:
+    answer = dynident("identify", desk / "arm.json", desk / "run1.csv", "-v", desk / "run2.csv", "--json")
+    found = answer.document
+    assert found.keys() >= {
+        "parameters",
+        "residual",
+        "validation",
+        "condition_number",
+        "n_equations",
+        "equations_per_parameter",
+        "inertia_matrix_positive_definite",
+        "warnings",
+        "parent_id",
+    }
+    assert found["residual"].keys() >= {*ERRORS, "sigma"}
+    assert found["validation"].keys() >= ERRORS
+    fields = {"name", "value", "unit", "standard_deviation", "relative_standard_deviation", "well_identified", "effect",
+              "link", "grouping"}  # fmt: skip
+    assert all(parameter.keys() >= fields for parameter in found["parameters"])
+    stored = from_bytes((desk / "model.npz").read_bytes())
+    assert [parameter["value"] for parameter in found["parameters"]] == stored.values.tolist()
+    assert [item["name"] for item in found["measurements"]] == ["run1", "run2"]
+    assert all(item["checks"] for item in found["measurements"])
+
+
+def test_identify_shows_errors_parameters_and_warnings_to_people(desk: Path) -> None:
+    answer = dynident("identify", desk / "arm.json", desk / "run1.csv")
+    stored = from_bytes((desk / "model.npz").read_bytes())
+    for joint in ROBOT.joint_names:
+        assert joint in answer.out
+    for parameter in stored.parameters:
+        assert parameter.name in answer.out
+    assert "No validation data was given" in answer.out
+
+
+def test_choices_of_effects_estimator_filters_and_windows_are_followed(desk: Path) -> None:
+    first = ROBOT.joint_names[0]
+    answer = dynident(
+        "identify", desk / "arm.json", desk / "run1.csv", "--json", "--estimator", "ols",
+        "--effects", f"default,offset,stribeck@{first}:vs=0.2", "--windows", "2:9,11:18",
+        "--preprocessing", "position_cutoff=9,torque_cutoff=7,decimation=2",
+    )  # fmt: skip
+    found = answer.document
+    assert [effect["effect"] for effect in found["effects"]][-2:] == ["offset", "stribeck"]
+    assert found["effects"][-1] == {"effect": "stribeck", "joints": [first], "shape_parameters": {"vs": 0.2}}
+    used = found["preprocessing"]
+    assert (used["position_cutoff"], used["torque_cutoff"], used["decimation"]) == (9.0, 7.0, 2)
+    # Two windows of 7 s at 50 Hz, less what the filters need to settle.
+    assert 0.6 * 700 < found["n_equations"] / ROBOT.n < 700
+
+
+def test_currents_columns_and_units_of_other_names_give_the_same_model(desk: Path, tmp_path: Path) -> None:
+    table = pacsv.read_csv(desk / "run1.csv")
+    gains, columns = [2.0, 4.0, 8.0, 16.0], {"zeit": table["t"].to_numpy() * 1000}
+    for j, joint in enumerate(ROBOT.joints):
+        unit = np.rad2deg(1.0) if joint.kind == "revolute" else 1000.0
+        columns[f"pos {j}"] = table[f"q{j + 1}"].to_numpy() * unit
+        columns[f"amp {j}"] = table[f"tau{j + 1}"].to_numpy() / gains[j]
+    header = ",".join(columns)
+    np.savetxt(
+        tmp_path / "other.csv", np.column_stack(list(columns.values())), "%.17g", ",", header=header, comments=""
+    )
+    mapping = (
+        {"t": "zeit"} | {f"q{j + 1}": f"pos {j}" for j in range(4)} | {f"current{j + 1}": f"amp {j}" for j in range(4)}
+    )
+    units = ",".join(f"q{j + 1}={'deg' if joint.kind == 'revolute' else 'mm'}" for j, joint in enumerate(ROBOT.joints))
+    common = ("--json", "--preprocessing", "position_cutoff=9,torque_cutoff=7,decimation=2")
+    other = dynident(
+        "identify", desk / "arm.json", tmp_path / "other.csv", "--columns", json.dumps(mapping),
+        "--units", f"t=ms,{units}", "--drive-gains", ",".join(map(str, gains)), *common,
+    )  # fmt: skip
+    assert other.code == 0, other.err
+    plain = dynident("identify", desk / "arm.json", desk / "run1.csv", *common)
+    values = [[parameter["value"] for parameter in answer.document["parameters"]] for answer in (plain, other)]
+    np.testing.assert_allclose(values[1], values[0], rtol=1e-6, atol=1e-9)
+
+
+def test_compare_prints_the_errors_and_writes_the_signals(desk: Path) -> None:
+    answer = dynident("compare", desk / "model.npz", desk / "run2.csv", "--out", desk / "signals.csv", "--json")
+    found = answer.document
+    assert found.keys() >= {*ERRORS, "worst"}
+    assert found["worst"][0].keys() >= {"joint", "from", "to", "rms"}
+    signals = pacsv.read_csv(desk / "signals.csv")
+    name = ROBOT.joint_names[0]
+    residual = signals[f"residual_{name}"].to_numpy()
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(found["rms"][0], rel=1e-6)
+    difference = signals[f"measured_{name}"].to_numpy() - signals[f"predicted_{name}"].to_numpy()
+    np.testing.assert_allclose(residual, difference, atol=1e-9)
+    held_out = from_bytes((desk / "model.npz").read_bytes()).held_out
+    assert found["relative_total"] == pytest.approx(held_out.relative_total, rel=1e-6)
+
+
+def test_diagnose_names_the_effect_and_writes_what_it_prints(diagnosed: dict, desk: Path) -> None:
+    assert diagnosed.keys() >= {
+        "verdict",
+        "noise_floor",
+        "candidates",
+        "recommended",
+        "unknown",
+        "not_visible",
+        "failure_map",
+        "next_experiment",
+    }
+    assert diagnosed["candidates"][0].keys() >= {
+        "rank",
+        "effect",
+        "joints",
+        "error_before",
+        "error_after",
+        "error_drop",
+        "p_value",
+        "significant",
+        "evidence",
+        "equivalent",
+        "separability",
+        "shape_parameters",
+    }
+    assert diagnosed["verdict"] == "missing_effect"
+    assert diagnosed["candidates"][0]["effect"] == "stribeck"
+    assert ROBOT.joint_names[0] in diagnosed["candidates"][0]["joints"]
+    assert json.loads((desk / "diagnosis.json").read_text()) == diagnosed
+
+
+def test_diagnose_tells_people_how_to_add_what_is_missing(desk: Path, diagnosed: dict) -> None:
+    answer = dynident("diagnose", desk / "model.npz", desk / "run1.csv", "--candidates", "stribeck,offset")
+    assert diagnosed["summary"].split(".")[0] in " ".join(answer.out.split())
+    line = next(line for line in answer.out.splitlines() if "--effects" in line)
+    added = line.split("'")[1]
+    extended = dynident("extend", desk / "model.npz", desk / "run1.csv", "--effects", added, "--json")
+    assert extended.code == 0, extended.err
+
+
+def test_extend_adds_what_the_diagnosis_recommends_and_the_error_falls(desk: Path, diagnosed: dict) -> None:
+    answer = dynident(
+        "extend", desk / "model.npz", desk / "run1.csv", "-v", desk / "run2.csv",
+        "--diagnosis", desk / "diagnosis.json", "--out", desk / "better.npz", "--json",
+    )  # fmt: skip
+    found = answer.document
+    better = from_bytes((desk / "better.npz").read_bytes())
+    before = better.parent.held_out.relative_total
+    assert found["parent_id"] == "model"
+    assert found["validation"]["relative_total"] == pytest.approx(better.held_out.relative_total)
+    assert better.held_out.relative_total < 0.8 * before
+    assert len(list(better.ladder())) == 2
+
+
+def test_report_is_one_file_about_the_extended_model(desk: Path, diagnosed: dict) -> None:
+    test_extend_adds_what_the_diagnosis_recommends_and_the_error_falls(desk, diagnosed)
+    answer = dynident(
+        "report", desk / "better.npz", desk / "run1.csv", "-v", desk / "run2.csv",
+        "--diagnosis", desk / "diagnosis.json", "--out", desk / "report.html", "--json", "--title", "An <arm>",
+    )  # fmt: skip
+    content = (desk / "report.html").read_text(encoding="utf-8")
+    assert answer.document["size"] == len(content.encode())
+    assert "An &lt;arm&gt;" in content
+    assert "run2 (held out)" in content
+    assert "What it recommends is in this model" in content
+
+
+def test_a_design_is_a_trajectory_that_the_virtual_robot_follows(tmp_path: Path) -> None:
+    trajectory, measured = tmp_path / "trajectory.csv", tmp_path / "measured.parquet"
+    designed = dynident(
+        "design", "scara", "--kind", "random", "--duration", 4, "--rate", 200, "--out", trajectory, "--json"
+    )
+    assert designed.document.keys() >= {"criterion_values", "baseline_values", "margins", "n_samples"}
+    assert designed.document["criterion_values"]["condition_number"] > 1
+    assert max(margin["share"] for margin in designed.document["margins"]) <= 1.0 + 1e-9
+    assert pacsv.read_csv(trajectory).num_rows == designed.document["n_samples"]
+    hidden = f"stribeck@{ROBOT.joint_names[1]}:Fst=5,vs=0.1"
+    simulated = dynident(
+        "simulate", "scara", "--trajectory", trajectory, "--effects", hidden, "--rate", 200, "--out", measured, "--json"
+    )
+    assert simulated.code == 0, simulated.err
+    assert simulated.document["n_samples"] == pytest.approx(designed.document["n_samples"], abs=2)
+    identified = dynident(
+        "identify", "scara", measured, "--json", "--effects", f"default,stribeck@{ROBOT.joint_names[1]}:vs=0.1"
+    )
+    found = {parameter["name"]: parameter for parameter in identified.document["parameters"]}
+    assert found["Fst2"]["value"] == pytest.approx(5.0, rel=0.25)
+
+
+def test_the_same_seed_gives_the_same_measurement(tmp_path: Path) -> None:
+    dynident("design", "scara", "--kind", "random", "--duration", 2, "--rate", 200, "--out", tmp_path / "t.csv")
+    contents = []
+    for seed in (1, 1, 2):
+        dynident(
+            "simulate",
+            "scara",
+            "--trajectory",
+            tmp_path / "t.csv",
+            "--seed",
+            seed,
+            "--rate",
+            200,
+            "-o",
+            tmp_path / "m.csv",
+        )
+        contents.append((tmp_path / "m.csv").read_bytes())
+    assert contents[0] == contents[1] != contents[2]
+
+
+def test_effects_lists_the_catalogue() -> None:
+    found = dynident("effects", "--json").document
+    assert [item["id"] for item in found["items"]] == list(CATALOGUE)
+    assert found["items"][0].keys() >= {"id", "title", "formula", "parameters", "signature", "sources"}
+    shown = dynident("effects").out
+    assert all(name[:12] in shown for name in CATALOGUE)
+
+
+def test_the_robot_may_be_a_request_of_the_service(desk: Path, tmp_path: Path) -> None:
+    body = {
+        "name": "arm with gains",
+        "description": {"format": "modified_dh", "content": json.loads((desk / "arm.json").read_text())},
+        "drives": {ROBOT.joint_names[0]: {"drive_gain": 3.0}},
+    }
+    (tmp_path / "robot.json").write_text(json.dumps(body))
+    answer = dynident("identify", tmp_path / "robot.json", desk / "run1.csv", "--out", tmp_path / "m.npz", "--json")
+    assert answer.code == 0, answer.err
+    robot = from_bytes((tmp_path / "m.npz").read_bytes()).model.robot
+    assert robot.name == "arm with gains"
+    assert robot.drives[0].gain == 3.0
+
+
+def test_two_files_of_one_name_are_told_apart(desk: Path, tmp_path: Path) -> None:
+    (tmp_path / "run1.csv").write_bytes((desk / "run2.csv").read_bytes())
+    answer = dynident(
+        "identify",
+        desk / "arm.json",
+        desk / "run1.csv",
+        "-v",
+        tmp_path / "run1.csv",
+        "--windows",
+        "run1_2=5:15",
+        "--json",
+    )
+    assert [item["name"] for item in answer.document["measurements"]] == ["run1", "run1_2"]
+
+
+def test_a_clean_recording_lacks_nothing(tmp_path: Path, desk: Path) -> None:
+    for seed in (1, 2):
+        write_run(tmp_path / f"run{seed}.csv", seed, stribeck=0.0)
+    dynident("identify", desk / "arm.json", tmp_path / "run1.csv", "-o", tmp_path / "model.npz")
+    answer = dynident("diagnose", tmp_path / "model.npz", tmp_path / "run1.csv", "--json")
+    assert answer.document["verdict"] == "adequate"
+    assert answer.document["recommended"] == []

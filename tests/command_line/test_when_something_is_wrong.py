@@ -1,0 +1,222 @@
+"""Whatever a user can mend ends in exit code 2, in words that say where, with nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pytest
+from running_commands import ROBOT, dynident
+
+JOINTS = ROBOT.joint_names
+
+
+def run1(desk: Path, **changes) -> dict:
+    table = pacsv.read_csv(desk / "run1.csv")
+    return {name: table[name].to_numpy().copy() for name in table.column_names} | changes
+
+
+CASES = {
+    "an unknown arm": (["identify", "no_such_arm", "{desk}/run1.csv"], ["no_such_arm", "scara", "ur10"]),
+    "a file that is not there": (["identify", "{desk}/arm.json", "{desk}/run9.csv"], ["run9.csv"]),
+    "a robot that is neither XML nor JSON": (["identify", "{desk}/run1.csv", "{desk}/run1.csv"], ["run1.csv", "JSON"]),
+    "too few drive gains": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--drive-gains", "1,2"],
+        ["--drive-gains", "2 drive gains for 4 joints"],
+    ),
+    "a drive gain of an unknown joint": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--drive-gains", "knee=2"],
+        ["--drive-gains", "knee", JOINTS[0]],
+    ),
+    "a gain that is no number": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--drive-gains", "1,2,x,4"],
+        ["--drive-gains", "'x'"],
+    ),
+    "an unknown effect": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--effects", "default,stribek"],
+        ["stribek", "stribeck"],
+    ),
+    "an effect on an unknown joint": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--effects", "default,stribeck@knee"],
+        ["knee", JOINTS[0]],
+    ),
+    "an unknown shape constant": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--effects", "default,stribeck:speed=1"],
+        ["speed", "vs"],
+    ),
+    "an effect that cannot be read": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--effects", "stribeck@"],
+        ["--effects", "effect@joint"],
+    ),
+    "an unknown estimator": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--estimator", "best"],
+        ["--estimator", "best", "wls"],
+    ),
+    "a window that cannot be read": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--windows", "3-9"],
+        ["--windows", "3-9", "from:to"],
+    ),
+    "a window of an unknown measurement": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--windows", "run7=3:9"],
+        ["--windows", "run7", "run1"],
+    ),
+    "a window beyond the recording": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--windows", "300:900"],
+        ["300", "run1.csv"],
+    ),
+    "columns that cannot be read": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--columns", "q1"],
+        ["--columns", "name=value"],
+    ),
+    "a column that the file does not hold": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--columns", "q1=shoulder"],
+        ["/columns/q1", "shoulder"],
+    ),
+    "an unknown unit": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--units", "q1=furlong"],
+        ["/units/q1", "furlong", "deg"],
+    ),
+    "a cut-off beyond the Nyquist frequency": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--preprocessing", "position_cutoff=80"],
+        ["position_cutoff", "Nyquist"],
+    ),
+    "an unknown filter": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--preprocessing", "cutoff=8"],
+        ["cutoff", "position_cutoff"],
+    ),
+    "a model that is none": (["compare", "{desk}/run1.csv", "{desk}/run1.csv"], ["run1.csv", "no identified model"]),
+    "a diagnosis that is none": (
+        ["report", "{desk}/model.npz", "{desk}/run1.csv", "--diagnosis", "{desk}/arm.json", "-o", "{desk}/x.html"],
+        ["arm.json", "no diagnosis"],
+    ),
+    "nothing to add": (["extend", "{desk}/model.npz", "{desk}/run1.csv"], ["--effects"]),
+    "what is in the model already": (
+        ["extend", "{desk}/model.npz", "{desk}/run1.csv", "--effects", "coulomb"],
+        ["in the model already"],
+    ),
+    "an unknown candidate": (
+        ["diagnose", "{desk}/model.npz", "{desk}/run1.csv", "--candidates", "magic"],
+        ["magic", "stribeck"],
+    ),
+    "a folder that is not there": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "-o", "{desk}/nowhere/model.npz"],
+        ["--out", "nowhere"],
+    ),
+    "a trajectory of an unknown format": (["design", "scara", "--out", "{desk}/t.xls"], ["--out", ".csv"]),
+    "an unknown kind of design": (
+        ["design", "scara", "--kind", "wild", "--out", "{desk}/t.csv"],
+        ["/kind", "wild", "optimized"],
+    ),
+    "limits of an unknown joint": (
+        ["design", "scara", "--limits", "{desk}/limits.json", "--out", "{desk}/t.csv"],
+        ["knee", JOINTS[0]],
+    ),
+    "a trajectory without a joint": (
+        ["simulate", "scara", "--trajectory", "{desk}/run1.csv", "-o", "{desk}/m.csv"],
+        [f"q_{JOINTS[0]}", "run1.csv"],
+    ),
+    "an effect of a virtual robot on an unknown joint": (
+        ["simulate", "scara", "--effects", "stribeck@knee", "-o", "{desk}/m.csv"],
+        ["knee", JOINTS[0]],
+    ),
+    "nothing that could be hidden": (["demo", "--effect", "coulomb", "-o", "{desk}/demo"], ["--effect", "coulomb"]),
+    "a joint that an effect cannot sit on": (
+        ["demo", "--joint", "knee", "-o", "{desk}/demo"],
+        ["--joint", "knee", "elbow_joint"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_is_named_with_its_place_and_ends_in_exit_code_2(case: str, desk: Path) -> None:
+    (desk / "limits.json").write_text(json.dumps({"knee": {"velocity": 1.0}}))
+    before = set(desk.iterdir())
+    arguments, words = CASES[case]
+    answer = dynident(*(argument.format(desk=desk) for argument in arguments))
+    assert answer.code == 2, answer.out
+    told = " ".join(answer.err.split())
+    for word in words:
+        assert word in told, told
+    assert answer.out == ""
+    assert set(desk.iterdir()) == before
+
+
+BAD_FILES = {
+    "a missing column": (lambda desk: {k: v for k, v in run1(desk).items() if k != "tau3"}, ["tau3", JOINTS[2]]),
+    "time that runs back": (lambda desk: run1(desk, t=run1(desk)["t"][::-1].copy()), ["t", "row"]),
+    "a joint in degrees": (lambda desk: run1(desk, q1=run1(desk)["q1"] * 57.3), ["q1", "deg"]),
+    "a torque of the wrong sign": (lambda desk: run1(desk, tau1=-run1(desk)["tau1"]), ["tau1", "sign"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_a_bad_file_is_refused_by_its_column(case: str, desk: Path, tmp_path: Path) -> None:
+    make, words = BAD_FILES[case]
+    pacsv.write_csv(pa.table(make(desk)), tmp_path / "bad.csv")
+    answer = dynident("identify", desk / "arm.json", tmp_path / "bad.csv", "-o", tmp_path / "model.npz")
+    assert answer.code == 2
+    assert "bad.csv" in answer.err
+    for word in words:
+        assert word in answer.err, answer.err
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.csv"]
+
+
+def test_a_hole_in_the_numbers_is_named_by_column_and_row(desk: Path, tmp_path: Path) -> None:
+    columns = run1(desk)
+    columns["q2"][123] = float("nan")
+    pacsv.write_csv(pa.table(columns), tmp_path / "bad.csv")
+    answer = dynident("identify", desk / "arm.json", tmp_path / "bad.csv", "--json")
+    assert answer.code == 2
+    problem = answer.document
+    assert problem.keys() >= {"type", "title", "status", "detail", "errors"}
+    assert problem["errors"][0]["pointer"] == "q2"
+    assert problem["errors"][0]["row"] == 124
+    assert "q2" in answer.err
+
+
+def test_with_json_a_problem_is_printed_for_scripts(desk: Path) -> None:
+    answer = dynident("extend", desk / "model.npz", desk / "run1.csv", "--effects", "magic", "--json")
+    assert answer.code == 2
+    assert answer.document["status"] == 422
+    assert "magic" in answer.document["detail"]
+
+
+def test_unknown_options_and_commands_are_misuse_too() -> None:
+    assert dynident("identify", "--nonsense").code == 2
+    assert dynident("fly").code == 2
+
+
+def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dynident.identification.identify", interrupted)
+    answer = dynident("identify", desk / "arm.json", desk / "run1.csv", "-o", desk / "never.npz")
+    assert answer.code == 130
+    assert answer.err.strip() == "dynident: cancelled"
+    assert not (desk / "never.npz").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
+def test_a_running_optimisation_is_interrupted_at_once(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "dynident_service.command_line", "design", "ur10", "--time-budget", "120",
+               "--out", str(tmp_path / "t.csv")]  # fmt: skip
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        time.sleep(8.0)
+        assert running.poll() is None
+        sent = time.monotonic()
+        running.send_signal(signal.SIGINT)
+        _, told = running.communicate(timeout=30)
+    assert time.monotonic() - sent < 5.0
+    assert running.returncode == 130
+    assert b"cancelled" in told
+    assert b"Traceback" not in told
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,275 @@
+"""The report of an identification, held against the identification itself."""
+
+from __future__ import annotations
+
+import re
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from datetime import UTC, datetime
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from oracles import arm, fourier_motion, pinocchio_torque, record
+
+from dynident.diagnosis import compare, diagnose
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.excitation import DesignRequest, design_experiment
+from dynident.identification import IdentificationChoices, extend, identify
+from dynident.recordings import Check, Preprocessing
+from dynident.reports import ReportedRun, html_report
+from dynident.reports.numbers import estimate, number, percent
+from dynident.robot import Joint, Robot
+
+PLAIN = arm("scara")
+NASTY = '<script>alert("x")</script> & $\\frac{1}$'
+ROBOT = Robot(
+    NASTY,
+    tuple(replace(joint, name=f"{joint.name}<b>$") for joint in PLAIN.joints),
+    PLAIN.gravity,
+    PLAIN.drives,
+    PLAIN.description,
+    PLAIN.inertias,
+)
+EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))
+MADE = datetime(2026, 3, 4, 5, 6, tzinfo=UTC)
+WARNING = Check("sampling_jitter", "warning", "Steps of t run from 8 to 13 ms <i>here</i>.", "t<b>", 17, 2.5)
+SECTIONS = (
+    "summary",
+    "ladder",
+    "torque",
+    "residuals",
+    "diagnosis",
+    "parameters",
+    "model",
+    "robot",
+    "data",
+    "provenance",
+)
+
+
+def run(seed: int):
+    motion = fourier_motion(ROBOT, 16.0, 100.0, seed)
+    noise = np.random.default_rng(seed).normal(0, 0.2, motion.q.shape)
+    friction = 2 * np.sign(motion.dq) + motion.dq
+    friction[:, 0] += 6 * np.exp(-((motion.dq[:, 0] / 0.15) ** 2)) * np.sign(motion.dq[:, 0])
+    tau = pinocchio_torque(PLAIN, motion.q, motion.dq, motion.ddq) + friction + noise
+    return record(ROBOT, motion, tau, f"run {seed} <u>")
+
+
+FIRST_RUN, SECOND_RUN = run(1), run(2)
+CHOICES = IdentificationChoices(EFFECTS, preprocessing=Preprocessing(10.0, 8.0, 3, reasons=("Because of <this>.",)))
+FIRST = identify(ROBOT, [FIRST_RUN], [SECOND_RUN], CHOICES)
+DIAGNOSIS = diagnose(FIRST, [FIRST_RUN])
+MODEL = extend(FIRST, [EffectChoice("stribeck", (ROBOT.joint_names[0],))], [FIRST_RUN], [SECOND_RUN])
+RUNS = [
+    ReportedRun(FIRST_RUN, compare(MODEL, FIRST_RUN), False, (WARNING, Check("gaps", "ok", "None."))),
+    ReportedRun(SECOND_RUN, compare(MODEL, SECOND_RUN), True),
+]
+HTML = html_report(MODEL, RUNS, diagnosis=DIAGNOSIS, created=MADE)
+
+
+class Page(HTMLParser):
+    """What a browser would make of the page."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.cells: list[list[str]] = []
+        self.section = ""
+        self.text: dict[str, str] = {}
+        self.data_values: dict[str, list[float]] = {}
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.tags.append((tag, given))
+        if tag == "section":
+            self.section = given["id"] or ""
+        if tag == "data":
+            self.data_values.setdefault(self.section, []).append(float(given["value"] or "nan"))
+        if tag not in ("meta", "br", "path", "use", "image", "rect"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in self.open:
+            while self.open.pop() != tag:
+                pass
+
+    def handle_data(self, data: str) -> None:
+        self.text[self.section] = self.text.get(self.section, "") + " " + data
+
+    def all_of(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+PAGE = Page(HTML)
+
+
+def test_it_has_every_section_with_a_heading_and_an_entry_in_the_contents() -> None:
+    assert [section["id"] for section in PAGE.all_of("section")] == list(SECTIONS)
+    assert {f"#{name}" for name in SECTIONS} <= {link.get("href") for link in PAGE.all_of("a")}
+    assert PAGE.all_of("html") == [{"lang": "en"}]
+
+
+def test_values_deviations_and_relative_deviations_are_those_of_the_identification() -> None:
+    shown = np.array(PAGE.data_values["parameters"]).reshape(-1, 3)
+    by_value = {p.value: p for p in MODEL.parameters}
+    assert len(shown) == len(MODEL.parameters)
+    for value, deviation, relative in shown:
+        parameter = by_value[value]
+        assert deviation == parameter.standard_deviation
+        assert relative == parameter.relative_standard_deviation
+    for parameter in MODEL.parameters:
+        text, spread = estimate(parameter.value, parameter.standard_deviation)
+        assert text in PAGE.text["parameters"]
+        assert spread in PAGE.text["parameters"]
+        assert parameter.grouping in PAGE.text["parameters"]
+
+
+def test_errors_per_joint_are_those_of_fit_and_held_out_data() -> None:
+    shown = np.array(PAGE.data_values["torque"]).reshape(ROBOT.n, 4)
+    np.testing.assert_array_equal(shown[:, 0], MODEL.fit.rms)
+    np.testing.assert_array_equal(shown[:, 1], MODEL.fit.relative)
+    np.testing.assert_array_equal(shown[:, 2], MODEL.held_out.rms)
+    np.testing.assert_array_equal(shown[:, 3], MODEL.held_out.relative)
+
+
+def test_the_ladder_shows_the_error_of_every_model_falling() -> None:
+    shown = np.array(PAGE.data_values["ladder"]).reshape(2, 2)
+    expected = [[m.fit.relative_total, m.held_out.relative_total] for m in (FIRST, MODEL)]
+    np.testing.assert_array_equal(shown, expected)
+    assert shown[1, 1] < shown[0, 1]
+    assert "Stribeck friction on" in PAGE.text["ladder"]
+
+
+def test_warnings_and_doubtful_checks_stand_in_the_first_section() -> None:
+    assert MODEL.warnings
+    for warning in MODEL.warnings:
+        assert warning in PAGE.text["summary"]
+    assert WARNING.detail in PAGE.text["summary"]
+    assert "None." not in PAGE.text["summary"]
+    assert "column t<b>, row 17, t = 2.5 s" in PAGE.text["data"]
+
+
+def test_the_diagnosis_shows_verdict_ranking_and_evidence() -> None:
+    assert DIAGNOSIS.candidates
+    assert DIAGNOSIS.summary in PAGE.text["diagnosis"]
+    for candidate in DIAGNOSIS.candidates:
+        assert candidate.evidence in PAGE.text["diagnosis"]
+    assert PAGE.data_values["diagnosis"] == [candidate.error_drop for candidate in DIAGNOSIS.candidates]
+
+
+def test_the_robot_the_filters_and_where_it_comes_from_are_told() -> None:
+    for joint in ROBOT.joints:
+        assert joint.name in PAGE.text["robot"]
+    assert "Because of <this>." in PAGE.text["data"]
+    assert "10.0 Hz" in PAGE.text["data"]
+    assert "every 3rd row" in PAGE.text["data"]
+    assert "2026-03-04 05:06 UTC" in PAGE.text["provenance"]
+    assert "WLS" in PAGE.text["model"]
+
+
+def test_the_effective_number_of_samples_is_shown_for_every_joint() -> None:
+    for effective in MODEL.effective_rows:
+        assert number(float(effective)) in PAGE.text["parameters"]
+
+
+def test_what_users_call_things_never_becomes_markup() -> None:
+    assert not PAGE.all_of("script")
+    assert not [tag for tag in ("b", "u", "i", "this") if PAGE.all_of(tag)]
+    assert NASTY in PAGE.text["robot"]
+
+
+def test_nothing_is_loaded_from_anywhere() -> None:
+    for tag in ("script", "link", "iframe", "img", "object", "embed"):
+        assert not PAGE.all_of(tag)
+    for tag, attributes in PAGE.tags:
+        for name, value in attributes.items():
+            if name in ("href", "src", "xlink:href", "srcset", "data", "action"):
+                assert (value or "").startswith(("#", "data:image/png;base64,")), (tag, value)
+    addresses = {found for found in re.findall(r"https?://[^\s\"'<>)]+", HTML) if "www.w3.org" not in found}
+    assert not addresses
+    assert "@import" not in HTML
+    assert not re.search(r"url\((?!#)", HTML)
+
+
+def test_every_figure_says_what_it_shows_and_every_table_has_headers() -> None:
+    drawn = PAGE.all_of("svg")
+    assert len(drawn) >= 5
+    assert all(figure["role"] == "img" and figure["aria-label"] for figure in drawn)
+    assert all(header.get("scope") in ("col", "row", "rowgroup") for header in PAGE.all_of("th"))
+    labels = " ".join(figure["aria-label"] or "" for figure in drawn)
+    assert percent(float(RUNS[1].comparison.errors.relative[0])) in labels
+
+
+def test_references_inside_the_figures_resolve() -> None:
+    known = {attributes["id"] for _, attributes in PAGE.tags if "id" in attributes}
+    used = {a["xlink:href"][1:] for a in PAGE.all_of("use") if (a.get("xlink:href") or "").startswith("#")}
+    used |= set(re.findall(r"url\(#([^)]+)\)", HTML))
+    assert used <= known
+
+
+def test_a_long_recording_stays_a_small_file() -> None:
+    comparison = RUNS[1].comparison
+    many = 300
+    t = np.concatenate([comparison.t + k * 40.0 for k in range(many)])
+    long = replace(
+        comparison,
+        t=t,
+        segment=np.repeat(np.arange(many) // 100, len(comparison.t)),
+        **{name: np.tile(getattr(comparison, name), (many, 1))
+           for name in ("measured", "predicted", "deviation", "q", "dq", "ddq", "load")},
+    )  # fmt: skip
+    spike = len(t) // 2
+    long.measured[spike, 0] += 1234.5
+    content = html_report(MODEL, [ReportedRun(SECOND_RUN, long, True)])
+    assert len(content.encode()) < 2_000_000
+
+
+def test_the_experiment_is_shown_with_its_limits_where_it_was_designed() -> None:
+    design = design_experiment(ROBOT, DesignRequest(kind="random", random_trajectories=5))
+    page = Page(html_report(MODEL, RUNS, design=design))
+    assert [section["id"] for section in page.all_of("section")].count("design") == 1
+    assert number(design.criterion_values.condition_number) in page.text["design"]
+    tightest = max(design.margins, key=lambda margin: margin.share)
+    assert percent(tightest.share) in page.text["design"]
+    assert "rad/s" in page.text["design"]
+    for note in design.notes:
+        assert note in page.text["design"]
+
+
+def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None:
+    alone = identify(ROBOT, [FIRST_RUN], [], CHOICES)
+    page = Page(html_report(alone, [ReportedRun(FIRST_RUN, compare(alone, FIRST_RUN), False)]))
+    assert "diagnosis" not in [section["id"] for section in page.all_of("section")]
+    assert "No held-out data was given" in page.text["torque"]
+    assert "were not handed to this report" in page.text["data"]
+    assert page.data_values["ladder"] == [alone.fit.relative_total]
+
+
+def test_a_report_of_no_recording_is_refused() -> None:
+    with pytest.raises(DynidentError, match="at least one recording"):
+        html_report(MODEL, [])
+
+
+def test_an_equivalent_effect_that_the_catalogue_does_not_hold_is_named_all_the_same() -> None:
+    first = replace(DIAGNOSIS.candidates[0], equivalent=("coulomb_asymmetric", "presliding"))
+    page = Page(html_report(MODEL, RUNS, diagnosis=replace(DIAGNOSIS, candidates=(first,))))
+    assert "coulomb asymmetric, Presliding hysteresis" in page.text["diagnosis"]
+
+
+@pytest.mark.slow
+def test_reports_written_at_the_same_time_are_the_same() -> None:
+    with ThreadPoolExecutor(3) as pool:
+        jobs = [pool.submit(html_report, MODEL, RUNS, diagnosis=DIAGNOSIS, created=MADE) for _ in range(3)]
+    assert all(job.result() == HTML for job in jobs)
+
+
+def test_a_sliding_joint_has_its_own_units() -> None:
+    sliding: list[Joint] = [joint for joint in ROBOT.joints if joint.kind == "prismatic"]
+    assert sliding
+    assert re.search(r"\d N\b(?! m)", PAGE.text["torque"])

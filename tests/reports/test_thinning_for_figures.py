@@ -1,0 +1,59 @@
+"""Series that are thinned for figures keep what a reader looks for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from dynident.diagnosis import Comparison
+from dynident.reports.figures.decimation import extremes, thinned, time_axis
+
+
+def comparison(t, segment) -> Comparison:
+    t = np.asarray(t, dtype=float)
+    zero = np.zeros((len(t), 1))
+    return Comparison(
+        ("j",), ("N m",), t, np.asarray(segment, dtype=float), zero, zero, zero, zero, zero, zero, zero, np.ones(1)
+    )
+
+
+@given(arrays(float, st.integers(1, 400), elements=st.floats(-1e6, 1e6)), st.integers(1, 50))
+def test_the_largest_and_the_least_value_survive_and_so_do_the_ends(values, bins) -> None:
+    kept = extremes(values, bins)
+    assert values[kept].max() == values.max()
+    assert values[kept].min() == values.min()
+    assert kept[0] == 0
+    assert kept[-1] == len(values) - 1
+    assert np.all(np.diff(kept) > 0)
+    assert len(kept) <= 2 * bins + 2
+
+
+def test_every_part_of_a_long_series_keeps_its_own_spike() -> None:
+    values = np.zeros(100_000)
+    spikes = np.arange(500, 100_000, 1000)
+    values[spikes] = np.arange(len(spikes)) + 1
+    assert set(spikes) <= set(extremes(values, 100))
+
+
+def test_lines_are_broken_at_gaps_and_between_runs() -> None:
+    t = np.concatenate([np.arange(0, 1, 0.01), np.arange(3, 4, 0.01), np.arange(4, 5, 0.01)])
+    axis = time_axis(comparison(t, np.repeat([0, 0, 1], 100)))
+    assert [(part.start, part.stop) for part in axis.stretches] == [(0, 100), (100, 200), (200, 300)]
+    assert not axis.shifted
+    _, values = thinned(axis, np.ones(300), 60)
+    assert np.isnan(values).sum() == 2
+
+
+def test_runs_that_overlap_in_time_are_set_one_after_another() -> None:
+    t = np.tile(np.arange(0, 1, 0.01), 3)
+    made = comparison(t, np.repeat([0, 1, 2], 100))
+    axis = time_axis(made)
+    assert axis.shifted
+    assert np.all(np.diff(axis.t) > 0)
+    assert "one after another" in axis.label
+    np.testing.assert_array_equal(made.t, t)
+    assert time_axis(replace(made, t=np.arange(300) * 0.01)).label == "time (s)"
