@@ -20,7 +20,7 @@ from dynident.identification import Identification, extend
 from dynident.identification.shapes import refine_shapes
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors.model import Model
+from dynident.regressors.model import Model, build_model
 from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray
@@ -271,7 +271,21 @@ def _refined(
             break
         kept, choices = tuple(kept[i] for i in needed), tuple(choices[i] for i in needed)
         choices = refine_shapes(model, choices, recordings, preprocessing, reference)
-    return kept, choices
+    lasting = _lasting(model, choices)
+    return tuple(kept[i] for i in lasting), tuple(choices[i] for i in lasting)
+
+
+def _lasting(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
+    """Indices of the choices of which at least one column is independent of the model and of those before it."""
+    if not choices:
+        return []
+    grown = build_model(model.robot, model.effects + choices, signals=model.signals)
+    independent = {(column.effect, column.name, column.shape) for column in grown.kept}
+    return [
+        i
+        for i, choice in enumerate(choices)
+        if any((c.effect, c.name, c.shape) in independent for c in columns_of([choice], model.signals))
+    ]
 
 
 def _needed(
