@@ -1,0 +1,170 @@
+"""The search for what is missing: add the best effect that passes the gate, until none does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.diagnosis.candidates import Candidate, Pool
+from dynident.diagnosis.gate import SMALLEST_GAIN_OVER_NOISE, Judged, judge, p_value, simplest
+from dynident.diagnosis.scoring import Products, held_out_errors, score_candidates
+from dynident.diagnosis.words import Finding
+from dynident.effects import effect_by_id
+from dynident.progress import Progress
+from dynident.robot.model import FloatArray
+
+_KINDS = ("interleaved", "contiguous")
+VISIBLE = 0.02
+_PRUNE_DROP, _PRUNE_T = 0.01, 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The search so far: the model's columns, the residual (n,) they leave, sensor noise (n,), what was picked."""
+
+    base: tuple[int, ...]
+    noise: FloatArray
+    floor: FloatArray
+    picks: tuple[Finding, ...]
+
+
+def judge_all(
+    data: Products, pool: Pool, base: tuple[int, ...], candidates: Sequence[Candidate], noise: FloatArray
+) -> list[Judged]:
+    """Judge every candidate beside the model whose columns are `base`, in both kinds of folds."""
+    columns = np.array(base, dtype=np.intp)
+    scores = [score_candidates(data, columns, candidates, noise, kind)[1] for kind in _KINDS]
+    return [
+        judge(pair, joints_acted_on(pool, candidate), noise)
+        for candidate, *pair in zip(candidates, *scores, strict=True)
+    ]
+
+
+def joints_acted_on(pool: Pool, candidate: Candidate) -> tuple[int, ...]:
+    """Indices of the joints whose torque a candidate contributes to."""
+    acts = np.isin(pool.observation.entry_columns, candidate.columns)
+    return tuple(int(j) for j in np.unique(pool.observation.entry_rows[acts]))
+
+
+def search(
+    data: Products, pool: Pool, state: State, first: list[Judged], most: int, progress: Progress
+) -> tuple[Finding, ...]:
+    """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous."""
+    judged = first
+    remaining = list(pool.candidates)
+    while len(state.picks) < most:
+        progress(len(state.picks) / most, f"{len(state.picks)} effects found, {len(remaining)} candidates")
+        passing = [item for item in judged if _acceptable(data, pool, state, item, len(judged))]
+        if not passing:
+            break
+        chosen, equal = simplest(passing)
+        chosen = _without_idle_joints(data, pool, state, chosen)
+        finding = Finding(chosen, equal, p_value(chosen, len(remaining)))
+        base = state.base + chosen.candidate.columns
+        state = State(base, noise_left(data, base), state.floor, (*state.picks, finding))
+        remaining = [c for c in remaining if not _superseded(c, chosen.candidate)]
+        if not remaining:
+            break
+        judged = judge_all(data, pool, state.base, remaining, state.noise)
+    return pruned(data, pool, state)
+
+
+def noise_left(data: Products, base: tuple[int, ...]) -> FloatArray:
+    """(n,): held-out residual of every joint for the model so far."""
+    columns = np.array(base, dtype=np.intp)
+    squares = held_out_errors(data, columns, np.ones(data.n_joints), "interleaved").sum(axis=0)
+    sigma = np.sqrt(squares / data.counts.sum())
+    return np.asarray(np.maximum(sigma, 1e-9 * max(float(sigma.max()), 1e-12)))
+
+
+def _superseded(candidate: Candidate, chosen: Candidate) -> bool:
+    """Whether a candidate is the chosen one in other words: the same family on a joint that it already has."""
+    if candidate.columns == chosen.columns:
+        return True
+    if candidate.effect != chosen.effect:
+        return False
+    if effect_by_id(candidate.effect).shapes and effect_by_id(candidate.effect).shapes[0].proposal == "angle_spectrum":
+        return candidate.joints == chosen.joints and candidate.shape == chosen.shape
+    return not candidate.joints or bool(set(candidate.joints) & set(chosen.joints))
+
+
+def _acceptable(data: Products, pool: Pool, state: State, item: Judged, n_tried: int) -> bool:
+    effect = effect_by_id(item.candidate.effect)
+    if item.separability < VISIBLE or not item.passes(effect.scope == "robot", n_tried):
+        return False
+    if item.gain_over(state.floor, data.counts, whole_robot=effect.scope == "robot") < SMALLEST_GAIN_OVER_NOISE:
+        return False
+    return not effect.is_friction or _passive(data, pool, state, item)
+
+
+def _passive(data: Products, pool: Pool, state: State, item: Judged) -> bool:
+    """Whether friction still takes energy from every joint on the whole, with the candidate's friction among it.
+
+    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
+    """
+    columns = np.array(state.base + item.candidate.columns, dtype=np.intp)
+    chi = _fit(data, columns, state.noise)
+    all_columns = pool.observation.columns
+    for j in item.joints:
+        where = data.position[j]
+        coulomb = [k for k in columns if all_columns[k].effect == "coulomb" and where[k] >= 0]
+        friction = [
+            i for i, k in enumerate(columns) if effect_by_id(all_columns[k].effect).is_friction and where[k] >= 0
+        ]
+        if not coulomb or not friction:
+            continue
+        places = where[columns[friction]]
+        work = data.grams[j][:, where[coulomb[0]], places] @ chi[friction]
+        if float(np.minimum(work, 0.0).sum()) < -0.1 * float(np.abs(work).sum()):
+            return False
+    return True
+
+
+def _fit(data: Products, columns: np.ndarray[tuple[int], np.dtype[np.intp]], noise: FloatArray) -> FloatArray:
+    k = len(columns)
+    normal, right = np.zeros((k, k)), np.zeros(k)
+    for gram, where, sigma in zip(data.grams, data.position, noise, strict=True):
+        have = np.flatnonzero(where[columns] >= 0)
+        places = where[columns[have]]
+        total = gram.sum(axis=0) / sigma**2
+        normal[np.ix_(have, have)] += total[np.ix_(places, places)]
+        right[have] += total[places, -1]
+    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    return np.asarray(np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-10)[0] / scale)
+
+
+def _without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judged) -> Judged:
+    """Take joints out of a group that gain nothing from it."""
+    if len(chosen.candidate.joints) < 2:
+        return chosen
+    effect = effect_by_id(chosen.candidate.effect)
+    keep = []
+    for name in chosen.candidate.joints:
+        j = pool.observation.robot.joint_names.index(name)
+        gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
+        spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
+        share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)
+        if share >= _PRUNE_DROP and gain.mean() >= _PRUNE_T * spread:
+            keep.append(name)
+    if not keep or len(keep) == len(chosen.candidate.joints):
+        return chosen
+    columns = tuple(k for k in chosen.candidate.columns if pool.observation.columns[k].link in keep)
+    smaller = Candidate(effect.id, tuple(keep), chosen.candidate.shape, columns)
+    return judge_all(data, pool, state.base, [smaller], state.noise)[0]
+
+
+def pruned(data: Products, pool: Pool, state: State) -> tuple[Finding, ...]:
+    """Drop picks that later ones have made superfluous."""
+    picks = list(state.picks)
+    if len(picks) < 2:
+        return tuple(picks)
+    for finding in list(picks):
+        candidate = finding.judged.candidate
+        base = tuple(k for k in state.base if k not in candidate.columns)
+        again = judge_all(data, pool, base, [candidate], state.noise)[0]
+        if again.drop < _PRUNE_DROP or again.t < _PRUNE_T:
+            picks.remove(finding)
+            state = replace(state, base=base)
+    return tuple(picks)
