@@ -44,14 +44,14 @@ LONG = Plan(
     (
         Course("run1", "optimized", 10.0, 5, 3, 1.0, 2),
         Course("run2", "optimized", 24.0, 8, 1, 0.35, 2),
-        Course("validation", "random", 12.0, 6, 1, 0.6),
+        Course("validation", "random", 14.0, 6, 1, 0.4),
     )
 )
 SHORT = Plan(
     (
         Course("run1", "optimized", 8.0, 5, 2, 1.0),
         Course("run2", "optimized", 14.0, 5, 1, 0.35),
-        Course("validation", "random", 9.0, 6, 1, 0.6),
+        Course("validation", "random", 10.0, 5, 1, 0.4),
     )
 )
 

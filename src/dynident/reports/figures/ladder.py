@@ -43,13 +43,16 @@ def ladder_figure(
 
 def _totals(axes: Axes, fits: Sequence[float], held_out: Sequence[float] | None) -> None:
     steps = np.arange(len(fits))
-    lines = [("fit", fits, FIT, "o", -13)]
+    lines = [("fit", fits, FIT, "o")]
     if held_out is not None:
-        lines.append(("held out", held_out, HELD_OUT, "s", 8))
-    for name, values, colour, marker, shift in lines:
-        scaled = 100 * np.asarray(values)
-        axes.plot(steps, scaled, color=colour, marker=marker, linewidth=1.6, markersize=6, label=name)
-        for step, value in zip(steps, scaled, strict=True):
+        lines.append(("held out", held_out, HELD_OUT, "s"))
+    for name, values, colour, marker in lines:
+        axes.plot(steps, 100 * np.asarray(values), color=colour, marker=marker, linewidth=1.6, label=name)
+    scaled = 100 * np.array([values for _, values, _, _ in lines])
+    for step in steps:
+        # The higher of the two has its figure above it, the lower one below.
+        for rank, value in enumerate(sorted(scaled[:, step])):
+            shift = -13 if rank == 0 and len(lines) > 1 else 8
             axes.annotate(
                 f"{value:.3g}", (step, value), (0, shift), textcoords="offset points", ha="center", fontsize=8
             )

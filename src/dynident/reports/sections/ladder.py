@@ -13,7 +13,7 @@ from dynident.effects import effect_by_id
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.reports.figures.ladder import ladder_figure
-from dynident.reports.numbers import number, percent
+from dynident.reports.numbers import percent
 from dynident.reports.section import Section
 from dynident.reports.sections.diagnosis import place_text
 from dynident.reports.sections.model import shape_text
@@ -103,7 +103,7 @@ def _joint(name: str, errors: Sequence[float], floor: FloatArray | None, joint: 
     return JointRow(
         name,
         tuple(percent(float(value)) for value in errors),
-        f"× {number(last / first, 2)}" if len(errors) > 1 and first > 0 else "–",
+        f"× {last / first:.2f}" if len(errors) > 1 and first > 0 else "–",
         percent(float(floor[joint])) if floor is not None else "",
     )
 
