@@ -3,11 +3,12 @@
 import { aboutEffect } from "./catalogue.js";
 import { field, h, put, select } from "./dom.js";
 import { formula } from "./formula.js";
+import { clearForm } from "./problem.js";
 
 /** A form, folded away; `add(effects, said)` adds. */
 export function addByHand(model, add) {
   const { items, byId } = model.effects;
-  const places = h("fieldset", { class: "checks-of" });
+  const places = h("fieldset", { class: "checks-of", "data-pointer": "/effects/0/joints" });
   const shapes = h("div", { class: "fields" });
   const about = h("div");
   const said = h("div");
@@ -16,7 +17,7 @@ export function addByHand(model, add) {
     const boxes = model.joints.map((joint) => h("label", {}, h("input", { type: "checkbox", name: "joint", value: joint, checked: joint === model.joint }), ` ${joint}`));
     put(places, h("legend", {}, "Joints"), effect.scope === "robot" ? h("p", { class: "note" }, "It belongs to the whole robot.") : boxes);
     put(shapes, effect.shape_parameters.map((one) =>
-      field(`${one.name} (${one.unit})`, h("input", { type: "number", step: "any", name: one.name, placeholder: "searched" }), { hint: `${one.description}; about ${one.default}` })));
+      field(`${one.name} (${one.unit})`, h("input", { type: "number", step: "any", name: one.name }), { hint: `${one.description}, about ${one.default}; left empty, it is searched for where it can be`, pointer: `/effects/0/shape/${one.name}` })));
     put(about, aboutEffect(model.effects, id, formula));
   };
   const effect = select(items.map((one) => [one.id, one.title]), items[0].id, choose, { name: "effect", id: "effect-by-hand" });
@@ -30,12 +31,14 @@ export function addByHand(model, add) {
       return;
     }
     const shape_parameters = Object.fromEntries(given.map((input) => [input.name, Number(input.value)]));
+    clearForm(form, said);
     add([{ effect: effect.value, joints, shape_parameters }], said);
   };
+  let form = null;
   return h(
     "details",
     { id: "by-hand" },
     h("summary", {}, "Add an effect by hand"),
-    h("form", { onsubmit: submit }, field("Effect", effect), places, shapes, said, h("p", {}, h("button", {}, "Add to the model")), about),
+    (form = h("form", { onsubmit: submit }, field("Effect", effect), places, shapes, said, h("p", {}, h("button", {}, "Add to the model")), about)),
   );
 }

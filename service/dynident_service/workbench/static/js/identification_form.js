@@ -35,6 +35,10 @@ export async function identificationForm(robot) {
   const send = async (event) => {
     event.preventDefault();
     clearForm(form, said);
+    if (document.querySelector("form.card progress:not([hidden])")) {
+      put(said, h("p", { class: "complaint", role: "alert" }, "A recording is still being uploaded: wait for it, or leave it out."));
+      return;
+    }
     submit.disabled = true;
     const boxes = [...form.querySelectorAll("input[name=effect]:checked")];
     boxes.forEach((box, index) => {

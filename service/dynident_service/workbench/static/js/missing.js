@@ -8,7 +8,7 @@ import { announce, h, put, row, table } from "./dom.js";
 import { percent } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
 import { go } from "./location.js";
-import { problemBox } from "./problem.js";
+import { problemBox, showInForm } from "./problem.js";
 
 const HEADLINES = {
   adequate: "Nothing is missing that this data could show",
@@ -71,11 +71,14 @@ async function extend(model, effects, said, signal) {
     const made = await post(`/identifications/${model.id}/extend`, { effects });
     const bar = progressBar(made.job_id, "Adding");
     put(said, bar.element);
-    await computed("/identifications", made, bar.update, signal);
+    await computed("/identifications", made, bar.update, signal).finally(() => put(said));
     dispatchEvent(new Event("models-changed"));
     go({ identification: made.id, joint: model.joint, measurement: model.measurement }, { arrived: true });
   } catch (error) {
-    if (!signal.aborted) put(said, problemBox(error));
+    const form = said.closest("form");
+    if (signal.aborted) return;
+    if (form) showInForm(form, said, error);
+    else put(said, problemBox(error));
   }
 }
 
