@@ -62,9 +62,11 @@ def test_blocks_equal_the_filter_over_the_whole_segment(n_rows, cutoff, order, p
     wanted = reference(q, recording.sampling_rate, cutoff, order)
     assert np.array_equal(got["tau"], tau)
     np.testing.assert_allclose(got["t"], t, atol=1e-9)
-    for name, values in zip(("q", "dq", "ddq"), wanted, strict=True):
+    for derivative, (name, values) in enumerate(zip(("q", "dq", "ddq"), wanted, strict=True)):
         inner = slice(None) if name == "q" else slice(1, -1)
-        assert np.abs(got[name][inner] - values[inner]).max() <= 1e-9 * np.abs(values[inner]).max()
+        # Differencing magnifies the rounding errors of scipy's filter itself: some 700 ulp of q for slow, steep ones.
+        rounding = 1e-12 * np.abs(q).max() * recording.sampling_rate**derivative
+        assert np.abs(got[name][inner] - values[inner]).max() <= 1e-9 * np.abs(values[inner]).max() + rounding
 
 
 def test_a_slow_cutoff_at_a_fast_clock_needs_no_more_than_the_overlap():
