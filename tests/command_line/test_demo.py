@@ -1,0 +1,126 @@
+"""The demonstration: a hidden effect is named, added, and the error of its joint falls to the noise floor."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv as pacsv
+import pytest
+from running_commands import dynident
+
+from dynident.errors import DynidentError
+from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
+from dynident.identification import from_bytes
+from dynident.robot import robot_from_library
+from dynident_service.demo.measuring import _in_motion
+from dynident_service.demo.scenario import Scenario
+
+ROBOT = robot_from_library("ur10")
+FLOOR = 1.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effect", "joint"), [("stribeck", "shoulder_lift_joint"), ("presliding", "wrist_1_joint"), ("base_tilt", "")]
+)
+def test_the_hidden_effect_is_named_and_the_error_of_its_joints_falls_to_the_noise(
+    effect: str, joint: str, tmp_path: Path
+) -> None:
+    where = ("--joint", joint) if joint else ()
+    answer = dynident("demo", "--quick", "--effect", effect, *where, "--out", tmp_path / "demo", "--json")
+    found = answer.document
+    assert answer.code == 0, found
+    assert found["hidden"]["effect"] == effect
+    first = found["named"][0]
+    assert first["effect"] == effect
+    assert not joint or joint in first["joints"]
+    before, after = (
+        np.array([rung["held_out_over_noise_floor"][j] for j in found["hidden_joints"]])
+        for rung in (found["ladder"][0], found["ladder"][-1])
+    )
+    shown = before > FLOOR
+    assert shown.any()
+    assert np.all(after[shown] < FLOOR)
+    assert found["ladder"][-1]["held_out"] < found["ladder"][0]["held_out"]
+    assert found["seconds"] < 170
+
+
+@pytest.mark.slow
+def test_its_files_tell_the_same_story_by_hand(tmp_path: Path) -> None:
+    folder = tmp_path / "demo"
+    answer = dynident("demo", "--quick", "--out", folder)
+    assert answer.code == 0, answer.out
+    assert "It was named." in answer.out
+    files = {path.name for path in folder.iterdir()}
+    assert files >= {"run1.csv", "run2.csv", "validation.csv", "hidden.json", "model.npz", "report.html"}
+    hidden = json.loads((folder / "hidden.json").read_text())["hidden"]
+    # A recording holds what sensors give, and no word of what is hidden.
+    assert pacsv.read_csv(folder / "run1.csv").column_names == [
+        "t",
+        *(f"q{j + 1}" for j in range(6)),
+        *(f"tau{j + 1}" for j in range(6)),
+    ]
+    model = from_bytes((folder / "model.npz").read_bytes())
+    assert model.parent is not None
+    assert hidden["effect"] in {choice.effect for choice in model.added}
+    assert "The experiment" in (folder / "report.html").read_text(encoding="utf-8")
+    commands = [line.split()[1:] for line in answer.out.splitlines() if line.startswith("  dynident ")]
+    commands = [[str(tmp_path / word) if word.startswith("my_") else word for word in command] for command in commands]
+    for command in commands:
+        again = dynident(*command)
+        assert again.code == 0, again.err
+    recommended = json.loads((tmp_path / "my_diagnosis.json").read_text())["recommended"]
+    assert hidden["effect"] in {choice["effect"] for choice in recommended}
+
+
+def test_the_same_seed_hides_the_same_and_another_seed_something_else() -> None:
+    one, same, other = (Scenario.of(ROBOT, "stribeck", "", seed, quick=True) for seed in (4, 4, 5))
+    assert one.effects == same.effects
+    np.testing.assert_array_equal(one.inertias, same.inertias)
+    assert one.effects != other.effects
+    assert not np.array_equal(one.inertias, other.inertias)
+
+
+def test_the_virtual_robot_is_not_the_one_of_the_description() -> None:
+    scenario = Scenario.of(ROBOT, "none", "", 0, quick=True)
+    assert scenario.hidden is None
+    assert ROBOT.inertias is not None
+    heavier = scenario.inertias[:, 9] / ROBOT.inertias[:, 9]
+    assert np.all((heavier >= 0.9) & (heavier <= 1.1))
+    assert np.ptp(heavier) > 0.01
+
+
+@pytest.mark.parametrize(
+    ("effect", "joint", "pointer"),
+    [("coulomb", "", "--effect"), ("magic", "", "--effect"), ("stribeck", "hip", "--joint")],
+)
+def test_what_cannot_be_hidden_is_refused(effect: str, joint: str, pointer: str) -> None:
+    with pytest.raises(DynidentError) as refused:
+        Scenario.of(ROBOT, effect, joint, 0, quick=True)
+    assert refused.value.pointer == pointer
+
+
+def test_stretches_in_which_a_joint_dwells_are_left_out() -> None:
+    request = DesignRequest(
+        kind="random",
+        random_trajectories=3,
+        trajectory=TrajectoryRequest(duration=6.0, harmonics=4, periods=2, sampling_rate=200.0),
+    )
+    design: Design = design_experiment(ROBOT, request)
+    windows = _in_motion(design)
+    inside = np.zeros(design.n_samples, dtype=bool)
+    for start, end in windows:
+        inside |= (design.t >= start) & (design.t <= end)
+    first, last = design.exciting
+    assert inside.any()
+    assert not inside[(design.t < first) | (design.t > last)].any()
+    # Both ends of the exciting part and the border of its periods are at rest.
+    for rest in (first, 0.5 * (first + last), last):
+        assert not inside[np.abs(design.t - rest) < 0.1].any()
+    slow = np.abs(design.dq[inside]) < 0.005
+    longest = max(
+        (len(run) for column in slow.T for run in "".join("x" if s else " " for s in column).split()), default=0
+    )
+    assert longest / design.sampling_rate < 0.1
