@@ -39,14 +39,29 @@ class Heard:
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A service of its own, as users start it; gives its address."""
+    with started(tmp_path_factory.mktemp("workbench")) as address:
+        yield address
+
+
+@pytest.fixture
+def locked_service(tmp_path: Path) -> Iterator[str]:
+    """A service that asks for a key."""
+    with started(tmp_path, DYNIDENT_REQUIRE_KEYS="true", DYNIDENT_API_KEYS='["open-sesame"]') as address:
+        yield address
+
+
+@contextlib.contextmanager
+def started(folder: Path, **more: str) -> Iterator[str]:
+    """Run a service in a process of its own."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    folder = tmp_path_factory.mktemp("workbench")
     settings = {"DYNIDENT_PORT": str(port), "DYNIDENT_DATA_DIR": str(folder), "DYNIDENT_WORKERS": "2"}
     command = [sys.executable, "-c", "from dynident_service.serve import serve; serve()"]
     with (folder / "log.txt").open("wb") as log:
-        process = subprocess.Popen(command, env={**os.environ, **settings}, stdout=log, stderr=subprocess.STDOUT)
+        process = subprocess.Popen(
+            command, env={**os.environ, **settings, **more}, stdout=log, stderr=subprocess.STDOUT
+        )
         try:
             _wait_until_it_answers(process, port, folder / "log.txt")
             yield f"http://127.0.0.1:{port}"

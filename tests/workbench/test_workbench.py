@@ -205,6 +205,47 @@ def test_a_mistake_is_explained_beside_the_field_that_caused_it(
     assert not any("TypeError" in one for one in heard.complaints)
 
 
+def test_a_dropped_description_names_the_joints_and_takes_their_drive_gains(page: Any) -> None:
+    page.goto("/?view=new")
+    page.locator("#new-robot").evaluate("(details) => { details.open = true; }")
+    dropped = page.evaluate_handle(
+        """(text) => {
+          const data = new DataTransfer();
+          data.items.add(new File([text], 'dropped.urdf'));
+          return data;
+        }""",
+        URDF,
+    )
+    page.locator("#new-robot .drop").dispatch_event("drop", {"dataTransfer": dropped})
+    expect(page.locator("#robot-name")).to_have_value("dropped")
+    page.get_by_label("Drive gain of elbow in N m/A").first.fill("12.5")
+    with page.expect_response(lambda answer: answer.url.endswith("/v1/robots") and answer.status == 201) as made:
+        page.click("#create-robot")
+    assert [joint["drive_gain"] for joint in made.value.json()["joints"]] == [None, 12.5]
+    expect(page.locator("input[name=robot]:checked + strong")).to_have_text("dropped")
+
+
+def test_a_description_that_cannot_be_read_is_explained_beside_it(page: Any) -> None:
+    page.goto("/?view=new")
+    page.locator("#new-robot").evaluate("(details) => { details.open = true; }")
+    page.fill("#robot-name", "broken")
+    page.fill("#robot-description", URDF.replace('child link="fore"', 'child link="hand"'))
+    page.click("#create-robot")
+    expect(page.locator("[data-pointer='/description'] .complaint")).to_contain_text("hand")
+
+
+def test_a_service_that_asks_for_a_key_is_used_with_one(page: Any, locked_service: str, heard: Any) -> None:
+    page.goto(locked_service)
+    page.get_by_role("textbox", name="Key").fill("open-sesame")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="Begin with a robot")).to_be_visible()
+    page.fill("#robot-description", URDF)
+    page.fill("#robot-name", "behind the key")
+    page.click("#create-robot")
+    expect(page.locator("input[name=robot]:checked + strong")).to_have_text("behind the key")
+    assert heard.complaints == []
+
+
 def test_a_running_job_is_shown_with_its_progress_and_can_be_cancelled(page: Any, model: str) -> None:
     robot = ask(page, f"/identifications/{model}")["robot_id"]
     trajectory = {"harmonics": 15, "duration": 60, "sampling_rate": 500}

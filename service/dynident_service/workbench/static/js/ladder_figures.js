@@ -8,23 +8,20 @@ const COLOURS = ["rung-0", "rung-1", "rung-2", "rung-3"];
 /** Relative error of all joints at each rung, of the fit and held out. */
 export function totalsFigure(rungs, heldOut) {
   const [width, height] = [440, 260];
-  const room = { left: 48, right: 16, top: 40, bottom: 30 };
-  const lines = [{ name: "fit", css: "fit", marker: "circle", below: true, values: rungs.map((one) => one.residual.relative_total) }];
-  if (heldOut) lines.push({ name: "held out", css: "held-out", marker: "square", below: false, values: rungs.map((one) => one.validation.relative_total) });
+  const room = { left: 48, right: 16, top: 40, bottom: 34 };
+  const lines = [{ name: "fit", css: "fit", marker: "circle", left: true, values: rungs.map((one) => one.residual.relative_total) }];
+  if (heldOut) lines.push({ name: "held out", css: "held-out", marker: "square", left: false, values: rungs.map((one) => one.validation.relative_total) });
   const most = 1.15 * Math.max(...lines.flatMap((line) => line.values));
   const x = (k) => room.left + ((k + 0.5) / rungs.length) * (width - room.left - room.right);
   const y = (value) => height - room.bottom - (value / most) * (height - room.top - room.bottom);
-  const drawn = lines.map((line) => {
-    // Labels keep apart: the upper line's above it, the lower line's below.
-    const upper = !lines.some((other) => other !== line && other.values.at(-1) > line.values.at(-1));
-    return [
-      svg("polyline", { class: `line ${line.css}`, points: line.values.map((value, k) => `${x(k)},${y(value)}`).join(" ") }),
-      line.values.map((value, k) => [
-        marker(line.marker, x(k), y(value), line.css),
-        svg("text", { x: x(k), y: y(value) + (upper ? -10 : 20), "text-anchor": "middle" }, number(100 * value)),
-      ]),
-    ];
-  });
+  // Figures of the two lines stand on either side of the marks, so that they never meet.
+  const drawn = lines.map(({ css, marker: kind, values, left }) => [
+    svg("polyline", { class: `line ${css}`, points: values.map((value, k) => `${x(k)},${y(value)}`).join(" ") }),
+    values.map((value, k) => [
+      marker(kind, x(k), y(value), css),
+      svg("text", { class: "figure", x: x(k) + (left ? -10 : 10), y: y(value) + 4, "text-anchor": left ? "end" : "start" }, number(100 * value)),
+    ]),
+  ]);
   const words = lines.map((line) => `${line.name}: ${line.values.map((value) => percent(value)).join(", ")}`).join("; ");
   return figure(
     "Relative error, all joints (%)",

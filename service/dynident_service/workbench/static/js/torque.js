@@ -78,11 +78,11 @@ function jointButton(model, joint) {
 }
 
 function worstStretches(model) {
-  const { worst, rms, relative_total: total } = model.comparison.result;
+  const { worst, relative_total: total } = model.comparison.result;
   if (!worst.length) return null;
   const buttons = worst.map((one) => {
     const text = `${one.joint}: ${number(one.from, 4)} to ${number(one.to, 4)} s`;
-    const size = `${quantity(one.rms, model.unitOf(one.joint))} rms, ${number(one.ratio, 2)} × the joint's own ${number(rms[model.joints.indexOf(one.joint)])}`;
+    const size = `${quantity(one.rms, model.unitOf(one.joint))} rms, ${number(one.ratio, 2)} × the joint's own`;
     return h("li", {}, h("button", { type: "button", class: "small", onclick: () => model.zoomTo(one.joint, one.from, one.to) }, text), ` ${size}`);
   });
   return [h("h3", {}, "Worst stretches"), h("p", { class: "note" }, `Error on this measurement, all joints: ${percent(total)}. Choose a stretch to see it.`), h("ol", { class: "worst" }, buttons)];

@@ -2,7 +2,7 @@
 
 import { get } from "./api.js";
 import { h, put } from "./dom.js";
-import { number } from "./format.js";
+import { number, percent } from "./format.js";
 import { axis, colour, onColours, plot, symmetric } from "./plots.js";
 import { problemBox } from "./problem.js";
 import { find, timeline } from "./timeline.js";
@@ -176,6 +176,8 @@ export class TorquePlot {
     for (const one of this.plots) one.setScale("x", { min: from, max: to });
     const outside = residual.filter((value, index) => value !== null && Math.abs(value) > band[index]).length;
     const drawn = residual.filter((value) => value !== null).length;
-    put(this.said, `${this.joint}, ${number(from, 4)} s to ${number(to, 4)} s: ${samples} samples, ${drawn} drawn with their extremes. `, outside ? "Where the residual leaves its 95 % band, more than noise is at work." : "");
+    const all = drawn === samples;
+    const words = all ? `${percent(outside / samples, 2)} of the residual is outside its 95 % band; noise alone leaves 5 % there.` : "Noise alone leaves 5 % of the residual outside its 95 % band.";
+    put(this.said, `${this.joint}, ${number(from, 4)} s to ${number(to, 4)} s: ${samples} samples, ${all ? "all" : drawn} drawn${all ? "" : " with their extremes"}. ${words}`);
   }
 }
