@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -296,6 +297,38 @@ COLOURS_IN_CHART = """() => {
   const canvas = document.querySelector('#residual-chart canvas');
   return new Set(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size;
 }"""
+
+
+def test_runs_that_overlap_in_time_are_drawn_one_after_another_with_gaps(page: Any) -> None:
+    page.goto("/")
+    line = page.evaluate(
+        """async () => {
+          const { find, timeline } = await import('/workbench/js/timeline.js');
+          const series = { t: [0, 1, 2, 0.5, 1.5, 9], segment: [0, 0, 0, 1, 1, 2], residual: [1, 1, 1, 5, 5, 1] };
+          const made = timeline(series, ['residual']);
+          return { ...made, found: find(made, 0.4, 1.6, made.values.residual) };
+        }"""
+    )
+    assert line["shifted"]
+    assert all(later > earlier for earlier, later in pairwise(line["x"]))
+    assert line["times"] == [0, 1, 2, None, 0.5, 1.5, None, 9]
+    assert line["values"]["residual"] == [1, 1, 1, None, 5, 5, None, 1]
+    # Of two stretches with these times the worse one is meant.
+    assert [line["found"]["from"], line["found"]["to"]] == [line["x"][4], line["x"][5]]
+
+
+def test_every_formula_of_the_catalogue_is_set_as_mathematics(page: Any) -> None:
+    page.goto("/")
+    formulas = [one["formula"] for one in ask(page, "/effects")["items"]]
+    tags = page.evaluate(
+        """async (formulas) => {
+          const { formula } = await import('/workbench/js/formula.js');
+          return formulas.map((text) => formula(text).tagName);
+        }""",
+        formulas,
+    )
+    assert dict(zip(formulas, tags, strict=True)) == dict.fromkeys(formulas, "math")
+
 
 CONTRASTS = """() => {
   const channels = (colour) => colour.match(/[\\d.]+/g).map(Number);

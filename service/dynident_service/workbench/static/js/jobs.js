@@ -7,9 +7,11 @@ import { percent } from "./format.js";
 const ENDED = new Set(["succeeded", "failed", "cancelled"]);
 const MOST_STREAMS = 3; // A browser opens six connections to a service; some are needed for the rest.
 const LOOK_AGAIN = 4000;
+const LATEST = 50;
 const live = new Map(); // id -> { id, kind, resource, state, fraction, message }
 const listeners = new Set();
 let streams = 0;
+let newest; // The newest job known; undefined before the first look.
 
 /** Follow a job until it ends; `onChange({ state, fraction, message })` at every step. Gives the last of them. */
 export async function follow(jobId, onChange = () => {}, signal = undefined) {
@@ -87,10 +89,13 @@ export function watch(target) {
   look();
 }
 
-/** Look for jobs that run and follow those that are new. */
+/** Look for jobs that run and follow those that are new; tell of one that came and went unseen. */
 export async function lookForJobs() {
-  const lists = await Promise.all(["running", "queued"].map((state) => get("/jobs", { state, limit: 20 })));
-  for (const job of lists.flatMap((list) => list.items)) if (!live.has(job.id)) track(job);
+  const { items } = await get("/jobs", { limit: LATEST });
+  for (const job of items) if (!ENDED.has(job.state) && !live.has(job.id)) track(job);
+  const before = newest;
+  newest = items[0]?.id ?? null;
+  if (before !== undefined && newest !== before && ENDED.has(items[0]?.state)) tell(items[0]);
 }
 
 async function track(job) {
