@@ -12,6 +12,7 @@ from dynident.effects import EffectChoice
 from dynident.effects.catalogue import check_shape, joints_of
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentificationChoices
+from dynident.identification.shapes import check_shapes_given
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
 from dynident.robot import Robot
 from dynident_service.adapters.effects import choices_of, show_choice
@@ -41,7 +42,8 @@ def choices_from_request(
 
 
 def check_effects(effects: Sequence[EffectChoice], robot: Robot) -> None:
-    """Raise `DynidentError`, which names the field, where an effect cannot sit where it is asked to."""
+    """Raise `DynidentError`, which names the field, where an effect cannot sit where it is asked to, or lacks a shape."""
+    check_shapes_given(effects)
     for index, choice in enumerate(effects):
         pointer = f"/effects/{index}"
         check_shape(choice, pointer)
