@@ -42,7 +42,7 @@ def choices_from_request(
 
 
 def check_effects(effects: Sequence[EffectChoice], robot: Robot) -> None:
-    """Raise `DynidentError`, which names the field, where an effect cannot sit where it is asked to, or lacks a shape."""
+    """Raise `DynidentError`, which names the field, where an effect cannot sit there or lacks a shape constant."""
     check_shapes_given(effects)
     for index, choice in enumerate(effects):
         pointer = f"/effects/{index}"
