@@ -10,7 +10,7 @@ from dynident.diagnosis import Comparison, Diagnosis
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification
 from dynident.reports.numbers import estimate, number, percent
-from dynident.reports.sections.diagnosis import place_text
+from dynident.reports.words import place_text
 from dynident.robot import Robot
 from dynident_service.cli.inputs import Loaded
 from dynident_service.cli.terminal import table

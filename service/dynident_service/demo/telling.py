@@ -9,7 +9,7 @@ from rich.console import Console
 
 from dynident.effects import effect_by_id
 from dynident.reports.numbers import number, percent
-from dynident.reports.sections.diagnosis import place_text
+from dynident.reports.words import place_text
 from dynident.robot import Robot
 from dynident_service.cli.shown import choice_text
 from dynident_service.cli.terminal import table

@@ -1,6 +1,21 @@
 """Figures and documents."""
 
-from dynident.reports.report import html_report
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from dynident.reports.run import ReportedRun
 
+if TYPE_CHECKING:
+    from dynident.reports.report import html_report
+
 __all__ = ["ReportedRun", "html_report"]
+
+
+def __getattr__(name: str) -> Any:
+    # Matplotlib takes longer to load than most commands to run: only who draws waits for it.
+    if name == "html_report":
+        from dynident.reports.report import html_report
+
+        return html_report
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

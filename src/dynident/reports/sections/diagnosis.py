@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from dynident.diagnosis import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
-from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification
 from dynident.reports.figures.candidates import candidates_figure
 from dynident.reports.numbers import number, p_value, percent, span
 from dynident.reports.section import Section
-from dynident.reports.sections.model import shape_text
 from dynident.reports.sections.summary import recommended_is_added
+from dynident.reports.words import place_text, shape_text, title_of
 from dynident.robot import Robot
 
 VERDICTS = {
@@ -117,25 +117,13 @@ def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
         p_value(item.p_value),
         percent(item.separability, 2),
         shape_text(EffectChoice(item.effect, item.joints, item.shape)),
-        ", ".join(_title(name) for name in item.equivalent),
+        ", ".join(title_of(name) for name in item.equivalent),
     )
-
-
-def _title(identifier: str) -> str:
-    # What is equivalent to a finding need not be in the catalogue: some effects are the same function.
-    return CATALOGUE[identifier].title if identifier in CATALOGUE else identifier.replace("_", " ")
 
 
 def _choice(choice: EffectChoice, robot: Robot) -> ChoiceText:
     effect = effect_by_id(choice.effect)
     return ChoiceText(effect.title, effect.id, place_text(choice.joints, robot), shape_text(choice))
-
-
-def place_text(joints: tuple[str, ...], robot: Robot) -> str:
-    """Joints in words."""
-    if len(joints) == robot.n > 1:
-        return "all joints"
-    return ", ".join(joints) or "the whole robot"
 
 
 def _invisible(diagnosis: Diagnosis, robot: Robot) -> Iterator[InvisibleRow]:

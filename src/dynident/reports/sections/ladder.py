@@ -15,8 +15,7 @@ from dynident.identification import Identification
 from dynident.reports.figures.ladder import ladder_figure
 from dynident.reports.numbers import percent
 from dynident.reports.section import Section
-from dynident.reports.sections.diagnosis import place_text
-from dynident.reports.sections.model import shape_text
+from dynident.reports.words import place_text, shape_text
 from dynident.robot.model import FloatArray
 
 

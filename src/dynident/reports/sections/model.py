@@ -12,6 +12,7 @@ from dynident.identification import Identification
 from dynident.reports.figures.svg import drawn_formula
 from dynident.reports.numbers import number
 from dynident.reports.section import Section
+from dynident.reports.words import shape_text
 from dynident.robot import Robot
 
 
@@ -67,12 +68,4 @@ def _effect(choice: EffectChoice, robot: Robot, added: bool) -> EffectRow:
         shape_text(choice),
         "; ".join(effect.sources),
         added,
-    )
-
-
-def shape_text(choice: EffectChoice) -> str:
-    """Shape constants with their units."""
-    units = {spec.name: spec.unit for spec in effect_by_id(choice.effect).shapes}
-    return ", ".join(
-        f"{name} = {value:.3g}{'' if units[name] == '-' else ' ' + units[name]}" for name, value in choice.shape
     )

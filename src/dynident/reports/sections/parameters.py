@@ -9,7 +9,7 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.reports.numbers import estimate, number, percent
 from dynident.reports.section import Section
-from dynident.reports.sections.model import shape_text
+from dynident.reports.words import shape_text
 
 
 @dataclass(frozen=True)
