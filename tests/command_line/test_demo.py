@@ -14,6 +14,7 @@ from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import from_bytes
 from dynident.robot import robot_from_library
+from dynident_service.demo.hiding import hideable
 from dynident_service.demo.measuring import _in_motion
 from dynident_service.demo.scenario import Scenario
 
@@ -91,6 +92,16 @@ def test_the_virtual_robot_is_not_the_one_of_the_description() -> None:
     heavier = scenario.inertias[:, 9] / ROBOT.inertias[:, 9]
     assert np.all((heavier >= 0.9) & (heavier <= 1.1))
     assert np.ptp(heavier) > 0.01
+
+
+def test_an_effect_is_hidden_only_where_it_can_be_seen() -> None:
+    found = {one.joint for one in hideable(ROBOT, "load_dependent_friction", "")}
+    # The load torque of the last joint is that of nothing but its flange.
+    assert {"shoulder_lift_joint", "elbow_joint"} <= found
+    assert "wrist_3_joint" not in found
+    assert {one.joint for one in hideable(ROBOT, "stribeck", "")} == set(ROBOT.joint_names)
+    assert [one.joint for one in hideable(ROBOT, "load_dependent_friction", "wrist_3_joint")] == ["wrist_3_joint"]
+    assert [one.joint for one in hideable(ROBOT, "base_tilt", "")] == [""]
 
 
 @pytest.mark.parametrize(

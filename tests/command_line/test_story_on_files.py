@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from running_commands import ROBOT, dynident, write_run
 
 from dynident.effects import CATALOGUE
 from dynident.identification import from_bytes
+from dynident.robot import urdf_from_robot
+from dynident_service.cli.inputs import robot_of
 
 ERRORS = {"rms", "relative", "relative_total"}
 
@@ -244,6 +247,17 @@ def test_the_robot_may_be_a_request_of_the_service(desk: Path, tmp_path: Path) -
     robot = from_bytes((tmp_path / "m.npz").read_bytes()).model.robot
     assert robot.name == "arm with gains"
     assert robot.drives[0].gain == 3.0
+
+
+def test_a_urdf_gives_the_robot_its_name(tmp_path: Path) -> None:
+    (tmp_path / "description.urdf").write_text(urdf_from_robot(replace(ROBOT, name="Arm 7")), encoding="utf-8")
+    answer = dynident(
+        "simulate", tmp_path / "description.urdf", "--effects", "stribeck@nowhere", "-o", tmp_path / "m.csv"
+    )
+    assert "Arm 7 has" in answer.err
+    robot = robot_of(str(tmp_path / "description.urdf"))
+    assert robot.name == "Arm 7"
+    assert robot.joint_names == ROBOT.joint_names
 
 
 def test_two_files_of_one_name_are_told_apart(desk: Path, tmp_path: Path) -> None:

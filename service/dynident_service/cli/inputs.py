@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,6 +29,8 @@ from dynident_service.adapters.robots import robot_from_request
 from dynident_service.cli import parsing
 from dynident_service.models.robots import RobotRequest
 from dynident_service.problems import fields_of
+
+_URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,8 @@ def _known_robot(text: str) -> Robot:
 def _robot_from_file(path: Path) -> Robot:
     content = read_text(path)
     if content.lstrip().startswith("<"):
-        return robot_from_description(path.stem, Description("urdf", content))
+        named = _URDF_NAME.search(content)
+        return robot_from_description(named[1] if named else path.stem, Description("urdf", content))
     try:
         document = json.loads(content)
     except json.JSONDecodeError as error:

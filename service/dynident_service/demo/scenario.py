@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.robot import Limits, Robot
 from dynident.robot.model import FloatArray
-from dynident.simulation import TrueEffect, typical_drive, typical_effect
+from dynident.simulation import TrueEffect, typical_drive
+from dynident_service.demo.hiding import hideable
 
 NOTHING = "none"
 # An arm in its cell turns no joint further than this from its middle.
@@ -87,7 +87,8 @@ class Scenario:
         # One factor a link scales its mass, moments and inertia alike: the link stays physically possible.
         links = 1.0 + rng.uniform(-_LINK_SPREAD, _LINK_SPREAD, (robot.n, 1))
         drive = tuple(_scaled(one, rng, _DRIVE_SPREAD) for one in typical_drive(robot))
-        hidden = None if effect == NOTHING else _hidden(robot, effect, joint, rng)
+        possible = [] if effect == NOTHING else hideable(robot, effect, joint)
+        hidden = _scaled(possible[int(rng.integers(len(possible)))], rng, _HIDDEN_SPREAD) if possible else None
         return cls(robot, robot.inertias * links, drive, hidden, SHORT if quick else LONG, seed)
 
     @property
@@ -108,22 +109,6 @@ class Scenario:
                 velocity=None if speed is None else course.speed * speed,
             )
         return found
-
-
-def _hidden(robot: Robot, effect: str, joint: str, rng: np.random.Generator) -> TrueEffect:
-    described = effect_by_id(effect, "--effect")
-    names = [robot.joint_names[index] for index in described.applicable(robot)]
-    drawn = "" if described.scope == "robot" or not names else names[int(rng.integers(len(names)))]
-    if joint and joint not in names:
-        raise DynidentError(f"{effect} cannot sit on {joint!r}; it can on: {', '.join(names)}", pointer="--joint")
-    try:
-        return _scaled(typical_effect(robot, effect, joint or drawn), rng, _HIDDEN_SPREAD)
-    except DynidentError as error:
-        raise DynidentError(
-            f"{error.detail}; an effect that every model has, or that needs more than one robot, cannot be hidden",
-            pointer="--effect",
-            title="Nothing to hide",
-        ) from error
 
 
 def _scaled(effect: TrueEffect, rng: np.random.Generator, spread: float) -> TrueEffect:
