@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import signal
@@ -209,7 +210,9 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing(desk: Path, monkeypatc
 def test_a_running_optimisation_is_interrupted_at_once(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "dynident_service.command_line", "design", "ur10", "--time-budget", "120",
                "--out", str(tmp_path / "t.csv")]  # fmt: skip
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+    # As from a terminal: whoever started the tests in the background has the signal ignored, which children inherit.
+    heeding = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=heeding) as running:
         time.sleep(8.0)
         assert running.poll() is None
         sent = time.monotonic()
