@@ -39,11 +39,12 @@ export function upload(file, metadata, onProgress) {
   form.append("file", file, file.name);
   // fetch does not tell how far an upload is.
   const request = new XMLHttpRequest();
+  const key = apiKey.get();
   return new Promise((resolve, reject) => {
     request.open("POST", "/v1/measurements");
     for (const [name, value] of Object.entries(credentials())) request.setRequestHeader(name, value);
     request.upload.onprogress = (event) => onProgress?.(event.total ? event.loaded / event.total : 0);
-    request.onload = () => settle(request.status, request.responseText, resolve, reject);
+    request.onload = () => settle(request.status, request.responseText, key, resolve, reject);
     request.onerror = () => reject(unreachable());
     request.send(form);
   });
@@ -100,29 +101,31 @@ async function ask(method, path, options) {
 
 async function send(method, path, { headers = {}, body = undefined, signal = undefined }) {
   let answer;
+  const key = apiKey.get();
   try {
     answer = await fetch(path, { method, headers: { ...headers, ...credentials() }, body, signal });
   } catch (error) {
     if (error.name === "AbortError") throw error;
     throw unreachable();
   }
-  if (!answer.ok) throw problemFrom(answer.status, await answer.text());
+  if (!answer.ok) throw problemFrom(answer.status, await answer.text(), key);
   return answer;
 }
 
-function settle(status, text, resolve, reject) {
+function settle(status, text, key, resolve, reject) {
   if (status < 300) resolve(JSON.parse(text));
-  else reject(problemFrom(status, text));
+  else reject(problemFrom(status, text, key));
 }
 
-function problemFrom(status, text) {
+function problemFrom(status, text, key) {
   let problem = { status, title: `Answer ${status}`, detail: text.slice(0, 500) };
   try {
     problem = { ...problem, ...JSON.parse(text) };
   } catch {
     // Not from the service itself, but from something before it.
   }
-  if (status === 401) document.dispatchEvent(new CustomEvent("key-needed"));
+  // A late answer to a question that was asked without today's key must not ask for the key again.
+  if (status === 401 && key === apiKey.get()) document.dispatchEvent(new CustomEvent("key-needed"));
   return new ProblemError(problem);
 }
 
