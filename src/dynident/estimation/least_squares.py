@@ -43,6 +43,12 @@ class Solution:
         return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
 
     @property
+    def equilibrated_condition_number(self) -> float:
+        """cond(W) with all columns scaled to the same size, so that units and magnitudes of parameters do not count."""
+        singular = np.linalg.svd(self.factor / self.scales, compute_uv=False)
+        return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
+
+    @property
     def normal_inverse(self) -> FloatArray:
         """(c, c): (WᵀW)⁻¹ of the weighted W."""
         inverse = solve_triangular(self.factor, np.eye(len(self.factor)))

@@ -12,7 +12,8 @@ from dynident.regressors.model import Model
 if TYPE_CHECKING:
     from dynident.identification.result import Identification
 
-_HIGH_CONDITION = 1000.0
+# With columns of the same size. Real arms on exciting motions: 12 to 24; where the motion was too poor: above 1,000.
+_HIGH_CONDITION = 200.0
 _EQUATIONS_PER_PARAMETER = 500.0
 _TINY = 1e-9
 _OVERFIT = 1.5
@@ -58,10 +59,11 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
 
 def _excitation(identification: Identification) -> list[str]:
     found = []
-    if identification.condition_number > _HIGH_CONDITION:
+    condition = identification.solution.equilibrated_condition_number
+    if condition > _HIGH_CONDITION:
         found.append(
-            f"The condition number is {identification.condition_number:.0f}: the motion alone does not determine the "
-            "model well. Record an exciting trajectory (a design) or use a prior."
+            f"The condition number of W with columns of equal size is {condition:.0f}: the motion alone does not "
+            "determine the model well. Record an exciting trajectory (a design) or use a prior."
         )
     if identification.equations_per_parameter < _EQUATIONS_PER_PARAMETER:
         found.append(
