@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import sys
 
+from dynident.version import __version__
+
 
 def main() -> None:
     """Run the command line."""
+    if sys.argv[1:] == ["--version"]:
+        # Told by the light installation too, which has no packages for anything else.
+        print(f"dynident {__version__}")
+        return
     try:
         from dynident_service.cli.app import app
     except ModuleNotFoundError as missing:
@@ -14,7 +20,7 @@ def main() -> None:
             raise
         sys.exit(
             f"dynident: the command line needs the package {missing.name}, which the light installation leaves out; "
-            "install it with: pip install 'dynident[science]' (with 'dynident[service]' for `dynident serve`)"
+            "install it with: pip install 'dynident[service]'"
         )
     app(prog_name="dynident")
 

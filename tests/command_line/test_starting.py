@@ -53,13 +53,28 @@ def test_a_setting_that_cannot_be_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     assert "many" in answer.err
 
 
-def test_a_light_installation_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_light_installation_tells_its_version_and_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     from dynident_service import command_line
 
     for name in [name for name in sys.modules if name.startswith("dynident_service.cli")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "typer", None)
+    monkeypatch.setattr(sys, "argv", ["dynident", "--version"])
+    command_line.main()
+    assert capsys.readouterr().out == f"dynident {__version__}\n"
+    monkeypatch.setattr(sys, "argv", ["dynident", "demo"])
     with pytest.raises(SystemExit) as end:
         command_line.main()
     assert "pip install" in str(end.value)
-    assert "dynident[science]" in str(end.value)
+    assert "dynident[service]" in str(end.value)
+
+
+def test_a_verb_whose_packages_are_missing_names_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "dynident_service.serve", raising=False)
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    answer = dynident("serve")
+    assert answer.code == 2
+    assert "uvicorn" in answer.err
+    assert "dynident[service]" in answer.err

@@ -61,6 +61,12 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
         except DynidentError as error:
             tell_failure(error, bool(options.get("as_json")))
             raise typer.Exit(MISUSED) from error
+        except ModuleNotFoundError as missing:
+            if (missing.name or "").startswith("dynident"):
+                raise
+            detail = f"this needs the package {missing.name}; install it with: pip install 'dynident[service]'"
+            tell_failure(DynidentError(detail, title="Not installed"), as_json=False)
+            raise typer.Exit(MISUSED) from missing
         except (KeyboardInterrupt, Cancelled):
             print("dynident: cancelled", file=sys.stderr)
             raise typer.Exit(CANCELLED) from None

@@ -22,18 +22,12 @@ def serve(
 
     Every setting is also an environment variable, DYNIDENT_HOST, DYNIDENT_PORT and so on.
     """
+    from pydantic import ValidationError
+
     from dynident.errors import DynidentError
+    from dynident_service.serve import serve as run
+    from dynident_service.settings import Settings
 
-    try:
-        from pydantic import ValidationError
-
-        from dynident_service.serve import serve as run
-        from dynident_service.settings import Settings
-    except ModuleNotFoundError as missing:
-        raise DynidentError(
-            f"the service needs the package {missing.name}; install it with: pip install 'dynident[service]'",
-            title="Not installed",
-        ) from missing
     given = {"host": host, "port": port, "data_dir": data_dir, "workers": workers}
     try:
         settings = Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
