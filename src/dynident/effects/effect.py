@@ -104,7 +104,6 @@ class Effect(ABC):
     scope: ClassVar[Literal["joint", "robot"]] = "joint"
     is_friction: ClassVar[bool] = False
     needs_load: ClassVar[bool] = False
-    needs_temperature: ClassVar[bool] = False
 
     @abstractmethod
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:

@@ -90,18 +90,18 @@ def _overfit(identification: Identification) -> list[str]:
 
 
 def _friction_signs(identification: Identification) -> list[str]:
-    """Friction that drives the motion is impossible: the torque's sign, or the order of joints, is probably wrong."""
-    found = []
-    for parameter in identification.parameters:
-        wrong = parameter.value < -3.0 * parameter.standard_deviation
-        if parameter.effect in ("coulomb", "viscous") and wrong and identification.choices.effects:
-            alone = not any(c.effect not in _PLAIN for c in identification.choices.effects)
-            if alone:
-                found.append(
-                    f"{parameter.name} on {parameter.link} is negative ({parameter.value:.3g} {parameter.unit}): check "
-                    "the sign of its torque and the order of the torque columns."
-                )
-    return found
+    """Friction that drives the motion is impossible: the torque's sign, or the order of joints, is probably wrong.
+
+    Beside other friction effects a negative part is possible, so only plain models are judged.
+    """
+    if any(choice.effect not in _PLAIN for choice in identification.choices.effects):
+        return []
+    return [
+        f"{parameter.name} on {parameter.link} is negative ({parameter.value:.3g} {parameter.unit}): check the sign of "
+        "its torque and the order of the torque columns."
+        for parameter in identification.parameters
+        if parameter.effect in ("coulomb", "viscous") and parameter.value < -3.0 * parameter.standard_deviation
+    ]
 
 
 _PLAIN = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")
