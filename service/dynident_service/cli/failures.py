@@ -19,7 +19,7 @@ def tell_failure(error: DynidentError, as_json: bool) -> None:
     where = f"{error.pointer}: " if error.pointer else ""
     print(f"dynident: {error.title}\n  {where}{error.detail}", file=sys.stderr)
     checks = [
-        check for check in getattr(error, "checks", ()) if check.status == "error" and check.detail != error.detail
+        check for check in getattr(error, "checks", ()) if check.status == "error" and check.detail not in error.detail
     ]
     for check in checks:
         print(f"  also {check.name.replace('_', ' ')}: {check.detail}", file=sys.stderr)

@@ -143,7 +143,7 @@ def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetada
         )
     except RecordingError as error:
         # Which of the files: the science knows columns, rows and times alone.
-        error.title = f"{error.title} ({path.name})"
+        error.detail = f"{path.name}: {error.detail}"
         raise
     return Loaded(recording, checks)
 
