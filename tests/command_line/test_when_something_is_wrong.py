@@ -153,7 +153,10 @@ BAD_FILES = {
     "a missing column": (lambda desk: {k: v for k, v in run1(desk).items() if k != "tau3"}, ["tau3", JOINTS[2]]),
     "time that runs back": (lambda desk: run1(desk, t=run1(desk)["t"][::-1].copy()), ["t", "row"]),
     "a joint in degrees": (lambda desk: run1(desk, q1=run1(desk)["q1"] * 57.3), ["q1", "deg"]),
-    "a torque of the wrong sign": (lambda desk: run1(desk, tau1=-run1(desk)["tau1"]), ["tau1", "sign"]),
+    "a torque of the wrong sign": (
+        lambda desk: run1(desk, tau1=-run1(desk)["tau1"]),
+        ["tau1", "sign", "say --accept torque_sign"],
+    ),
 }
 
 
@@ -167,6 +170,14 @@ def test_a_bad_file_is_refused_by_its_column(case: str, desk: Path, tmp_path: Pa
     for word in words:
         assert word in answer.err, answer.err
     assert [path.name for path in tmp_path.iterdir()] == ["bad.csv"]
+
+
+def test_what_the_user_accepts_is_only_a_warning(desk: Path, tmp_path: Path) -> None:
+    pacsv.write_csv(pa.table(run1(desk, tau1=-run1(desk)["tau1"])), tmp_path / "odd.csv")
+    answer = dynident("identify", desk / "arm.json", tmp_path / "odd.csv", "--accept", "torque_sign", "--json")
+    assert answer.code == 0, answer.err
+    checks = {check["name"]: check["status"] for check in answer.document["measurements"][0]["checks"]}
+    assert checks["torque_sign"] == "warning"
 
 
 def test_a_hole_in_the_numbers_is_named_by_column_and_row(desk: Path, tmp_path: Path) -> None:

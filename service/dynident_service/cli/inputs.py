@@ -30,6 +30,8 @@ from dynident_service.cli import parsing
 from dynident_service.models.robots import RobotRequest
 from dynident_service.problems import fields_of
 
+# How the contract words it, to be said in the words of the command line.
+_ACCEPT = re.compile(r'say "accept": \["(\w+)"\]')
 _URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')
 
 
@@ -143,7 +145,8 @@ def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetada
         )
     except RecordingError as error:
         # Which of the files: the science knows columns, rows and times alone.
-        error.detail = f"{path.name}: {error.detail}"
+        said = _ACCEPT.sub(r"say --accept \1", error.detail)
+        error.detail = f"{path.name}: {said}"
         raise
     return Loaded(recording, checks)
 
