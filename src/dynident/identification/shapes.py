@@ -36,7 +36,7 @@ def check_shapes_given(choices: Sequence[EffectChoice]) -> None:
     DynidentError
     """
     for index, choice in enumerate(choices):
-        for spec in effect_by_id(choice.effect, f"/effects/{index}/effect").shapes:
+        for spec in effect_by_id(choice.effect, f"/effects/{index}").shapes:
             if spec.proposal != "grid" and spec.name not in choice.shape_values:
                 raise DynidentError(
                     f"{choice.effect} needs its {spec.description} ({spec.name}, {spec.unit}); a diagnosis finds it in "
