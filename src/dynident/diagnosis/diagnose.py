@@ -9,13 +9,14 @@ import numpy as np
 from dynident.diagnosis.candidates import build_pool
 from dynident.diagnosis.compare import Comparison, compare
 from dynident.diagnosis.gate import Judged
+from dynident.diagnosis.next_experiment import next_experiment
 from dynident.diagnosis.refine import refined
 from dynident.diagnosis.residuals import angle_lines, failure_map, noise_floor, unknown_patterns
 from dynident.diagnosis.resolution import resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
 from dynident.diagnosis.scoring import products
 from dynident.diagnosis.search import VISIBLE, State, judge_all, search
-from dynident.diagnosis.words import next_experiment, rank_all, summary, verdict_of
+from dynident.diagnosis.words import rank_all, summary, verdict_of
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification, extend
 from dynident.progress import Progress, part, silent

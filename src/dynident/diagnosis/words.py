@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.diagnosis.gate import Judged, p_value
-from dynident.diagnosis.result import Invisible, NextExperiment, RankedEffect, UnknownPattern, Verdict
+from dynident.diagnosis.result import RankedEffect, UnknownPattern, Verdict
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.regressors.model import Model
 from dynident.robot.model import FloatArray
-
-_SLOW = ("stribeck", "presliding", "viscous_nonlinear", "coulomb")
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,23 +128,3 @@ def summary(
         f"{floor[worst]:.2g} {joint.effort_unit} in the same band."
     )
     return text
-
-
-def next_experiment(
-    ranked: Sequence[RankedEffect], invisible: Sequence[Invisible], effects: tuple[EffectChoice, ...]
-) -> NextExperiment | None:
-    """The motion that would tell apart what this data could not."""
-    for item in ranked:
-        if item.significant and item.equivalent:
-            pair = " from ".join([item.effect, " or ".join(item.equivalent)])
-            slow = item.effect in _SLOW
-            how = "Constant speeds both ways, slow and fast," if slow else "A motion over the whole range"
-            return NextExperiment(
-                f"{how} would tell {pair}.",
-                "constant_velocity" if slow else "optimized",
-                (*effects, EffectChoice(item.effect, item.joints, item.shape)),
-            )
-    if invisible:
-        names = ", ".join(sorted({item.effect for item in invisible}))
-        return NextExperiment(f"A larger motion would show whether {names} is there.", "optimized", effects)
-    return None
