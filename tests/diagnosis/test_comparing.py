@@ -72,6 +72,22 @@ def test_the_worst_stretch_is_where_the_torque_was_disturbed(run):
     assert worst.start <= 8.4
     assert worst.end >= 8.1
     assert worst.ratio > 3
+    assert 8.05 <= worst.time <= 8.45
+    at = int(np.argmin(np.abs(motion.t - worst.time)))
+    np.testing.assert_allclose(worst.pose, motion.q[at], atol=0.02)
+    np.testing.assert_allclose(worst.speed, motion.dq[at], atol=0.05)
+
+
+def test_temperature_is_a_signal_where_it_was_measured(run):
+    motion = fourier_motion(ROBOT, 20.0, 200.0, 77)
+    warm = 30.0 + motion.t[:, None] * np.arange(6)
+    tau = np.zeros((len(motion.t), 6))
+    found = compare(run.identification, record(ROBOT, motion, tau, temperature=warm))
+    np.testing.assert_allclose(found.signal(f"temperature_{NAMES[3]}"), 30.0 + 3.0 * found.t, atol=0.01)
+    cold = compare(run.identification, record(ROBOT, motion, tau))
+    with pytest.raises(DynidentError) as caught:
+        cold.signal(f"temperature_{NAMES[3]}")
+    assert "temperature_," not in caught.value.detail
 
 
 def test_a_recording_too_short_to_compare_says_so(run):

@@ -1,17 +1,32 @@
 """Compare, find where the model fails, rank what is missing, advise the next experiment."""
 
+from dynident.diagnosis.autocorrelation import Autocorrelation, autocorrelation
 from dynident.diagnosis.compare import Comparison, WorstStretch, compare
 from dynident.diagnosis.diagnose import diagnose
+from dynident.diagnosis.judging import Judgement, RepeatedMotion, judge
+from dynident.diagnosis.noise import LackOfFit, NoiseFloor, floor_of
 from dynident.diagnosis.result import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
+from dynident.diagnosis.spectrum import ResidualSpectrum, angle_spectrum, time_spectrum
 
 __all__ = [
+    "Autocorrelation",
     "Comparison",
     "Diagnosis",
     "FailureSpot",
+    "Judgement",
+    "LackOfFit",
     "NextExperiment",
+    "NoiseFloor",
     "RankedEffect",
+    "RepeatedMotion",
+    "ResidualSpectrum",
     "UnknownPattern",
     "WorstStretch",
+    "angle_spectrum",
+    "autocorrelation",
     "compare",
     "diagnose",
+    "floor_of",
+    "judge",
+    "time_spectrum",
 ]

@@ -1,0 +1,97 @@
+"""How long a residual remembers: its autocorrelation, and how many independent samples it is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from dynident.diagnosis.repetition import uniform_runs
+from dynident.robot.model import FloatArray
+
+LONGEST = 5.0
+"""Seconds up to which the autocorrelation is given where nobody says how far."""
+
+
+@dataclass(frozen=True, eq=False)
+class Autocorrelation:
+    """Autocorrelation (k,) of a residual at `lag` (k,) in s, from lag 0, where it is 1.
+
+    `limit`: half-width of the 95 % band that the values of independent samples would keep to; `effective_samples`: the
+    number of independent samples that the residual's `n_samples` are worth for a mean.
+    """
+
+    lag: FloatArray
+    value: FloatArray
+    limit: float
+    n_samples: int
+    effective_samples: float
+
+
+def autocorrelation(
+    t: FloatArray, segment: FloatArray, residual: FloatArray, longest: float = LONGEST
+) -> Autocorrelation:
+    """Autocorrelate one joint's residual (m,) over its stretches without gaps.
+
+    Parameters
+    ----------
+    t, segment : (m,)
+        Time in s and number of the segment; no product reaches across a gap.
+    longest : float
+        Longest lag, s.
+    """
+    runs = uniform_runs(t, segment)
+    parts = [residual[first:last] for first, last in runs]
+    most = max((last - first for first, last in runs), default=1)
+    step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    every = correlation(parts, most)
+    shown = every[: min(most, int(longest / step) + 1)]
+    return Autocorrelation(
+        lag=step * np.arange(len(shown), dtype=np.float64),
+        value=shown,
+        limit=1.96 / float(np.sqrt(max(len(residual), 1))),
+        n_samples=len(residual),
+        effective_samples=_effective(every, len(residual)),
+    )
+
+
+def correlation(parts: Sequence[FloatArray], n_lags: int) -> FloatArray:
+    """(n_lags,): autocorrelation of stretches (m_i,) with a common mean, at lags of 0, 1, … samples.
+
+    Of the two usual divisors the one that keeps it positive semidefinite: the number of samples, not of products.
+    """
+    mean = float(np.concatenate(parts).mean()) if parts else 0.0
+    sums = np.zeros(n_lags)
+    for part in parts:
+        size = fft.next_fast_len(2 * len(part), real=True)
+        power = np.abs(fft.rfft(part - mean, size)) ** 2
+        found: FloatArray = fft.irfft(power, size)[: min(n_lags, len(part))]
+        sums[: len(found)] += found
+    if not sums[0] > 0:
+        return np.asarray(np.eye(1, n_lags)[0])
+    return np.asarray(sums / sums[0])
+
+
+def independent_squares(parts: Sequence[FloatArray]) -> float:
+    """How many independent samples the mean square of these stretches (m_i,) is worth: m / Σ ρ²."""
+    count = sum(len(part) for part in parts)
+    if count == 0:
+        return 0.0
+    found = correlation(parts, max(len(part) for part in parts))
+    end = _end_of_memory(found)
+    return count / (1.0 + 2.0 * float((found[1:end] ** 2).sum()))
+
+
+def _effective(found: FloatArray, count: int) -> float:
+    """m / (1 + 2 Σ ρ), at most m: a residual that alternates is not worth more than it has samples."""
+    end = _end_of_memory(found)
+    return float(min(count, count / max(1.0 + 2.0 * float(found[1:end].sum()), 1e-9)))
+
+
+def _end_of_memory(found: FloatArray) -> int:
+    """The first lag where two neighbours sum to less than nothing: beyond it there is only noise (Geyer 1992)."""
+    pairs = found[: len(found) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    negative = np.flatnonzero(pairs <= 0)
+    return int(2 * negative[0]) if len(negative) else len(found)

@@ -1,0 +1,112 @@
+"""The noise floor: what no model of this motion can explain, from repetitions of the motion or from the sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+from scipy.interpolate import make_interp_spline
+
+from dynident.diagnosis.autocorrelation import independent_squares
+from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.repetition import Repeat, Track, own_repeats, tracks
+from dynident.diagnosis.residuals import noise_floor
+from dynident.recordings import Preprocessing, Recording
+from dynident.robot.model import FloatArray
+
+NoiseSource = Literal["repeated_periods", "high_frequency"]
+
+_FEWEST_PAIRS = 40
+_DEGREE = 5
+
+
+@dataclass(frozen=True, eq=False)
+class LackOfFit:
+    """Whether a residual is more than noise: `f` and `p_value` (n,).
+
+    F is the mean square of what is common to the repetitions over that of what differs between them, with as many
+    degrees of freedom as the rows are worth; near 1 where nothing is missing in the model.
+    """
+
+    f: FloatArray
+    p_value: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseFloor:
+    """`values` (n,): rms of the noise behind the parallel filter, N m or N, and where it is from.
+
+    `period` in s and `repetitions`, the number of times that the motion comes, are 0 where it is not repeated;
+    `lack_of_fit` is there where it is.
+    """
+
+    values: FloatArray
+    source: NoiseSource
+    period: float = 0.0
+    repetitions: float = 0.0
+    lack_of_fit: LackOfFit | None = None
+
+
+def floor_of(comparison: Comparison, recording: Recording, preprocessing: Preprocessing) -> NoiseFloor:
+    """The noise floor of a recording, from its repeated periods where it has them, else from its high frequencies.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The recording beside a model's prediction; the lack of fit is that model's.
+    """
+    found = from_repetitions(comparison)
+    return found or NoiseFloor(noise_floor([recording], preprocessing), "high_frequency")
+
+
+def from_repetitions(comparison: Comparison) -> NoiseFloor | None:
+    """The noise floor from stretches where the motion comes again; None where there are too few.
+
+    Two torques of the same motion differ by the noise of both, so the floor is the rms of their difference over √2.
+    """
+    runs = tracks(comparison.t, comparison.segment, comparison.q)
+    repeats = own_repeats(runs)
+    pairs = [_pair(comparison, runs, repeat) for repeat in repeats]
+    if sum(len(measured[0]) for measured, _ in pairs) < _FEWEST_PAIRS:
+        return None
+    differences = [measured[1] - measured[0] for measured, _ in pairs]
+    floor = np.sqrt(0.5 * _mean_square(differences))
+    longest = max(repeats, key=lambda repeat: repeat.duration)
+    period = longest.lag if longest.a == longest.b else longest.duration
+    repetitions = 1.0 + sum(r.duration for r in repeats) / period
+    # A row between two others of its kind is in two pairs: its information counts once.
+    once = repetitions / (2.0 * max(repetitions - 1.0, 1.0))
+    fit = _lack_of_fit([rests for _, rests in pairs], once)
+    return NoiseFloor(floor, "repeated_periods", period, repetitions, fit)
+
+
+def _lack_of_fit(pairs: Sequence[tuple[FloatArray, FloatArray]], once: float) -> LackOfFit:
+    """From the residuals (m_i, n) of one time and the next: their mean against their difference."""
+    differences = [second - first for first, second in pairs]
+    noise = 0.5 * _mean_square(differences)
+    common = 2.0 * _mean_square([0.5 * (first + second) for first, second in pairs])
+    safe = np.where(noise > 0, noise, 1.0)
+    f = np.where(noise > 0, common / safe, np.where(common > 0, np.inf, 1.0))
+    freedom = once * np.array([independent_squares([d[:, j] for d in differences]) for j in range(len(f))])
+    return LackOfFit(f, np.asarray(stats.f.sf(f, freedom, freedom)))
+
+
+def _mean_square(parts: Sequence[FloatArray]) -> FloatArray:
+    return np.asarray((np.concatenate(parts) ** 2).mean(axis=0))
+
+
+def _pair(
+    comparison: Comparison, runs: Sequence[Track], repeat: Repeat
+) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
+    """Torque (m, n), and residual (m, n), of the rows of a repetition, and of the same place the next time."""
+    a, b = runs[repeat.a], runs[repeat.b]
+    rows = np.flatnonzero((a.t >= repeat.start) & (a.t <= repeat.end))
+    later = a.t[rows] + repeat.lag
+    n = len(comparison.joint_names)
+    signals = np.hstack([comparison.measured, comparison.residual])
+    there = make_interp_spline(b.t, signals[b.first : b.first + len(b.t)], _DEGREE)(later)
+    here = signals[a.first + rows]
+    return (here[:, :n], there[:, :n]), (here[:, n:], there[:, n:])

@@ -1,0 +1,104 @@
+"""Spectra of the residual: over time, where vibration shows, and over a joint's own angle, where its gears show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import fft, signal
+
+from dynident.diagnosis.repetition import uniform_runs
+from dynident.errors import DynidentError
+from dynident.robot.model import FloatArray
+
+Over = Literal["time", "angle"]
+
+HIGHEST_ORDER = 250.0
+"""Highest number of cycles in a turn of the joint that is looked for."""
+_LONGEST = 2048
+_SHORTEST = 16
+_BINS_A_CYCLE = 16
+_PADDING = 2
+_LEAST_ANGLE = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualSpectrum:
+    """Amplitude (k,) in N m or N of a residual over `frequency` (k,): Hz, or cycles in a radian (a metre).
+
+    A sine of amplitude A stands as a peak of height A; `resolution` is the width of such a peak.
+    """
+
+    over: Over
+    frequency: FloatArray
+    amplitude: FloatArray
+    resolution: float
+
+    def peaks(self, most: int = 5) -> tuple[int, ...]:
+        """Indices of the highest peaks, highest first."""
+        found, _ = signal.find_peaks(self.amplitude)
+        return tuple(int(k) for k in sorted(found, key=lambda k: -self.amplitude[k])[:most])
+
+
+def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> ResidualSpectrum:
+    """Amplitude spectrum of one joint's residual (m,) over time, averaged over half-overlapping stretches (Welch).
+
+    Raises
+    ------
+    DynidentError
+        Where no stretch without gaps is long enough.
+    """
+    runs = [(first, last) for first, last in uniform_runs(t, segment) if last - first >= _SHORTEST]
+    if not runs:
+        raise DynidentError(
+            f"no stretch without gaps has {_SHORTEST} rows; use a longer recording or wider windows",
+            pointer="over",
+            title="Too few samples",
+        )
+    lengths = np.sort([last - first for first, last in runs])[::-1]
+    # So long that half of the rows lie in runs which are as long.
+    length = int(min(_LONGEST, lengths[np.searchsorted(np.cumsum(lengths), 0.5 * lengths.sum())]))
+    step = float(np.median(np.diff(t)))
+    power, weight = np.zeros(length // 2 + 1), 0.0
+    for first, last in runs:
+        if last - first >= length:
+            _, here = signal.welch(
+                residual[first:last], 1.0 / step, "hann", length, detrend="constant", scaling="spectrum"
+            )
+            power, weight = power + (last - first) * here, weight + last - first
+    frequency = fft.rfftfreq(length, step)
+    return ResidualSpectrum("time", frequency, np.sqrt(2.0 * power / weight), 2.0 / (length * step))
+
+
+def angle_spectrum(q: FloatArray, dq: FloatArray, residual: FloatArray) -> ResidualSpectrum:
+    """Amplitude spectrum of one joint's residual (m,) over its own position q (m,).
+
+    Rows count by the joint's speed |dq| (m,), so that every piece of the way counts alike, however long the joint
+    dwelt on it. What passed the low-pass filter in part only, since the joint was fast, is shown as small as it is.
+
+    Raises
+    ------
+    DynidentError
+        Where the joint hardly moves.
+    """
+    low, high = (float(value) for value in np.quantile(q, [0.001, 0.999])) if len(q) else (0.0, 0.0)
+    span = high - low
+    if not span > _LEAST_ANGLE:
+        raise DynidentError(
+            f"the joint moves through {span:.3g} only: give a run in which it moves through more than {_LEAST_ANGLE:g}",
+            pointer="joint",
+            title="Joint at rest",
+        )
+    highest = HIGHEST_ORDER / (2.0 * np.pi)
+    n_bins = int(np.ceil(_BINS_A_CYCLE * highest * span))
+    place = np.clip(((q - low) / span * n_bins).astype(np.intp), 0, n_bins - 1)
+    taper = np.sin(np.pi * (place + 0.5) / n_bins) ** 2 * np.abs(dq)
+    weight = float(taper.sum())
+    centred = residual - (float(taper @ residual) / weight if weight > 0 else 0.0)
+    sums = np.bincount(place, weights=taper * centred, minlength=n_bins)
+    size = fft.next_fast_len(_PADDING * n_bins, real=True)
+    frequency = fft.rfftfreq(size, span / n_bins)
+    shown = (frequency >= 1.0 / span) & (frequency <= highest)
+    amplitude = 2.0 * np.abs(fft.rfft(sums, size)) / max(weight, np.finfo(float).tiny)
+    return ResidualSpectrum("angle", frequency[shown], amplitude[shown], 2.0 / span)
