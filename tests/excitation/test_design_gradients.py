@@ -4,11 +4,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, MemorySignal
+from dynident.effects.memory import step
 from dynident.excitation.criteria import CRITERIA, CriterionChoice, criterion_of
+from dynident.excitation.deciding import yardstick_of
 from dynident.excitation.fourier import FourierFamily
 from dynident.excitation.limits import bounds_of
 from dynident.excitation.model import design_model
+from dynident.excitation.path_memory import PathMemory
 from dynident.excitation.problem import DesignProblem, Multipliers
 from dynident.excitation.sensitivity import ObservationGradient
 from dynident.robot import robot_from_library, to_pinocchio
@@ -65,7 +68,36 @@ def test_the_gradient_over_the_coefficients_agrees_with_finite_differences(name,
         assert at.gradient @ direction == pytest.approx((forward - backward) / (2 * step), rel=2e-4)
 
 
-def test_columns_with_a_memory_are_left_out_and_named(panda):
+def test_hysteresis_belongs_to_what_a_motion_can_be_designed_for(panda):
     model = design_model(panda, [EffectChoice("viscous"), EffectChoice("presliding", joints=("joint2",))])
-    assert model.parameter_names == tuple(f"Fv{j}" for j in range(1, 8))
-    assert "leaves out Fz2, cz2" in model.notes[0]
+    assert model.parameter_names[-2:] == ("Fz2", "cz2")
+    assert not model.notes
+
+
+@pytest.mark.parametrize("criterion", ["condition_number", "a_optimal", "separation"])
+def test_the_gradient_goes_through_hysteresis(scara, criterion):
+    family = FourierFamily(3, 6.0)
+    slip = EffectChoice("presliding", ("elbow",), (("d0", 0.03),))
+    model = design_model(scara, [EffectChoice("coulomb"), EffectChoice("stribeck", ("elbow",)), slip])
+    yardstick = yardstick_of(model, CriterionChoice(criterion, effects=(slip,)), {})
+    problem = DesignProblem(family, model, yardstick.smooth, bounds_of(scara, {}))
+    rng = np.random.default_rng(4)
+    x = 0.3 * rng.standard_normal(family.n_coefficients * scara.n)
+    multipliers = problem.no_multipliers(1.0)
+    at = problem.evaluate(x, multipliers)
+    for _ in range(3):
+        direction = rng.standard_normal(x.shape)
+        forward, backward = (problem.evaluate(x + s * direction, multipliers).lagrangian for s in (1e-6, -1e-6))
+        assert at.gradient @ direction == pytest.approx((forward - backward) / 2e-6, rel=1e-4)
+
+
+def test_states_that_a_path_is_designed_with_are_those_of_a_simulation(scara):
+    signals = (MemorySignal("stop", 0, 0.05), MemorySignal("dahl", 1, 0.08))
+    t = np.linspace(0, 2 * np.pi, 400, endpoint=False)[:, None]
+    q = np.sin(t + np.arange(4)) + 0.3 * np.sin(3 * t)
+    states = [0.0, 0.0]
+    for _ in range(2):
+        for k in range(len(q)):
+            moved = q[k] - q[k - 1]
+            states = [step(s, z, moved[s.joint]) for s, z in zip(signals, states, strict=True)]
+    np.testing.assert_allclose(PathMemory(signals).along(q, periodic=True)[-1], states, atol=1e-12)

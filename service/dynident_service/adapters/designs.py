@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
+from dynident.effects.catalogue import check_shape, joints_of
 from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
 from dynident.excitation.request import check_request
 from dynident.robot import Robot
@@ -26,22 +28,39 @@ ROWS = 65_536
 
 def request_of(asked: wire.DesignRequest, robot: Robot) -> DesignRequest:
     """Take a design off the wire; `DynidentError` where it asks for what cannot be designed for this robot."""
+    request = design_request(asked)
+    check_request(request)
+    check_effects(request.wanted_effects, robot)
+    _check_rivals(request.criterion, robot)
+    return request
+
+
+def design_request(asked: wire.DesignRequest) -> DesignRequest:
+    """Take a design off the wire as it is."""
     if asked.model not in (None, "dynamic"):
         detail = f"designs for the {asked.model} model are not available in this version; leave it out"
         raise unusable(detail, "/model")
     trajectory, criterion = asked.trajectory, asked.criterion
-    speeds = {} if trajectory.speeds is None else {"speeds": tuple(trajectory.speeds)}
-    request = DesignRequest(
+    return DesignRequest(
         kind=asked.kind,
         effects=None if asked.effects is None else choices_of(asked.effects),
-        criterion=CriterionChoice(criterion.name, criterion.weight, criterion.a_priori),
+        criterion=CriterionChoice(
+            criterion.name,
+            criterion.weight,
+            criterion.a_priori,
+            tuple(criterion.parameters),
+            choices_of(criterion.effects),
+        ),
         trajectory=TrajectoryRequest(
             family=trajectory.family,
             duration=trajectory.duration,
             harmonics=trajectory.harmonics,
             periods=trajectory.periods,
             sampling_rate=trajectory.sampling_rate,
-            **speeds,
+            speeds=None if trajectory.speeds is None else tuple(trajectory.speeds),
+            amplitudes=None if trajectory.amplitudes is None else tuple(trajectory.amplitudes),
+            joints=tuple(trajectory.joints),
+            paces=tuple(trajectory.paces),
         ),
         limits={name: limits_of(value) for name, value in asked.limits.items()},
         home=None if asked.home is None else tuple(asked.home),
@@ -49,10 +68,29 @@ def request_of(asked: wire.DesignRequest, robot: Robot) -> DesignRequest:
         starts=asked.starts,
         random_trajectories=asked.random_trajectories,
         seed=asked.seed,
+        noise=asked.noise,
     )
-    check_request(request)
-    check_effects(request.wanted_effects, robot)
-    return request
+
+
+def _check_rivals(choice: CriterionChoice, robot: Robot) -> None:
+    for index, rival in enumerate(choice.effects):
+        at = f"/criterion/effects/{index}"
+        joints_of(rival, robot, at)
+        check_shape(rival, at)
+
+
+def show_request(request: DesignRequest, robot_id: str) -> wire.DesignRequest:
+    """Show what is asked of a design, ready to be posted."""
+    document = asdict(request)
+    for asked in (document, document["criterion"]):
+        asked["effects"] = [_choice_document(one) for one in asked["effects"] or ()]
+    if request.effects is None:
+        del document["effects"]
+    return wire.DesignRequest.model_validate({"robot_id": robot_id, **document})
+
+
+def _choice_document(choice: dict[str, Any]) -> dict[str, Any]:
+    return {"effect": choice["effect"], "joints": choice["joints"], "shape_parameters": dict(choice["shape"])}
 
 
 def describe_design(found: Design) -> wire.DesignResult:
@@ -77,6 +115,17 @@ def describe_design(found: Design) -> wire.DesignResult:
         exciting=found.exciting,
         period=found.period,
         parameter_names=list(found.parameter_names),
+        expected_parameters=[
+            wire.ExpectedParameter(
+                name=one.name,
+                effect=one.effect,
+                link=one.link,
+                unit=one.unit,
+                share=one.share,
+                standard_deviation=None if one.standard_deviation is None else finite(one.standard_deviation),
+            )
+            for one in found.expected
+        ],
         joints=list(found.joint_names),
         notes=list(found.notes),
     )

@@ -9,7 +9,7 @@ from pydantic import Field
 from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Limits, Name, Shown
 from dynident_service.models.identifications import MODELS
 
-DesignKind = Literal["optimized", "sequential", "constant_velocity", "random"]
+DesignKind = Literal["optimized", "sequential", "constant_velocity", "random", "slow_sweep", "reversals"]
 
 
 class Criterion(Asked):
@@ -23,9 +23,17 @@ class Criterion(Asked):
         "d_optimal",
         "a_optimal",
         "e_optimal",
+        "parameters",
+        "separation",
     ] = "condition_number"
     weight: float = Field(default=1.0, description="k1 of [12.13], k2 of [12.14]")
-    a_priori: dict[str, float] = Field(default={}, description="|Z| of [12.15] by parameter")
+    a_priori: dict[str, float] = Field(
+        default={}, description="|Z| of [12.15] by parameter; what variances are relative to"
+    )
+    parameters: list[str] = Field(default=[], description="For parameters: those whose variances count")
+    effects: list[EffectChoice] = Field(
+        default=[], description="For separation: to be told from the rest of the model and from each other"
+    )
 
 
 class Trajectory(Asked):
@@ -33,11 +41,20 @@ class Trajectory(Asked):
 
     family: Literal["fourier", "b_spline", "point_to_point"] = "fourier"
     harmonics: int = 5
-    duration: float = Field(default=10.0, description="One period, s")
+    duration: float = Field(
+        default=10.0, description="One period, s; of constant velocity the longest stroke, of a slow sweep one way"
+    )
     periods: int = 1
     sampling_rate: float = Field(default=100.0, description="Hz")
     speeds: list[float] | None = Field(
-        default=None, description="For constant velocity: shares of each joint's velocity limit"
+        default=None, description="For constant velocity and reversals: shares of each joint's velocity limit"
+    )
+    amplitudes: list[float] | None = Field(
+        default=None, min_length=1, description="For reversals: how far back and forth, rad or m"
+    )
+    joints: list[str] = Field(default=[], description="For motions of one joint at a time: those that move; or all")
+    paces: list[float] = Field(
+        default=[1.0], min_length=1, description="For fourier: the same path at each of these shares of its speed"
     )
 
 
@@ -57,6 +74,9 @@ class DesignRequest(Asked):
     starts: int | None = Field(default=None, description="Starts of the optimisation")
     random_trajectories: int = Field(default=100, description="How many stand beside the result")
     seed: int = 0
+    noise: dict[str, float] = Field(
+        default={}, description="By joint: standard deviation of a sample of its torque, N m or N"
+    )
 
 
 class CriterionValues(Shown):
@@ -87,6 +107,17 @@ class Margin(Shown):
     share: float | None = Field(description="Of the room that is used: 1 touches the limit")
 
 
+class ExpectedParameter(Shown):
+    """How well one parameter will come out."""
+
+    name: str
+    effect: str
+    link: str
+    unit: str
+    share: float = Field(description="What is left of its column beside all others; 0: not determined")
+    standard_deviation: float | None = Field(description="null where no noise is stated or it is not determined")
+
+
 class DesignResult(Shown):
     """A verified experiment."""
 
@@ -99,6 +130,7 @@ class DesignResult(Shown):
     exciting: tuple[float, float] = Field(description="Seconds between which the exciting part lies")
     period: float | None
     parameter_names: list[str]
+    expected_parameters: list[ExpectedParameter] = Field(default=[], description="How well they will come out")
     joints: list[str]
     notes: list[str]
 

@@ -3,6 +3,7 @@
 from dynident.excitation.baseline import Baseline
 from dynident.excitation.criteria import CRITERIA, CriterionChoice, CriterionValues
 from dynident.excitation.design import design_experiment
+from dynident.excitation.expected import ExpectedParameter
 from dynident.excitation.export import FORMATS, design_document, design_table, trajectory_document, write_design
 from dynident.excitation.limits import ImpossibleLimitsError, Margin
 from dynident.excitation.request import KINDS, Design, DesignRequest, TrajectoryRequest
@@ -16,6 +17,7 @@ __all__ = [
     "CriterionValues",
     "Design",
     "DesignRequest",
+    "ExpectedParameter",
     "ImpossibleLimitsError",
     "Margin",
     "TrajectoryRequest",

@@ -7,16 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.excitation.criteria import CriterionChoice, CriterionValues, true_values
+from dynident.excitation.criteria import CriterionValues
+from dynident.excitation.deciding import Yardstick
 from dynident.excitation.feasible import Shrinking, holdable_postures
 from dynident.excitation.fourier import FourierFamily
 from dynident.excitation.limits import Bounds
 from dynident.excitation.model import DesignModel
+from dynident.excitation.sampling import samples_of_a_period
 from dynident.progress import Progress, silent
 from dynident.robot.model import FloatArray
-
-_N_SAMPLES = 100
-_SAMPLES_PER_HARMONIC = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,19 +42,22 @@ class Judge:
         self,
         family: FourierFamily,
         model: DesignModel,
-        choice: CriterionChoice,
-        a_priori: FloatArray,
+        yardstick: Yardstick,
         *,
-        n_samples: int = _N_SAMPLES,
+        n_samples: int = 0,
     ) -> None:
-        self._model, self._choice, self._a_priori = model, choice, a_priori
-        self.n_samples = max(n_samples, _SAMPLES_PER_HARMONIC * family.harmonics)
+        self._model, self._yardstick = model, yardstick
+        self.n_samples = max(n_samples, samples_of_a_period(model, family))
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)[:3]
 
     def values(self, x: FloatArray) -> CriterionValues:
         """What coefficients (m, n) are worth."""
+        return self._yardstick.values(self.observe(x), self.n_samples)
+
+    def observe(self, x: FloatArray) -> FloatArray:
+        """W (N n, b) of coefficients (m, n)."""
         q, dq, ddq = self._basis @ x
-        return true_values(self._choice, self._model.observe(q, dq, ddq), self.n_samples, self._a_priori)
+        return self._model.observe(q, dq, ddq, memory=self._model.memory_along(q, periodic=True))
 
 
 def random_candidates(

@@ -12,7 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
+from dynident.excitation.variances import Deciding, relative_variances, sum_of_variances
 from dynident.robot.model import FloatArray
 
 Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
@@ -34,12 +36,19 @@ class CriterionChoice:
     weight : float
         k1 of [12.13] or k2 of [12.14] (in the unit of the smallest singular value).
     a_priori : mapping of parameter name to value
-        |Z| of [12.15]; parameters that it leaves out take the value that the robot's description gives.
+        |Z| of [12.15]; parameters that it leaves out take the value that the robot's description gives. "parameters"
+        and "separation" measure variances by them.
+    parameters : tuple of str
+        For "parameters": names of the base parameters whose variances count.
+    effects : tuple of EffectChoice
+        For "separation": the effects that are to be told from the rest of the model and from each other.
     """
 
     name: str = "condition_number"
     weight: float = 1.0
     a_priori: Mapping[str, float] = field(default_factory=dict)
+    parameters: tuple[str, ...] = ()
+    effects: tuple[EffectChoice, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -168,6 +177,8 @@ CRITERIA = (
     "d_optimal",
     "a_optimal",
     "e_optimal",
+    "parameters",
+    "separation",
 )
 """Names of the criteria."""
 
@@ -192,9 +203,26 @@ def check_criterion(choice: CriterionChoice) -> None:
             )
 
 
-def criterion_of(choice: CriterionChoice, a_priori: FloatArray) -> Criterion:
-    """The function behind a choice; a_priori (b,) is |Z| of [12.15]."""
+def check_wishes(choice: CriterionChoice) -> None:
+    """Raise `DynidentError` where a criterion needs names that are not stated."""
+    if choice.name == "parameters" and not choice.parameters:
+        raise DynidentError("name the parameters whose variances count", pointer="/criterion/parameters")
+    if choice.name == "separation" and not choice.effects:
+        raise DynidentError("name the effects that are to be separated", pointer="/criterion/effects")
+
+
+def criterion_of(choice: CriterionChoice, a_priori: FloatArray, deciding: Deciding | None = None) -> Criterion:
+    """The function behind a choice.
+
+    Parameters
+    ----------
+    a_priori : (b,)
+        |Z| of [12.15].
+    deciding : Deciding, optional
+        Parameters that "parameters" and "separation" are about; all where not given.
+    """
     check_criterion(choice)
+    whose = deciding or Deciding.all_of(len(a_priori))
     of_w: Mapping[str, Criterion] = {
         "condition_number": condition_number,
         "d_optimal": d_optimal,
@@ -203,21 +231,26 @@ def criterion_of(choice: CriterionChoice, a_priori: FloatArray) -> Criterion:
         "equilibrated": equilibrated(choice.weight),
         "condition_plus_inverse_sigma": condition_plus_inverse_sigma(choice.weight),
         "weighted": weighted(a_priori),
+        "parameters": relative_variances(whose, a_priori),
+        "separation": relative_variances(whose, a_priori),
     }
     return of_w[choice.name]
 
 
-def true_values(choice: CriterionChoice, w: FloatArray, n_samples: int, a_priori: FloatArray) -> CriterionValues:
+def true_values(
+    choice: CriterionChoice, w: FloatArray, n_samples: int, a_priori: FloatArray, deciding: Deciding | None = None
+) -> CriterionValues:
     """Values of W (r, b) at N samples without smoothing, by singular values."""
     scaled = w / np.sqrt(n_samples)
     sigma = np.linalg.svd(scaled, compute_uv=False)
     condition = _ratio(float(sigma[0]), float(sigma[-1]))
     full = np.isfinite(condition)
     inverse_squares = float(np.sum(sigma**-2)) if full else np.inf
+    whose = deciding or Deciding.all_of(w.shape[1])
     log_determinant = float(2 * np.sum(np.log(sigma))) if full else -np.inf
     return CriterionValues(
         condition_number=condition,
-        criterion=_as_written(choice, scaled, sigma, a_priori, log_determinant, inverse_squares),
+        criterion=_as_written(choice, scaled, sigma, a_priori, whose, log_determinant, inverse_squares),
         smallest_singular_value=float(sigma[-1]),
         largest_singular_value=float(sigma[0]),
         log_determinant=log_determinant,
@@ -230,6 +263,7 @@ def _as_written(
     w: FloatArray,
     sigma: FloatArray,
     a_priori: FloatArray,
+    deciding: Deciding,
     log_determinant: float,
     inverse_squares: float,
 ) -> float:
@@ -242,6 +276,8 @@ def _as_written(
     if choice.name == "weighted":
         of_weighted = np.linalg.svd(w * a_priori, compute_uv=False)
         return _ratio(float(of_weighted[0]), float(of_weighted[-1]))
+    if choice.name in ("parameters", "separation"):
+        return sum_of_variances(deciding, a_priori, w)
     if choice.name == "d_optimal":
         return -log_determinant
     if choice.name == "a_optimal":

@@ -72,6 +72,13 @@ def design_document(design: Design) -> dict[str, object]:
         "sampling_rate": design.sampling_rate,
         "exciting": {"from": design.exciting[0], "to": design.exciting[1], "period": design.period},
         "parameters": list(design.parameter_names),
+        "expected_parameters": [
+            {
+                **asdict(one),
+                "standard_deviation": None if one.standard_deviation is None else _finite(one.standard_deviation),
+            }
+            for one in design.expected
+        ],
         "notes": list(design.notes),
     }
 

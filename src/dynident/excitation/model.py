@@ -11,6 +11,7 @@ import numpy as np
 
 from dynident.effects import Column, EffectChoice, Signals, columns_of
 from dynident.errors import DynidentError
+from dynident.excitation.path_memory import PathMemory
 from dynident.regressors.base_parameters import BaseParameters, base_parameters
 from dynident.regressors.observation import Observation
 from dynident.regressors.program import BlockProgram
@@ -28,7 +29,8 @@ class DesignModel:
 
     `choices` are the effects that `columns` are made of: the `n_chosen` columns of the effects chosen first, then the
     links' inertial ones where they are not among them, since they predict the torque. `base` is chosen from all of
-    them. `reference` (10 n,) are standard inertial parameters for effects that depend on the load.
+    them. `reference` are standard inertial parameters for effects that depend on the load, and behind them
+    what else predicted torque is made of, zero.
     """
 
     robot: Robot
@@ -73,12 +75,22 @@ class DesignModel:
         """W for the base parameters of the chosen effects."""
         return Observation.of(self.robot, self.kept[: self.n_parameters], self.signals)
 
-    def observe(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """W (m n, b) at m samples, dense; q, dq, ddq (m, n)."""
+    @property
+    def needs_path(self) -> bool:
+        """Whether a column depends on the path up to now: W then needs samples close enough to follow it."""
+        return self.observation.n_memory > 0
+
+    def memory_along(self, q: FloatArray, *, periodic: bool = False) -> FloatArray:
+        """Hysteresis states (m, number of them) along a path q (m, n) from rest, or along one period of many."""
+        return PathMemory(self.observation.memory).along(q, periodic=periodic)
+
+    def observe(
+        self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, memory: FloatArray | None = None
+    ) -> FloatArray:
+        """W (m n, b) at m samples, dense; q, dq, ddq (m, n), and the hysteresis states where there are any."""
         observation = self.observation
-        entries = observation.evaluate(
-            q, dq, ddq, reference=self.reference, memory=np.zeros((len(q), observation.n_memory))
-        )
+        states = np.zeros((len(q), observation.n_memory)) if memory is None else memory
+        entries = observation.evaluate(q, dq, ddq, reference=self.reference, memory=states)
         w = np.zeros((len(q), self.robot.n, observation.n_columns))
         w[:, observation.entry_rows, observation.entry_columns] = entries
         return w.reshape(-1, observation.n_columns)
@@ -99,8 +111,8 @@ class DesignModel:
 def design_model(robot: Robot, effects: Sequence[EffectChoice]) -> DesignModel:
     """Set up the observation matrix of a design.
 
-    Columns that need a signal which a trajectory alone does not give (hysteresis states, temperature, time) are left
-    out, and a note says so.
+    Columns that need a signal which a trajectory alone does not give (temperature, time) are left out, and a note says
+    so.
 
     Raises
     ------
@@ -114,18 +126,16 @@ def design_model(robot: Robot, effects: Sequence[EffectChoice]) -> DesignModel:
     if len(chosen) < len(offered):
         kept = set(map(id, chosen))
         left_out = listed(column.name for column in offered if id(column) not in kept)
-        notes.append(
-            f"The criterion leaves out {left_out}: their columns depend on more than the present position, velocity "
-            "and acceleration."
-        )
+        notes.append(f"The criterion leaves out {left_out}: their columns depend on more than a trajectory gives.")
     if not chosen:
         raise DynidentError(
-            "no column of W is left to design for; choose effects that depend on position, velocity and acceleration",
+            "no column of W is left to design for; choose effects that depend on the motion alone",
             pointer="/effects",
         )
-    reference = np.tile(np.array(_PLAUSIBLE_LINK), robot.n)
+    reference = np.zeros(signals.reference.numel())
+    reference[: 10 * robot.n] = np.tile(np.array(_PLAUSIBLE_LINK), robot.n)
     if robot.inertias is not None:
-        reference = robot.inertias.reshape(-1).astype(np.float64)
+        reference[: 10 * robot.n] = robot.inertias.reshape(-1)
     elif any(ca.depends_on(column.torque, signals.reference) for column in chosen):
         notes.append("The load torque is that of links of 3 kg each: the robot's description gives no inertias.")
     choices, columns = tuple(effects), list(chosen)
@@ -139,5 +149,6 @@ def design_model(robot: Robot, effects: Sequence[EffectChoice]) -> DesignModel:
 
 
 def _beyond_a_trajectory(column: Column, signals: Signals) -> bool:
-    others = ca.vertcat(signals.memory_symbols, signals.time, signals.temperature)
-    return bool(ca.depends_on(column.torque, others))
+    known = ca.vertcat(signals.q, signals.dq, signals.ddq, signals.reference, signals.memory_symbols)
+    given = {symbol.name() for symbol in ca.symvar(known)}
+    return any(symbol.name() not in given for symbol in ca.symvar(column.torque))

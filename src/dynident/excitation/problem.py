@@ -10,15 +10,12 @@ from dynident.excitation.criteria import Criterion
 from dynident.excitation.fourier import FourierFamily
 from dynident.excitation.limits import Bounds
 from dynident.excitation.model import DesignModel
+from dynident.excitation.sampling import samples_of_a_period, smooth_sign
 from dynident.excitation.sensitivity import ObservationGradient
 from dynident.robot.model import FloatArray
 
-_N_SAMPLES = 100
-_SAMPLES_PER_HARMONIC = 16
 # Between the samples a motion swings out a little further than on them.
 _SHARE_OF_LIMITS = 0.99
-# Share of the velocity limit over which sign(q̇) is rounded while optimising.
-_SMOOTH_SIGN = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +58,11 @@ class DesignProblem:
     def __init__(self, family: FourierFamily, model: DesignModel, criterion: Criterion, bounds: Bounds) -> None:
         self.family, self.bounds = family, bounds
         self.n = model.robot.n
-        self.n_samples = max(_N_SAMPLES, _SAMPLES_PER_HARMONIC * family.harmonics)
+        self.n_samples = samples_of_a_period(model, family)
         self._model = model
         self._criterion = criterion
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
-        self._rows = ObservationGradient(model, self.n_samples, _SMOOTH_SIGN * float(bounds.velocity.min()))
+        self._rows = ObservationGradient(model, self.n_samples, smooth_sign(model, bounds))
         b = model.n_parameters
         self._n_parameters = b
         self._nominal = model.nominal

@@ -11,17 +11,23 @@ import numpy as np
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation.baseline import Baseline
-from dynident.excitation.criteria import CriterionChoice, CriterionValues, check_criterion
+from dynident.excitation.criteria import CriterionChoice, CriterionValues, check_criterion, check_wishes
+from dynident.excitation.expected import ExpectedParameter
 from dynident.excitation.limits import Margin
 from dynident.robot import Limits
 from dynident.robot.model import FloatArray
 
-Kind = Literal["optimized", "random", "constant_velocity"]
+Kind = Literal["optimized", "random", "constant_velocity", "slow_sweep", "reversals"]
 KINDS: tuple[str, ...] = get_args(Kind)
+JOINT_BY_JOINT = ("constant_velocity", "slow_sweep", "reversals")
+"""Kinds in which one joint moves at a time, with the friction of the joints for its default effects."""
 FAMILIES = ("fourier",)
 DEFAULT_STARTS = 4
 
 _FRICTION = tuple(EffectChoice(name) for name in ("coulomb", "viscous", "offset"))
+_SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
+_REVERSAL_SPEEDS = (0.01,)
+_AMPLITUDES = (0.004, 0.008, 0.016, 0.032, 0.064)
 _MOST_SAMPLES = 5_000_000
 _SAMPLES_PER_HARMONIC = 4
 _MOST_HARMONICS = 100
@@ -36,15 +42,22 @@ class TrajectoryRequest:
     family : str
         "fourier".
     duration : float
-        One period in s; for constant velocity the longest stroke.
+        One period in s; for constant velocity the longest stroke; for a slow sweep the way from one end of a joint's
+        range to the other.
     harmonics : int
         Of the fundamental frequency 1 / duration.
     periods : int
         How often the period (the set of strokes) is repeated.
     sampling_rate : float
         Hz.
-    speeds : tuple of float
-        For constant velocity: shares of each joint's velocity limit.
+    speeds : tuple of float, optional
+        For constant velocity and reversals: shares of each joint's velocity limit.
+    amplitudes : tuple of float, optional
+        For reversals: how far a joint goes back and forth, in rad or m.
+    joints : tuple of str
+        For motions of one joint at a time: those that move; all where empty.
+    paces : tuple of float
+        For Fourier trajectories: the same path is run at each of these shares of its speed, one after the other.
     """
 
     family: str = "fourier"
@@ -52,7 +65,10 @@ class TrajectoryRequest:
     harmonics: int = 5
     periods: int = 1
     sampling_rate: float = 100.0
-    speeds: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
+    speeds: tuple[float, ...] | None = None
+    amplitudes: tuple[float, ...] | None = None
+    joints: tuple[str, ...] = ()
+    paces: tuple[float, ...] = (1.0,)
 
 
 @dataclass(frozen=True)
@@ -61,10 +77,13 @@ class DesignRequest:
 
     Parameters
     ----------
-    kind : "optimized", "random" or "constant_velocity"
+    kind : str
+        One of `KINDS`. "optimized" and "random" move all joints; of the others, "constant_velocity" runs every joint
+        there and back at several speeds, "slow_sweep" slowly over its whole range, "reversals" back and forth by small
+        amplitudes.
     effects : tuple of EffectChoice, optional
-        What is to be identified; links, rotors, Coulomb and viscous friction where not given (for constant velocity:
-        friction and offset).
+        What is to be identified; links, rotors, Coulomb and viscous friction where not given (for motions of one joint
+        at a time: friction and offset).
     criterion, trajectory
         See there.
     limits : mapping of joint name to Limits
@@ -79,6 +98,9 @@ class DesignRequest:
     random_trajectories : int
         How many random trajectories stand beside the result.
     seed : int
+    noise : mapping of joint name to N m or N
+        Standard deviation of a sample of the joint's torque. With it, the criteria about variances weigh the joints,
+        and the standard deviations of the parameters are predicted.
     """
 
     kind: str = "optimized"
@@ -91,13 +113,26 @@ class DesignRequest:
     starts: int | None = None
     random_trajectories: int = 100
     seed: int = 0
+    noise: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def wanted_effects(self) -> tuple[EffectChoice, ...]:
         """The effects, with the default of the kind."""
         if self.effects is not None:
             return self.effects
-        return _FRICTION if self.kind == "constant_velocity" else DEFAULT_EFFECTS
+        return _FRICTION if self.kind in JOINT_BY_JOINT else DEFAULT_EFFECTS
+
+    @property
+    def wanted_speeds(self) -> tuple[float, ...]:
+        """Shares of the velocity limits, with the default of the kind."""
+        if self.trajectory.speeds is not None:
+            return self.trajectory.speeds
+        return _REVERSAL_SPEEDS if self.kind == "reversals" else _SPEEDS
+
+    @property
+    def wanted_amplitudes(self) -> tuple[float, ...]:
+        """Amplitudes of reversals in rad or m."""
+        return _AMPLITUDES if self.trajectory.amplitudes is None else self.trajectory.amplitudes
 
     @property
     def wanted_starts(self) -> int | None:
@@ -113,7 +148,8 @@ class Design:
 
     `exciting` are the times (s) between which the exciting part lies; `period` is its period, `None` where it has
     none. `baseline` is what random trajectories reach, `None` where there is nothing to compare. `margins` tell how
-    near every limit comes, on a grid ten times as fine. `parameter_names` are the base parameters it was designed for.
+    near every limit comes, on a grid ten times as fine. `parameter_names` are the base parameters it was designed for,
+    `expected` how well each of them will come out.
     """
 
     joint_names: tuple[str, ...]
@@ -129,6 +165,7 @@ class Design:
     baseline: Baseline | None
     margins: tuple[Margin, ...]
     notes: tuple[str, ...]
+    expected: tuple[ExpectedParameter, ...] = ()
 
     @property
     def n_samples(self) -> int:
@@ -150,6 +187,7 @@ def check_request(request: DesignRequest) -> None:
     """Raise `DynidentError` for what cannot be asked; joints, effects and limits are checked where they are used."""
     _one_of(request.kind, KINDS, "kind of design", "/kind")
     check_criterion(request.criterion)
+    check_wishes(request.criterion)
     trajectory = request.trajectory
     _one_of(trajectory.family, FAMILIES, "trajectory family", "/trajectory/family")
     _positive(trajectory.duration, "duration", "/trajectory/duration")
@@ -161,9 +199,18 @@ def check_request(request: DesignRequest) -> None:
         _at_least(request.starts, 1, "starts", "/starts")
     if request.time_budget is not None:
         _positive(request.time_budget, "time_budget", "/time_budget")
-    if request.kind == "constant_velocity":
-        _check_speeds(trajectory.speeds)
+    _check_shares(request.wanted_speeds, "speeds", "the velocity limit")
+    _check_shares(trajectory.paces, "paces", "the speed of the path")
+    for amplitude in request.wanted_amplitudes:
+        _positive(amplitude, "an amplitude", "/trajectory/amplitudes")
+    if request.kind in JOINT_BY_JOINT:
         return
+    if trajectory.joints:
+        raise DynidentError(
+            f"a trajectory of kind {request.kind!r} moves all joints; leave joints out, or choose one of: "
+            f"{', '.join(JOINT_BY_JOINT)}",
+            pointer="/trajectory/joints",
+        )
     _at_least(trajectory.harmonics, 2, "harmonics", "/trajectory/harmonics")
     if trajectory.harmonics > _MOST_HARMONICS:
         raise DynidentError(
@@ -177,7 +224,7 @@ def check_request(request: DesignRequest) -> None:
             f"least {_SAMPLES_PER_HARMONIC * fastest:g} Hz, fewer harmonics or a longer period",
             pointer="/trajectory/sampling_rate",
         )
-    samples = trajectory.sampling_rate * trajectory.duration * trajectory.periods
+    samples = trajectory.sampling_rate * trajectory.duration * trajectory.periods * sum(1 / p for p in trajectory.paces)
     if samples > _MOST_SAMPLES:
         raise DynidentError(
             f"the trajectory would have {samples:.0f} samples; at most {_MOST_SAMPLES} can be designed",
@@ -200,9 +247,8 @@ def _at_least(value: int, least: int, what: str, pointer: str) -> None:
         raise DynidentError(f"{what} is {value}; it must be at least {least}", pointer=pointer)
 
 
-def _check_speeds(speeds: tuple[float, ...]) -> None:
-    if not speeds or not all(np.isfinite(speed) and 0 < speed <= 1 for speed in speeds):
+def _check_shares(shares: tuple[float, ...], what: str, of: str) -> None:
+    if not shares or not all(np.isfinite(share) and 0 < share <= 1 for share in shares):
         raise DynidentError(
-            f"speeds are {list(speeds)}; they must be shares of the velocity limit between 0 and 1",
-            pointer="/trajectory/speeds",
+            f"{what} are {list(shares)}; they must be shares of {of} between 0 and 1", pointer=f"/trajectory/{what}"
         )

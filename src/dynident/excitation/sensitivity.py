@@ -14,11 +14,12 @@ import numpy as np
 
 from dynident.effects import Column, Signals, columns_of
 from dynident.excitation.model import DesignModel
+from dynident.excitation.path_memory import PathMemory
 from dynident.robot.model import FloatArray
 
 
 class ObservationGradient:
-    """W (N, n, c) of all base parameters of a design model at N samples, and its transposed derivative.
+    """W (N, n, c) of all base parameters of a design model at N samples of a period, and its transposed derivative.
 
     Parameters
     ----------
@@ -37,11 +38,14 @@ class ObservationGradient:
         matrix = ca.horzcat(*(column.torque for column in columns))
         rows, at = matrix.sparsity().get_triplet()
         self._places = np.array(rows, dtype=np.intp) * self.n_columns + np.array(at, dtype=np.intp)
-        state = ca.vertcat(signals.q, signals.dq, signals.ddq)
+        memory = signals.memory_in(matrix)
+        states = ca.vertcat(*(signals.memory(item) for item in memory))
+        state = ca.vertcat(signals.q, signals.dq, signals.ddq, states)
         entries = ca.substitute(matrix.nz[:], signals.reference, ca.DM(model.reference))
         seeds = ca.SX.sym("seeds", entries.numel())
         swept = ca.densify(ca.jtimes(entries, state, seeds, True))
-        self._state = np.zeros((n_samples, 3 * self.n))
+        self._memory = PathMemory(memory)
+        self._state = np.zeros((n_samples, 3 * self.n + len(memory)))
         self._seeds = np.zeros((n_samples, entries.numel()))
         self._entries = np.zeros_like(self._seeds)
         self._swept = np.zeros_like(self._state)
@@ -55,6 +59,8 @@ class ObservationGradient:
         """W (N, n, c) at q, dq, ddq (N, n); the memory is reused by the next call."""
         for part, values in enumerate((q, dq, ddq)):
             self._state[:, part * self.n : (part + 1) * self.n] = values
+        if self._memory.signals:
+            self._state[:, 3 * self.n :] = self._memory.along(q, periodic=True)
         self._forward.run()
         self._w[:, self._places] = self._entries
         return self._w.reshape(self.n_samples, self.n, self.n_columns)
@@ -64,7 +70,10 @@ class ObservationGradient:
         np.take(gradient.reshape(self.n_samples, -1), self._places, axis=1, out=self._seeds)
         self._reverse.run()
         n = self.n
-        return self._swept[:, :n], self._swept[:, n : 2 * n], self._swept[:, 2 * n :]
+        of_q, of_states = self._swept[:, :n], self._swept[:, 3 * n :]
+        if self._memory.signals:
+            of_q = of_q + self._memory.pull_back(self._state[:, :n], self._state[:, 3 * n :], of_states)
+        return of_q, self._swept[:, n : 2 * n], self._swept[:, 2 * n : 3 * n]
 
 
 class _Mapped:

@@ -1,0 +1,69 @@
+"""Hysteresis states along a sampled path, and the reverse sweep: from ∂/∂z back to ∂/∂q.
+
+A state depends on the path alone, z(k) = step(z(k-1), q(k) - q(k-1)), so its gradient is that of a recursion. Where a
+stop operator is at its stop, the past is forgotten and the gradient ends there: it is exact except at the instant at
+which the stop is reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.effects import MemorySignal
+from dynident.effects.memory import MemoryStates
+from dynident.robot.model import FloatArray
+
+_AT_STOP = 1.0 - 1e-12
+
+
+class PathMemory:
+    """Hysteresis states of one path, and the gradient of any function of them over the path.
+
+    Parameters
+    ----------
+    signals : sequence of MemorySignal
+    """
+
+    def __init__(self, signals: Sequence[MemorySignal]) -> None:
+        self.signals = tuple(signals)
+        self._joints = np.array([signal.joint for signal in self.signals], dtype=np.intp)
+        self._slips = np.array([signal.slip for signal in self.signals])
+        self._stops = np.array([signal.operator == "stop" for signal in self.signals])
+
+    def along(self, q: FloatArray, *, periodic: bool) -> FloatArray:
+        """States (m, k) along q (m, n); of a periodic path those of a later period, when the start is forgotten."""
+        states = MemoryStates(self.signals)
+        if periodic:
+            states.push(q)
+        return states.push(q)
+
+    def pull_back(self, q: FloatArray, z: FloatArray, gradient: FloatArray) -> FloatArray:
+        """∂/∂q (m, n) from ∂/∂z (m, k) on a periodic path q (m, n) with the states z (m, k)."""
+        made = np.zeros_like(q)
+        if not len(self.signals):
+            return made
+        passes, follows = self._derivatives(q, z)
+        carried = np.zeros(len(self.signals))
+        of_moves = np.empty_like(z)
+        # Twice around: what a sample does to the next period counts as well.
+        for _ in range(2):
+            for k in range(len(q) - 1, -1, -1):
+                carried = carried + gradient[k]
+                of_moves[k] = carried * follows[k]
+                carried = carried * passes[k]
+        np.add.at(made.T, self._joints, of_moves.T)
+        np.subtract.at(made.T, self._joints, np.roll(of_moves, -1, axis=0).T)
+        return made
+
+    def _derivatives(self, q: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """∂z(k)/∂z(k-1) and ∂z(k)/∂(q(k) - q(k-1)), both (m, k)."""
+        path = q[:, self._joints]
+        moves = path - np.roll(path, 1, axis=0)
+        inside = (np.abs(z) < _AT_STOP).astype(np.float64)
+        decay = np.exp(-np.abs(moves) / self._slips)
+        sliding = (1.0 - np.sign(moves) * np.roll(z, 1, axis=0)) * decay
+        passes = np.where(self._stops, inside, decay)
+        follows = np.where(self._stops, inside, sliding) / self._slips
+        return passes, follows

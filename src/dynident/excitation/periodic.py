@@ -1,0 +1,121 @@
+"""Experiments that move all joints at once: Fourier trajectories, random or optimised, at one pace or at several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.excitation.baseline import Candidate, Judge, baseline_of, random_candidates
+from dynident.excitation.feasible import Shrinking
+from dynident.excitation.fourier import FourierFamily, FourierMotion
+from dynident.excitation.home import with_moves
+from dynident.excitation.limits import Bounds, ImpossibleLimitsError, Margin, keeps, tightest
+from dynident.excitation.optimise import Budget, optimise
+from dynident.excitation.problem import DesignProblem
+from dynident.excitation.task import Made, Task, Valued
+from dynident.progress import part
+
+_VALUED_SAMPLES = 1000
+_SHRINK = 0.999
+_SHRINKS = 20
+# Of the time: optimising gains more than looking for better random trajectories.
+_RANDOM_SHARE = 0.3
+
+
+def periodic(task: Task, budget: Budget) -> Made:
+    """Design a Fourier trajectory, with the moves there and back."""
+    request, model, bounds, rate = task.request, task.model, task.bounds, task.rate
+    wanted = request.trajectory
+    steps = max(round(wanted.duration * rate), 1)
+    family = FourierFamily(wanted.harmonics, steps / rate)
+    notes = []
+    if abs(family.period - wanted.duration) > 1e-9 * wanted.duration:
+        notes.append(f"The period is {family.period:.9g} s: a whole number of sampling periods.")
+    notes += task.yardstick.notes
+    judge = Judge(family, model, task.yardstick)
+    candidates = random_candidates(
+        family,
+        bounds,
+        model,
+        judge,
+        count=request.random_trajectories,
+        seed=request.seed,
+        progress=part(task.progress, 0.0, 0.15),
+        enough=lambda: budget.share_spent > _RANDOM_SHARE,
+    )
+    if not candidates:
+        raise _no_room(bounds)
+    baseline, best = baseline_of(candidates), candidates[0]
+    if request.kind == "optimized":
+        problem = DesignProblem(family, model, task.yardstick.smooth, bounds)
+        shrinking = Shrinking(family, bounds, model)
+        result = optimise(problem, shrinking, judge, candidates, budget, part(task.progress, 0.15, 0.95))
+        best = result.best
+        completed = f"{result.starts} start{'' if result.starts == 1 else 's'} completed"
+        notes.append(f"{completed} before the time was over." if result.out_of_time else f"{completed}.")
+    if not np.isfinite(best.values.condition_number):
+        notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
+    fine = Judge(family, model, task.yardstick, n_samples=_VALUED_SAMPLES)
+    motions, margins = _verified(task, family, best)
+    placed = with_moves(request.home, motions[0], bounds, model, rate)
+    pieces = (placed.approach, *(replace(motion, periods=wanted.periods) for motion in motions), placed.retreat)
+    exciting = (placed.approach.duration, sum(piece.duration for piece in pieces[:-1]))
+    one_pace = len(motions) == 1
+    return Made(
+        pieces=pieces,
+        exciting=exciting,
+        period=motions[0].family.period if one_pace else None,
+        valued=_valued(task, fine, motions[0]) if one_pace else task.valued(pieces, exciting),
+        baseline=replace(baseline, best=fine.values(candidates[0].x)),
+        margins=_wider(margins, task.verified((placed.approach, placed.retreat))),
+        notes=(*notes, *placed.notes),
+    )
+
+
+def _valued(task: Task, judge: Judge, motion: FourierMotion) -> Valued:
+    w = judge.observe(motion.x)
+    n_samples = task.request.trajectory.periods * motion.family.period * task.rate
+    return Valued(task.yardstick.values(w, judge.n_samples), task.expected(w, n_samples))
+
+
+def _verified(
+    task: Task, family: FourierFamily, best: Candidate
+) -> tuple[tuple[FourierMotion, ...], tuple[Margin, ...]]:
+    """One period of the best candidate at every pace, shrunk by fractions of a percent until the fine grid agrees."""
+    x = best.x.copy()
+    families = [_at_pace(family, pace, task.rate) for pace in task.request.trajectory.paces]
+    for _ in range(_SHRINKS):
+        motions = tuple(FourierMotion(each, x) for each in families)
+        margins = task.verified(motions)
+        if keeps(margins):
+            return motions, margins
+        x = x.copy()
+        x[1:] *= _SHRINK
+    worst = tightest(margins)
+    raise ImpossibleLimitsError(
+        f"The {worst.limit} limit {worst.bound:g} of joint '{worst.joint}' cannot be kept ({worst.value:.4g}).",
+        pointer="/limits",
+        title="Impossible limits",
+    )
+
+
+def _at_pace(family: FourierFamily, pace: float, rate: float) -> FourierFamily:
+    """The family whose trajectories take the same paths at a share `pace` of the speed."""
+    return replace(family, period=np.ceil(family.period / pace * rate - 1e-6) / rate)
+
+
+def _wider(one: Sequence[Margin], other: Sequence[Margin]) -> tuple[Margin, ...]:
+    """Of each limit the margin that is used up more."""
+    return tuple(max(pair, key=lambda margin: margin.share) for pair in zip(one, other, strict=True))
+
+
+def _no_room(bounds: Bounds) -> DynidentError:
+    return ImpossibleLimitsError(
+        "No trajectory fits: the torque limits leave no room to move around any posture that can be held "
+        f"({', '.join(f'{name} {value:.3g}' for name, value in zip(bounds.names, bounds.torque, strict=True))}).",
+        pointer="/limits",
+        title="Impossible limits",
+    )

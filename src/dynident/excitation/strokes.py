@@ -1,0 +1,151 @@
+"""Motions of one joint at a time (§12.3.3, §12.3.4.2): at constant speeds, slowly over the range, back and forth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.excitation.limits import Bounds, ImpossibleLimitsError
+from dynident.excitation.model import DesignModel
+from dynident.excitation.motion import Piece
+from dynident.excitation.moves import move_within_torque
+from dynident.excitation.request import DesignRequest
+from dynident.progress import Progress, silent
+from dynident.robot.model import FloatArray
+from dynident.robot.pointers import listed
+
+# Of the position range, and at most so far (rad, m).
+_STROKE_SHARE, _LONGEST_STROKE = 0.8, np.pi
+_SWEEP_SHARE, _LONGEST_SWEEP = 0.98, 2 * np.pi
+# Of a stroke, what speeding up and slowing down may take.
+_RAMP_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Moves (pieces) from home to home; `first` and `last` are the ends in s of the part that identifies."""
+
+    pieces: tuple[Piece, ...]
+    first: float
+    last: float
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """One joint's way from `low` to `high` and back at `speed`."""
+
+    joint: int
+    low: float
+    high: float
+    speed: float
+
+
+def strokes_of(request: DesignRequest, bounds: Bounds, home: FloatArray) -> tuple[Stroke, ...]:
+    """The strokes that a request for a motion of one joint at a time asks for, around home (n,), joint by joint."""
+    joints = _joints_of(request, bounds)
+    if request.kind == "slow_sweep":
+        return _sweeps(bounds, joints, request.trajectory.duration)
+    if request.kind == "reversals":
+        return _reversals(bounds, home, joints, request.wanted_speeds, request.wanted_amplitudes)
+    return _constant_speeds(bounds, home, joints, request.wanted_speeds, request.trajectory.duration)
+
+
+def _joints_of(request: DesignRequest, bounds: Bounds) -> list[int]:
+    wanted = request.trajectory.joints or bounds.names
+    unknown = [name for name in wanted if name not in bounds.names]
+    if unknown:
+        raise DynidentError(
+            f"There is no joint {listed(unknown)}; joints: {listed(bounds.names)}.",
+            pointer="/trajectory/joints",
+            title="Unknown joint",
+        )
+    return [j for j, name in enumerate(bounds.names) if name in wanted]
+
+
+def _constant_speeds(
+    bounds: Bounds, home: FloatArray, joints: Sequence[int], speeds: Sequence[float], longest: float
+) -> tuple[Stroke, ...]:
+    """As far as the range allows, at most `longest` s, slowest first."""
+    made = []
+    for j in joints:
+        room = min(2 * bounds.half_range[j] * _STROKE_SHARE, _LONGEST_STROKE)
+        reachable = float(np.sqrt(bounds.acceleration[j] * room * _RAMP_SHARE))
+        for share in sorted(speeds):
+            speed = min(share * float(bounds.velocity[j]), reachable)
+            made.append(_around(bounds, home, j, min(room, speed * longest), speed))
+    return tuple(made)
+
+
+def _sweeps(bounds: Bounds, joints: Sequence[int], duration: float) -> tuple[Stroke, ...]:
+    """Over the whole range, but no more than a turn."""
+    made = []
+    for j in joints:
+        length = min(2 * bounds.half_range[j] * _SWEEP_SHARE, _LONGEST_SWEEP)
+        speed = min(length / duration, float(bounds.velocity[j]))
+        made.append(_around(bounds, bounds.middle, j, length, speed))
+    return tuple(made)
+
+
+def _reversals(
+    bounds: Bounds, home: FloatArray, joints: Sequence[int], speeds: Sequence[float], amplitudes: Sequence[float]
+) -> tuple[Stroke, ...]:
+    """Back and forth by growing amplitudes, slowest first."""
+    for j in joints:
+        if max(amplitudes) > 2 * bounds.half_range[j]:
+            raise ImpossibleLimitsError(
+                f"Joint '{bounds.names[j]}' cannot go back and forth by {max(amplitudes):.4g}: its range is "
+                f"{2 * bounds.half_range[j]:.4g}.",
+                pointer="/trajectory/amplitudes",
+                title="Impossible limits",
+            )
+    return tuple(
+        _around(bounds, home, j, amplitude, share * float(bounds.velocity[j]))
+        for j in joints
+        for share in sorted(speeds)
+        for amplitude in sorted(amplitudes)
+    )
+
+
+def _around(bounds: Bounds, centre: FloatArray, j: int, length: float, speed: float) -> Stroke:
+    low = float(np.clip(centre[j] - length / 2, bounds.position_low[j], bounds.position_high[j] - length))
+    return Stroke(j, low, low + length, speed)
+
+
+def course_of(
+    bounds: Bounds,
+    model: DesignModel,
+    home: FloatArray,
+    strokes: Sequence[Stroke],
+    *,
+    repeats: int,
+    rate: float,
+    progress: Progress = silent,
+) -> Course:
+    """Moves through all strokes, there and back `repeats` times each, the other joints at home.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        The arm cannot be held somewhere on the way.
+    """
+    pieces: list[Piece] = []
+    at = home
+    for number, stroke in enumerate(strokes):
+        progress(number / len(strokes), f"stroke {number + 1} of {len(strokes)}")
+        limits = bounds.velocity.copy()
+        limits[stroke.joint] = stroke.speed
+        slow = replace(bounds, velocity=limits)
+        low, high = home.copy(), home.copy()
+        low[stroke.joint], high[stroke.joint] = stroke.low, stroke.high
+        pieces.append(move_within_torque(at, low, bounds, model, rate))
+        for _ in range(repeats):
+            pieces.append(move_within_torque(low, high, slow, model, rate))
+            pieces.append(move_within_torque(high, low, slow, model, rate))
+        at = low
+    last = sum(piece.duration for piece in pieces)
+    first = pieces[0].duration
+    pieces.append(move_within_torque(at, home, bounds, model, rate))
+    return Course(tuple(pieces), first, last)

@@ -1,0 +1,90 @@
+"""What the makers of all kinds of experiments share: the wish, the model, the limits, and the verification."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.excitation.baseline import Baseline
+from dynident.excitation.criteria import CriterionValues
+from dynident.excitation.deciding import Yardstick
+from dynident.excitation.expected import ExpectedParameter, expected_parameters
+from dynident.excitation.limits import Bounds, Margin, margins_of
+from dynident.excitation.model import DesignModel
+from dynident.excitation.motion import Motion, Piece, in_sequence
+from dynident.excitation.request import DesignRequest
+from dynident.progress import Progress, part
+from dynident.robot.model import FloatArray
+
+_CHECKS_PER_SAMPLE = 10
+_CHUNK = 50_000
+_VALUED_SAMPLES = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """`limits` are those that must hold, `bounds` those that are designed for: a hair inside."""
+
+    request: DesignRequest
+    model: DesignModel
+    yardstick: Yardstick
+    limits: Bounds
+    bounds: Bounds
+    progress: Progress
+
+    @property
+    def rate(self) -> float:
+        """Hz."""
+        return self.request.trajectory.sampling_rate
+
+    def verified(self, pieces: Sequence[Piece]) -> tuple[Margin, ...]:
+        """Margins against the limits proper, on a grid finer than the sampling."""
+        torque = self.model.torque if self.limits.checks_torque else None
+        finely = _finely(pieces, self.rate * _CHECKS_PER_SAMPLE, part(self.progress, 0.95, 1.0))
+        return margins_of(self.limits, finely, torque)
+
+    def valued(self, pieces: Sequence[Piece], exciting: tuple[float, float]) -> Valued:
+        """What the exciting part of pieces one after the other is worth."""
+        motion = in_sequence(pieces, self.rate)
+        inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
+        taken = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
+        memory = self.model.memory_along(motion.q)[taken]
+        w = self.model.observe(motion.q[taken], motion.dq[taken], motion.ddq[taken], memory=memory)
+        return Valued(self.yardstick.values(w, len(taken)), self.expected(w, len(inside)))
+
+    def expected(self, w: FloatArray, n_samples: float) -> tuple[ExpectedParameter, ...]:
+        """How well the parameters come out of `n_samples` samples like those of W (m n, b)."""
+        weights, known = self.yardstick.deciding.row_weights, bool(self.request.noise)
+        return expected_parameters(self.model, w, weights, n_samples, noise_known=known)
+
+
+@dataclass(frozen=True, eq=False)
+class Valued:
+    """A motion's worth by the criteria, and parameter by parameter."""
+
+    values: CriterionValues
+    expected: tuple[ExpectedParameter, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What is left to be put into a `Design`."""
+
+    pieces: tuple[Piece, ...]
+    exciting: tuple[float, float]
+    period: float | None
+    valued: Valued
+    baseline: Baseline | None
+    margins: tuple[Margin, ...]
+    notes: tuple[str, ...]
+
+
+def _finely(pieces: Sequence[Piece], rate: float, progress: Progress) -> Iterator[Motion]:
+    """Pieces on grids of at least `rate`, ends included, in chunks."""
+    for number, piece in enumerate(pieces):
+        t = np.linspace(0.0, piece.duration, int(np.ceil(piece.duration * rate)) + 1)
+        for first in range(0, len(t), _CHUNK):
+            progress(number / len(pieces), "verifying")
+            yield piece.evaluate(t[first : first + _CHUNK])

@@ -1,0 +1,114 @@
+"""How well chosen parameters come out: the diagonal of M⁻¹, all other columns present, and its gradient.
+
+For two rival effects A and B in one model [base | A | B], 1 / (M⁻¹)aa is the squared distance of what A adds from the
+best that base and B can do instead, for a unit amplitude: minimising the variance of A's parameter is T-optimality
+(Atkinson and Fedorov 1975) for the pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.robot.model import FloatArray
+
+# Eigenvalues of the equilibrated M below this share of the largest are rounding errors.
+_FLOOR = 1e-13
+_LOST = 1e-6
+"""Squared share of a parameter in the directions that W does not see, from which on it counts as not determined."""
+
+
+@dataclass(frozen=True, eq=False)
+class Deciding:
+    """Whose variances count: groups of parameter indices, and the weight (n,) of every joint's rows, 1 / noise.
+
+    Within a group relative variances are added; groups are weighed by the product of their sums, so that no unit
+    decides which of them matters.
+    """
+
+    groups: tuple[tuple[int, ...], ...]
+    row_weights: FloatArray
+
+    @classmethod
+    def all_of(cls, n_parameters: int) -> Deciding:
+        """All parameters in one group, all rows alike."""
+        return cls((tuple(range(n_parameters)),), np.ones(1))
+
+    def weighted(self, w: FloatArray) -> FloatArray:
+        """W (m n, b) with the weights on its rows."""
+        return w * np.tile(self.row_weights, len(w) // len(self.row_weights))[:, None]
+
+
+def relative_variances(deciding: Deciding, a_priori: FloatArray) -> Callable[[FloatArray], tuple[float, FloatArray]]:
+    """Log of the (geometric mean over groups of the) sum of variances relative to a_priori² (b,)."""
+
+    def criterion(w: FloatArray) -> tuple[float, FloatArray]:
+        rows = deciding.weighted(w)
+        inverse = _inverse(rows)
+        value, slope = _value(deciding.groups, np.diag(inverse), a_priori)
+        # d(M⁻¹) = -M⁻¹ dM M⁻¹ with dM = dWᵀ W + Wᵀ dW
+        of_rows = -2.0 * rows @ (inverse * slope) @ inverse
+        return value, deciding.weighted(of_rows)
+
+    return criterion
+
+
+def sum_of_variances(deciding: Deciding, a_priori: FloatArray, w: FloatArray) -> float:
+    """The criterion's value without its logarithm; infinite where a parameter is not determined."""
+    variances = inverse_diagonal(deciding.weighted(w)).variances
+    deciding_ones = [k for group in deciding.groups for k in group]
+    if not np.isfinite(variances[deciding_ones]).all():
+        return np.inf
+    return float(np.exp(_value(deciding.groups, variances, a_priori)[0]))
+
+
+def _value(groups: Sequence[tuple[int, ...]], variances: FloatArray, a_priori: FloatArray) -> tuple[float, FloatArray]:
+    value, slope = 0.0, np.zeros(len(variances))
+    for group in groups:
+        members = list(group)
+        relative = variances[members] / a_priori[members] ** 2
+        value += float(np.log(relative.sum())) / len(groups)
+        slope[members] += 1.0 / a_priori[members] ** 2 / relative.sum() / len(groups)
+    return value, slope
+
+
+def _inverse(w: FloatArray) -> FloatArray:
+    """M⁻¹ (b, b), M = WᵀW, of equilibrated columns so that units do not cost digits."""
+    sizes = np.linalg.norm(w, axis=0) + np.finfo(float).tiny
+    values, vectors = np.linalg.eigh((w / sizes).T @ (w / sizes))
+    values = np.maximum(values, _FLOOR * values[-1] + np.finfo(float).tiny)
+    made: FloatArray = (vectors / values) @ vectors.T / np.outer(sizes, sizes)
+    return made
+
+
+@dataclass(frozen=True, eq=False)
+class InverseDiagonal:
+    """variances (b,): the diagonal of M⁻¹, infinite where W does not determine a parameter; shares (b,) in [0, 1].
+
+    A share is what is left of a column beside all others, by its norm: 1 for a column at right angles to them, 0 for
+    one that they can replace.
+    """
+
+    variances: FloatArray
+    shares: FloatArray
+
+
+def inverse_diagonal(w: FloatArray) -> InverseDiagonal:
+    """Variances of the parameters of W (r, b) for unit noise, and what is left of every column beside the others."""
+    return inverse_diagonal_of(w.T @ w)
+
+
+def inverse_diagonal_of(information: FloatArray) -> InverseDiagonal:
+    """The same of the information matrix M (b, b)."""
+    squares = np.diag(information)
+    absent = squares <= 0
+    sizes = np.sqrt(np.where(absent, 1.0, squares))
+    values, vectors = np.linalg.eigh(information / np.outer(sizes, sizes))
+    seen = values > _FLOOR * len(values) * values[-1]
+    scaled = (vectors[:, seen] ** 2 / values[seen]).sum(axis=1)
+    lost = absent | ((vectors[:, ~seen] ** 2).sum(axis=1) > _LOST)
+    variances = np.where(lost, np.inf, scaled / sizes**2)
+    shares = np.where(lost, 0.0, 1.0 / np.sqrt(np.maximum(scaled, 1.0)))
+    return InverseDiagonal(variances, shares)
