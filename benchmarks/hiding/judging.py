@@ -1,0 +1,212 @@
+"""One case from simulation to judgement: identify, diagnose, add what is recommended, hold it against the truth."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from engine.robots import arm_by_name, as_described
+
+from dynident.diagnosis import Diagnosis, diagnose
+from dynident.effects import CATALOGUE, EffectChoice
+from dynident.errors import DynidentError
+from dynident.identification import Identification, extend, identify
+from dynident.recordings import Recording, low_pass
+from dynident.robot import Robot
+from hiding.case import Case, Placed
+from hiding.outcome import Hint, Naming, Outcome
+from hiding.recorded import Recorded, label_of, recorded
+from hiding.visibility import SHOWS, excess
+
+
+def judge_safely(case: Case, folder: Path | None) -> Outcome:
+    """Judge a case; where anything raises, the outcome says what."""
+    try:
+        return judge(case, folder)
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return _failed(case, f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})")
+
+
+def judge(case: Case, folder: Path | None) -> Outcome:
+    """Simulate (or fetch) a case, run the product on it, compare."""
+    start = time.perf_counter()
+    data = recorded(case, folder)
+    robot = as_described(arm_by_name(case.arm), case.noise)
+    left = _excess(data, folder)
+    simulating = time.perf_counter() - start
+    training, held_out = data.recordings(held_out=False), data.recordings(held_out=True)
+    start = time.perf_counter()
+    plain = identify(robot, training, held_out)
+    diagnosis = diagnose(plain, training)
+    better = extend(plain, diagnosis.recommended, training, held_out) if diagnosis.recommended else plain
+    seconds = time.perf_counter() - start
+    true = _true_structure(case, robot, plain, training, held_out)
+    outcome = _named(case, robot, diagnosis)
+    before, after = error_over_noise(plain, data), error_over_noise(better, data)
+    oracle = error_over_noise(true, data) if true else None
+    return replace(
+        outcome,
+        excess=left,
+        shows=left >= SHOWS,
+        plain=before,
+        after=after,
+        oracle=before if case.kind == "clean" else oracle,
+        oracle_gain=None if oracle is None else 1 - oracle / before,
+        parameter_errors=parameter_errors(case, robot, better),
+        seconds=seconds,
+        simulating=simulating,
+    )
+
+
+def error_over_noise(found: Identification, data: Recorded) -> float:
+    """Held-out residual over what the filter leaves of the torque sensor's noise, joints taken together."""
+    assert found.held_out is not None
+    taps = low_pass(data.case.instruments.rate, found.preprocessing.torque_cutoff)
+    floor = data.runs[0].noise * float(np.sqrt((taps**2).sum()))
+    return float(np.sqrt(np.mean((found.held_out.rms / floor) ** 2)))
+
+
+def parameter_errors(case: Case, robot: Robot, found: Identification) -> tuple[tuple[str, float], ...]:
+    """Relative errors of the hidden effects' main parameters that the model has."""
+    errors = []
+    for placed in case.hidden:
+        links = {robot.joint_names[j] for j in placed.joints} or {""}
+        for truth in placed.truths:
+            values = [
+                p.value
+                for p in found.parameters
+                if p.effect in placed.names and (p.link in links or not placed.joints) and _stem(p.name) in truth.names
+            ]
+            if len(values) == len(truth.names):
+                value = values[0] if len(values) == 1 else float(np.linalg.norm(values))
+                errors.append(("+".join(truth.names), abs(value - truth.value) / abs(truth.value)))
+    return tuple(errors)
+
+
+def choice_of(case: Case, placed: Placed, robot: Robot) -> EffectChoice | None:
+    """The hidden effect as the product would be told of it; None where it does not know it."""
+    effect = next((name for name in placed.names if name in CATALOGUE), None)
+    if effect is None or not placed.in_catalogue:
+        return None
+    # A coupling sits on the first of its joints.
+    joints = placed.joints[:1] if effect == "transmission_coupling" else placed.joints
+    names = tuple(robot.joint_names[j] for j in joints) if CATALOGUE[effect].scope == "joint" else ()
+    return EffectChoice(effect, names, placed.shape, runs=runs_of(case, placed))
+
+
+def runs_of(case: Case, placed: Placed) -> tuple[str, ...]:
+    """Labels of the runs that an effect is in; empty: all."""
+    return tuple(label_of(case, index) for index in getattr(placed.physics, "runs", ()))
+
+
+def _excess(data: Recorded, folder: Path | None) -> float:
+    """Of the effect that shows least."""
+    case = data.case
+    if not case.hidden:
+        return 0.0
+    if len(case.hidden) == 1:
+        return float(excess(data, folder).max())
+    alone = [replace(case, hidden=(placed,)) for placed in case.hidden]
+    return min(float(excess(recorded(one, folder), folder).max()) for one in alone)
+
+
+def _true_structure(
+    case: Case, robot: Robot, plain: Identification, training: Sequence[Recording], held_out: Sequence[Recording]
+) -> Identification | None:
+    choices = [choice_of(case, placed, robot) for placed in case.hidden]
+    known = [choice for choice in choices if choice is not None]
+    if not known or len(known) < len(choices):
+        return None
+    try:
+        return extend(plain, known, training, held_out)
+    except DynidentError:
+        return None
+
+
+def _named(case: Case, robot: Robot, diagnosis: Diagnosis) -> Outcome:
+    """What the diagnosis says, held against what is hidden. Errors and times are filled in by the caller."""
+    recommended = diagnosis.recommended
+    first = diagnosis.candidates[0] if recommended and diagnosis.candidates else None
+    names = {name for placed in case.hidden for name in placed.names}
+    naming: Naming = "none"
+    meant: Placed | None = None
+    if first is not None:
+        meant = next((p for p in case.hidden if first.effect in p.names), None)
+        naming = "right" if meant else "wrong"
+        if meant is None and case.kind != "outside":
+            meant = next((p for p in case.hidden if set(first.equivalent) & set(p.names)), None)
+            naming = "equivalent" if meant else "wrong"
+    three = {name for c in diagnosis.candidates[:3] for name in (c.effect, *(c.equivalent if c.significant else ()))}
+    told = {(u.joint, str(u.variable)) for u in diagnosis.unknown}
+    right_unknown = any(
+        (robot.joint_names[j], variable) in told for p in case.hidden for j in p.joints[:1] for variable in p.variables
+    )
+    return replace(
+        _failed(case, ""),
+        verdict=diagnosis.verdict,
+        naming=naming,
+        in_three=bool(three & names),
+        joint=None if first is None or meant is None else _on_its_joint(meant, first.joints, robot),
+        complete=bool(case.hidden) and all(_found(p, diagnosis, robot) for p in case.hidden),
+        beside=tuple(sorted({c.effect for c in recommended} - names - _twins(case, diagnosis))),
+        unknown_right=right_unknown,
+        recommended=tuple(_told(choice) for choice in recommended),
+        unknown=tuple(f"{u.joint} over {u.variable} ({u.share:.0%})" for u in diagnosis.unknown),
+        hints=tuple(
+            Hint(c.effect, c.joints, c.significant, c.equivalent, c.evidence) for c in diagnosis.candidates[:4]
+        ),
+    )
+
+
+def _twins(case: Case, diagnosis: Diagnosis) -> set[str]:
+    """Recommended names that are reported as equivalent to what is hidden."""
+    names = {name for placed in case.hidden for name in placed.names if placed.in_catalogue}
+    return {c.effect for c in diagnosis.candidates if c.significant and set(c.equivalent) & names}
+
+
+def _found(placed: Placed, diagnosis: Diagnosis, robot: Robot) -> bool:
+    return any(
+        c.significant
+        and set(placed.names) & {c.effect, *c.equivalent}
+        and _on_its_joint(placed, c.joints, robot) is not False
+        for c in diagnosis.candidates
+    )
+
+
+def _on_its_joint(placed: Placed, joints: Sequence[str], robot: Robot) -> bool | None:
+    """None where either has no joint."""
+    if not placed.joints or not joints:
+        return None
+    return bool({robot.joint_names[j] for j in placed.joints} & set(joints))
+
+
+def _told(choice: EffectChoice) -> str:
+    shape = ", ".join(f"{name} {value:.3g}" for name, value in choice.shape)
+    runs = ", ".join(getattr(choice, "runs", ()))
+    return (
+        choice.effect
+        + (f" on {', '.join(choice.joints)}" if choice.joints else "")
+        + (f" ({shape})" if shape else "")
+        + (f" in {runs}" if runs else "")
+    )
+
+
+def _stem(name: str) -> str:
+    return name.rstrip("0123456789")
+
+
+def _failed(case: Case, failure: str) -> Outcome:
+    robot = arm_by_name(case.arm)
+    return Outcome(
+        case=case.name, kind=case.kind, size=case.size, effects=tuple(p.effect for p in case.hidden), arm=case.arm,
+        joints=tuple(robot.joint_names[j] for p in case.hidden for j in p.joints), excess=0.0, shows=False,
+        known=all(set(p.names) & set(CATALOGUE) for p in case.hidden), verdict="", naming="none", in_three=False,
+        joint=None, complete=False, beside=(), unknown_right=False, recommended=(), unknown=(), hints=(),
+        plain=float("nan"), after=float("nan"), oracle=None, oracle_gain=None, parameter_errors=(), seconds=0.0,
+        simulating=0.0, failure=failure,
+    )  # fmt: skip
