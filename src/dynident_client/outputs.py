@@ -82,6 +82,18 @@ class Comparisons(Collection[Comparison]):
         path = f"{self.path}/{id_of(comparison)}/residual_map"
         return dict(self._transport.get(path, joint=joint, x=x, y=y, bins=bins))
 
+    def spectrum(
+        self, comparison: Record | str, joint: str, over: Literal["angle", "time"] | None = None
+    ) -> dict[str, Any]:
+        """Read the amplitude spectrum of a joint's residual, over time or over its own angle."""
+        path = f"{self.path}/{id_of(comparison)}/spectrum"
+        return dict(self._transport.get(path, joint=joint, over=over))
+
+    def autocorrelation(self, comparison: Record | str, joint: str, *, longest: float | None = None) -> dict[str, Any]:
+        """Read the autocorrelation of a joint's residual up to a lag in s, and its effective number of samples."""
+        path = f"{self.path}/{id_of(comparison)}/autocorrelation"
+        return dict(self._transport.get(path, joint=joint, longest=longest))
+
 
 class Diagnoses(Collection[Diagnosis]):
     """What is missing in models."""

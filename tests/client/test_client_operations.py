@@ -64,6 +64,8 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.comparisons.create("i1", "m1"),
         lambda c: c.comparisons.series("x1", "elbow", start=1.0, end=2.0),
         lambda c: c.comparisons.residual_map("x1", "elbow", "q_elbow"),
+        lambda c: c.comparisons.spectrum("x1", "elbow", "angle"),
+        lambda c: c.comparisons.autocorrelation("x1", "elbow", longest=2.0),
         lambda c: c.diagnoses.create("i1"),
         lambda c: c.validations.create("i1", "cross"),
         lambda c: c.reports.create("i1"),

@@ -107,7 +107,7 @@ def test_compare_prints_the_errors_and_writes_the_signals(desk: Path) -> None:
     answer = dynident("compare", desk / "model.npz", desk / "run2.csv", "--out", desk / "signals.csv", "--json")
     found = answer.document
     assert found.keys() >= {*ERRORS, "worst"}
-    assert found["worst"][0].keys() >= {"joint", "from", "to", "rms"}
+    assert found["worst"][0].keys() >= {"joint", "from", "to", "rms", "pose"}
     signals = pacsv.read_csv(desk / "signals.csv")
     name = ROBOT.joint_names[0]
     residual = signals[f"residual_{name}"].to_numpy()
@@ -116,6 +116,15 @@ def test_compare_prints_the_errors_and_writes_the_signals(desk: Path) -> None:
     np.testing.assert_allclose(residual, difference, atol=1e-9)
     held_out = from_bytes((desk / "model.npz").read_bytes()).held_out
     assert found["relative_total"] == pytest.approx(held_out.relative_total, rel=1e-6)
+
+
+def test_compare_says_when_the_motion_only_repeats_what_was_learnt(desk: Path) -> None:
+    same = dynident("compare", desk / "model.npz", desk / "run1.csv", "--learnt", desk / "run1.csv", "--json").document
+    assert same["repeated_motion"]["share"] == 1.0
+    other = dynident("compare", desk / "model.npz", desk / "run2.csv", "--learnt", desk / "run1.csv").out
+    assert "generalisation" not in other
+    assert "noise floor" in other
+    assert "repeated periods" in other
 
 
 def test_diagnose_names_the_effect_and_writes_what_it_prints(diagnosed: dict, desk: Path) -> None:

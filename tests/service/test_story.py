@@ -59,6 +59,19 @@ def test_a_hidden_effect_is_found_added_and_reported(live: Client, tmp_path: Pat
     model = live.identifications.create(robot, runs[:1], validation=runs[1:]).wait()
     comparison = live.comparisons.create(model, runs[1]).wait()
     assert comparison.result["relative"] == pytest.approx(model.result["validation"]["relative"], rel=0.05)
+    figures = comparison.result
+    # The trial repeats its motion of 8 s; it is another motion than the one that was learnt.
+    assert (figures["held_out"], figures["repeated_motion"]) == (True, None)
+    assert figures["noise_source"] in ("repeated_periods", "high_frequency")
+    assert all(over > 0.9 for over in figures["over_noise"]), {k: figures[k] for k in ("noise_floor","noise_source","over_noise","rms","repetition","notes","effective_samples")}
+    assert all(0 < few <= figures["n_samples"] for few in figures["effective_samples"])
+    assert [len(one["pose"]) for one in figures["worst"]] == [4] * len(figures["worst"])
+    fit = live.comparisons.create(model, runs[0]).wait().result
+    assert fit["held_out"] is False
+    assert (fit["noise_source"], round(fit["repetition"]["period"], 1)) == ("repeated_periods", 10.0)
+    assert fit["lack_of_fit"]["p_value"][0] < 0.01
+    assert live.comparisons.spectrum(comparison, joint, "angle")["amplitude"]
+    assert live.comparisons.autocorrelation(comparison, joint)["effective_samples"] < figures["n_samples"]
     series = live.comparisons.series(comparison, joint, start=3.0, end=6.0, points=60)
     assert 30 < len(series["t"]) <= series["n_samples"]
     assert 3.0 <= series["t"][0] < series["t"][-1] <= 6.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 from tsdownsample import MinMaxLTTBDownsampler
 
-from dynident.diagnosis import Comparison
+from dynident.diagnosis import Comparison, Judgement, ResidualSpectrum, angle_spectrum, autocorrelation, time_spectrum
 from dynident.errors import DynidentError
 from dynident_service.adapters.identifications import finite, numbers
 from dynident_service.models import comparisons as wire
@@ -22,8 +23,9 @@ METADATA_KEY = b"dynident.comparison"
 FloatArray = NDArray[np.float64]
 
 
-def describe_comparison(found: Comparison) -> wire.ComparisonResult:
-    """Describe a comparison for the wire."""
+def describe_comparison(found: Comparison, judged: Judgement, held_out: bool | None) -> wire.ComparisonResult:
+    """Describe a comparison for the wire; `held_out` None where nobody knows."""
+    noise, fit = judged.noise, judged.noise.lack_of_fit
     return wire.ComparisonResult(
         joints=list(found.joint_names),
         effort_units=list(found.units),
@@ -35,18 +37,40 @@ def describe_comparison(found: Comparison) -> wire.ComparisonResult:
         relative_total=finite(found.errors.relative_total),
         worst=[
             wire.WorstStretch.model_validate(
-                {"joint": one.joint, "from": one.start, "to": one.end, "rms": one.rms, "ratio": one.ratio}
+                {
+                    "joint": one.joint,
+                    "from": one.start,
+                    "to": one.end,
+                    "rms": one.rms,
+                    "ratio": one.ratio,
+                    "time": one.time,
+                    "pose": list(one.pose),
+                    "speed": list(one.speed),
+                }
             )
             for one in found.worst
         ],
+        held_out=held_out,
+        noise_floor=numbers(noise.values),
+        noise_source=noise.source,
+        over_noise=numbers(judged.over_noise),
+        effective_samples=numbers(judged.effective_samples),
+        repetition=wire.Repetition(period=noise.period, repetitions=noise.repetitions) if noise.period > 0 else None,
+        lack_of_fit=None if fit is None else wire.LackOfFit(f=numbers(fit.f), p_value=numbers(fit.p_value)),
+        repeated_motion=None
+        if judged.repeated is None
+        else wire.RepeatedMotion(measurement=judged.repeated.name, share=judged.repeated.share),
+        notes=list(judged.notes),
     )
 
 
 def write_comparison(found: Comparison, path: Path) -> Path:
     """Write the signals of a comparison, a column for each signal of each joint."""
     columns: dict[str, FloatArray] = {"t": found.t, "segment": found.segment}
-    for signal in SIGNALS:
-        values: FloatArray = getattr(found, signal)
+    signals = {signal: getattr(found, signal) for signal in SIGNALS}
+    if found.temperature is not None:
+        signals["temperature"] = found.temperature
+    for signal, values in signals.items():
         for index, joint in enumerate(found.joint_names):
             columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
     header = {"joint_names": found.joint_names, "units": found.units, "noise": found.noise.tolist()}
@@ -113,6 +137,46 @@ class StoredComparison:
             count=count.astype(int).tolist(),
         )
 
+    def spectrum(self, joint: str, over: Literal["angle", "time"]) -> wire.Spectrum:
+        """Give the amplitude spectrum of a joint's residual, over time or over the joint's own position."""
+        unit = self._units[self._index(joint)]
+        t, segment, measured, predicted, q, dq = self._read(
+            "t", "segment", *(f"{signal}_{joint}" for signal in ("measured", "predicted", "q", "dq"))
+        )
+        residual = measured - predicted
+        revolute = unit == "N m"
+        if over == "time":
+            found, frequency_unit, turn = time_spectrum(t, segment, residual), "Hz", None
+        else:
+            found = angle_spectrum(q, dq, residual)
+            frequency_unit, turn = ("cycles/rad", 2.0 * np.pi) if revolute else ("cycles/m", None)
+        return wire.Spectrum.model_validate(
+            {
+                "joint": joint,
+                "effort_unit": unit,
+                "over": over,
+                "frequency_unit": frequency_unit,
+                "frequency": found.frequency.tolist(),
+                "amplitude": found.amplitude.tolist(),
+                "resolution": found.resolution,
+                "peaks": _peaks(found, turn),
+            }
+        )
+
+    def autocorrelation(self, joint: str, longest: float) -> wire.AutocorrelationView:
+        """Give the autocorrelation of a joint's residual up to a lag in s."""
+        self._index(joint)
+        t, segment, measured, predicted = self._read("t", "segment", f"measured_{joint}", f"predicted_{joint}")
+        found = autocorrelation(t, segment, measured - predicted, longest)
+        return wire.AutocorrelationView(
+            joint=joint,
+            lag=found.lag.tolist(),
+            value=found.value.tolist(),
+            limit=found.limit,
+            n_samples=found.n_samples,
+            effective_samples=found.effective_samples,
+        )
+
     def _read(self, *columns: str) -> list[FloatArray]:
         table = self._file.read(columns=sorted(set(columns)))
         return [table[name].to_numpy() for name in columns]
@@ -126,6 +190,8 @@ class StoredComparison:
     def _column(self, name: str, pointer: str) -> str:
         kind, _, joint = name.partition("_")
         stored = {"q": "q", "dq": "dq", "ddq": "ddq", "load": "load", "tau": "measured"}
+        if f"temperature_{self.joint_names[0]}" in self._file.schema_arrow.names:
+            stored["temperature"] = "temperature"
         if name in ("t", "time"):
             return "t"
         if kind in stored and joint in self.joint_names:
@@ -135,6 +201,17 @@ class StoredComparison:
             f"of: {', '.join(self.joint_names)}"
         )
         raise DynidentError(detail, pointer=pointer, title="Unknown signal")
+
+
+def _peaks(found: ResidualSpectrum, turn: float | None) -> list[wire.SpectralPeak]:
+    return [
+        wire.SpectralPeak(
+            frequency=float(found.frequency[k]),
+            amplitude=float(found.amplitude[k]),
+            per_turn=None if turn is None else turn * float(found.frequency[k]),
+        )
+        for k in found.peaks()
+    ]
 
 
 def _thinned(points: int, *signals: FloatArray) -> NDArray[np.intp]:

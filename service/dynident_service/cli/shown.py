@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from dynident.diagnosis import Comparison, Diagnosis
+from dynident.diagnosis import Comparison, Diagnosis, Judgement
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification
 from dynident.reports.numbers import estimate, number, percent
@@ -58,20 +58,36 @@ def show_ladder(console: Console, found: Identification) -> None:
     console.print(table("Ladder of models", ("model", "added", "fit", "held out"), rows, right_from=2))
 
 
-def show_comparison(console: Console, name: str, found: Comparison) -> None:
-    """Errors per joint and the worst stretches."""
+def show_comparison(console: Console, name: str, found: Comparison, judged: Judgement) -> None:
+    """Errors per joint, also against the noise floor, and the worst stretches."""
     errors = found.errors
     rows = [
-        [joint, f"{number(float(errors.rms[j]))} {found.units[j]}", percent(float(errors.relative[j]))]
+        [
+            joint,
+            f"{number(float(errors.rms[j]))} {found.units[j]}",
+            percent(float(errors.relative[j])),
+            f"{number(float(judged.noise.values[j]))} {found.units[j]}",
+            f"{judged.over_noise[j]:.1f} x",
+            f"{judged.effective_samples[j]:.0f} of {len(found.t)}",
+        ]
         for j, joint in enumerate(found.joint_names)
     ]
-    rows.append(["all joints", "", percent(errors.relative_total)])
-    console.print(table(f"Measured against predicted: {name}", ("joint", "residual, rms", "relative"), rows))
+    rows.append(["all joints", "", percent(errors.relative_total), "", "", ""])
+    columns = ("joint", "residual, rms", "relative", "noise floor", "over noise", "independent samples")
+    console.print(table(f"Measured against predicted: {name}", columns, rows))
     worst = [
-        [one.joint, f"{one.start:.2f} to {one.end:.2f} s", number(one.rms), f"{one.ratio:.1f} x"]
+        [
+            one.joint,
+            f"{one.start:.2f} to {one.end:.2f} s",
+            number(one.rms),
+            f"{one.ratio:.1f} x",
+            ", ".join(f"{value:.2f}" for value in one.pose),
+        ]
         for one in found.worst[:5]
     ]
-    console.print(table("Where it is worst", ("joint", "when", "rms", "of the joint's own"), worst))
+    console.print(table("Where it is worst", ("joint", "when", "rms", "of the joint's own", "pose"), worst))
+    for note in judged.notes:
+        console.print(f"  {note}", markup=False)
 
 
 def show_diagnosis(console: Console, found: Diagnosis, robot: Robot) -> None:

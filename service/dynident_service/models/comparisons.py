@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import ConfigDict, Field
 
 from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
@@ -25,6 +27,30 @@ class WorstStretch(Shown):
     end: float = Field(alias="to", description="s")
     rms: float = Field(description="N m or N")
     ratio: float = Field(description="Over the joint's own rms")
+    time: float | None = Field(default=None, description="When it is largest, s")
+    pose: list[float] = Field(default=[], description="Positions of all joints at that moment, rad or m")
+    speed: list[float] = Field(default=[], description="Velocities of all joints at that moment, rad/s or m/s")
+
+
+class Repetition(Shown):
+    """That a recording's motion repeats itself."""
+
+    period: float = Field(description="s")
+    repetitions: float = Field(description="How often the motion comes")
+
+
+class LackOfFit(Shown):
+    """F test of the residual against the noise of repeated periods: near 1 where nothing is missing in the model."""
+
+    f: list[float | None] = Field(description="Per joint")
+    p_value: list[float | None] = Field(description="Per joint")
+
+
+class RepeatedMotion(Shown):
+    """An identification motion that a held-out run repeats: it tests noise, not generalisation."""
+
+    measurement: str = Field(description="Name of the measurement that the model was identified from")
+    share: float = Field(description="Of the time that the robot moves, 0 to 1")
 
 
 class ComparisonResult(Shown):
@@ -39,6 +65,19 @@ class ComparisonResult(Shown):
     relative: list[float | None]
     relative_total: float | None
     worst: list[WorstStretch]
+    held_out: bool | None = Field(default=None, description="Whether the model was identified without it")
+    noise_floor: list[float | None] = Field(default=[], description="rms of the noise behind the filter, N m or N")
+    noise_source: Literal["repeated_periods", "high_frequency"] | None = Field(
+        default=None, description="What the noise floor is from"
+    )
+    over_noise: list[float | None] = Field(default=[], description="rms of the residual over the noise floor")
+    effective_samples: list[float | None] = Field(
+        default=[], description="Independent samples that each joint's residual is worth"
+    )
+    repetition: Repetition | None = Field(default=None, description="null where the motion does not come twice")
+    lack_of_fit: LackOfFit | None = Field(default=None, description="There where periods are repeated")
+    repeated_motion: RepeatedMotion | None = None
+    notes: list[str] = Field(default=[], description="What to know of these figures")
 
 
 class ComparisonView(Computed[ComparisonRequest, ComparisonResult]):
@@ -73,3 +112,35 @@ class ResidualMap(Shown):
     mean: list[list[float | None]] = Field(description="[x bin][y bin]; null where a bin is empty")
     spread: list[list[float | None]] = Field(description="Standard deviation in the bin")
     count: list[list[int]]
+
+
+class SpectralPeak(Shown):
+    """A line in a spectrum."""
+
+    frequency: float
+    amplitude: float
+    per_turn: float | None = Field(description="Cycles in a turn of the joint; null over time and for a linear joint")
+
+
+class Spectrum(Shown):
+    """Amplitude spectrum of a joint's residual: a sine of amplitude A is a peak of height A."""
+
+    joint: str
+    effort_unit: str
+    over: Literal["angle", "time"]
+    frequency_unit: Literal["Hz", "cycles/rad", "cycles/m"]
+    frequency: list[float]
+    amplitude: list[float]
+    resolution: float = Field(description="Width of a peak, in the unit of the frequency")
+    peaks: list[SpectralPeak] = Field(description="The highest, highest first")
+
+
+class AutocorrelationView(Shown):
+    """Autocorrelation of a joint's residual."""
+
+    joint: str
+    lag: list[float] = Field(description="s")
+    value: list[float] = Field(description="1 at lag 0")
+    limit: float = Field(description="Half-width of the 95 % band of independent samples")
+    n_samples: int
+    effective_samples: float = Field(description="Independent samples that the residual is worth")

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from fastapi import APIRouter, Query, Response
 
 from dynident_service.models.common import Page, plain
-from dynident_service.models.comparisons import ComparisonRequest, ComparisonView, ResidualMap, Series
+from dynident_service.models.comparisons import (
+    AutocorrelationView,
+    ComparisonRequest,
+    ComparisonView,
+    ResidualMap,
+    Series,
+    Spectrum,
+)
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.needs import needed_measurements, needed_model
 from dynident_service.services import Services, ServicesDep
@@ -72,12 +79,34 @@ def get_residual_map(
     comparison_id: str,
     services: ServicesDep,
     joint: Annotated[str, Query(description="Name")],
-    x: Annotated[str, Query(description="t, or q_, dq_, ddq_, load_ or tau_ and a joint's name")],
+    x: Annotated[str, Query(description="t, or q_, dq_, ddq_, load_, tau_ or temperature_ and a joint's name")],
     y: Annotated[str | None, Query(description="As x; one dimension where not given")] = None,
     bins: Annotated[int, Query(ge=2, le=200, description="In each direction")] = 30,
 ) -> ResidualMap:
     """Give mean, spread and count of a joint's residual over any two signals."""
     return _stored(services, comparison_id).residual_map(joint, x, y, bins)
+
+
+@router.get("/{comparison_id}/spectrum")
+def get_spectrum(
+    comparison_id: str,
+    services: ServicesDep,
+    joint: Annotated[str, Query(description="Name")],
+    over: Annotated[Literal["angle", "time"], Query(description="The joint's own position, or time")] = "time",
+) -> Spectrum:
+    """Give the amplitude spectrum of a joint's residual: gears show over the angle, vibration over time."""
+    return _stored(services, comparison_id).spectrum(joint, over)
+
+
+@router.get("/{comparison_id}/autocorrelation")
+def get_autocorrelation(
+    comparison_id: str,
+    services: ServicesDep,
+    joint: Annotated[str, Query(description="Name")],
+    longest: Annotated[float, Query(gt=0, le=60, description="Longest lag, s")] = 5.0,
+) -> AutocorrelationView:
+    """Give the autocorrelation of a joint's residual, and how many independent samples it is worth."""
+    return _stored(services, comparison_id).autocorrelation(joint, longest)
 
 
 def show(resource: Resource) -> ComparisonView:

@@ -5,20 +5,28 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from dynident.diagnosis import compare
+from dynident.diagnosis import compare, judge
+from dynident.progress import part
 from dynident_service.adapters.comparisons import describe_comparison, write_comparison
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.comparisons import ComparisonRequest
-from dynident_service.work.means import model_by_id, recording_by_id
+from dynident_service.models.identifications import StoredIdentification
+from dynident_service.work.means import model_by_id, recording_by_id, recordings_by_id
 
 
 def compare_model(task: Task) -> Outcome:
     """Predict the torque along a measurement and hold it against what was measured."""
     request = ComparisonRequest.model_validate(task.subject.request)
     model = model_by_id(task, request.identification_id)
-    found = compare(model, recording_by_id(task, request.measurement_id), task.progress)
+    recording = recording_by_id(task, request.measurement_id)
+    identification = task.resources.get("identification", request.identification_id)
+    learnt = StoredIdentification.model_validate(identification.request).measurement_ids
+    held_out = request.measurement_id not in learnt
+    found = compare(model, recording, part(task.progress, 0.0, 0.8))
+    task.progress(0.8, "looking for repeated motion")
+    judged = judge(found, recording, model.preprocessing, recordings_by_id(task, learnt) if held_out else ())
     with tempfile.TemporaryDirectory() as folder:
         path = write_comparison(found, Path(folder) / "signals.parquet")
         signals = task.keep("signals", path, "application/vnd.apache.parquet")
-    return Outcome(plain(describe_comparison(found)), (signals,))
+    return Outcome(plain(describe_comparison(found, judged, held_out)), (signals,))

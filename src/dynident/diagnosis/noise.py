@@ -66,14 +66,16 @@ def from_repetitions(comparison: Comparison) -> NoiseFloor | None:
     """The noise floor from stretches where the motion comes again; None where there are too few.
 
     Two torques of the same motion differ by the noise of both, so the floor is the rms of their difference over √2.
+    Where the motion is not repeated to the last digit, the model takes out what that makes: of the differences of
+    torque and of residual the smaller one counts, joint by joint.
     """
     runs = tracks(comparison.t, comparison.segment, comparison.q)
     repeats = own_repeats(runs)
     pairs = [_pair(comparison, runs, repeat) for repeat in repeats]
     if sum(len(measured[0]) for measured, _ in pairs) < _FEWEST_PAIRS:
         return None
-    differences = [measured[1] - measured[0] for measured, _ in pairs]
-    floor = np.sqrt(0.5 * _mean_square(differences))
+    squares = [_mean_square([second - first for first, second in signals]) for signals in zip(*pairs, strict=True)]
+    floor = np.sqrt(0.5 * np.minimum(*squares))
     longest = max(repeats, key=lambda repeat: repeat.duration)
     period = longest.lag if longest.a == longest.b else longest.duration
     repetitions = 1.0 + sum(r.duration for r in repeats) / period

@@ -19,6 +19,16 @@ def compare(
     units: Units,
     windows: Windows,
     accept: Accept,
+    learnt: Annotated[
+        list[Path],
+        typer.Option(
+            "--learnt",
+            metavar="FILE",
+            help="What the model was identified from; repeat it for more. Tells whether the motion only repeats that.",
+            default_factory=list,
+            show_default=False,
+        ),
+    ],
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -27,6 +37,7 @@ def compare(
     --out writes the signals as .csv or .parquet.
     """
     from dynident.diagnosis import compare as compare_model
+    from dynident.diagnosis import judge
     from dynident.progress import part
     from dynident_service.adapters.comparisons import describe_comparison
     from dynident_service.cli import inputs, shown, tables, terminal
@@ -38,16 +49,21 @@ def compare(
         tables.check_ending(out)
     with (
         terminal.progress_bar("compare") as progress,
-        inputs.loaded([measurement], identification.model.robot, options, part(progress, 0.0, 0.5)) as (given, _),
+        inputs.loaded([measurement], identification.model.robot, options, part(progress, 0.0, 0.5), learnt) as (
+            given,
+            others,
+        ),
     ):
-        found = compare_model(identification, given[0].recording, part(progress, 0.5, 1.0))
+        recording = given[0].recording
+        found = compare_model(identification, recording, part(progress, 0.5, 0.9))
+        judged = judge(found, recording, identification.preprocessing, inputs.recordings_of(others))
     if out is not None:
         tables.write_table(tables.comparison_table(found), out)
     if as_json:
-        terminal.print_json(plain(describe_comparison(found)))
+        terminal.print_json(plain(describe_comparison(found, judged, True if learnt else None)))
         return
     console = terminal.out()
     shown.show_measurements(console, (), given)
-    shown.show_comparison(console, given[0].recording.name, found)
+    shown.show_comparison(console, given[0].recording.name, found, judged)
     if out is not None:
         console.print(f"signals written to {out}", markup=False)

@@ -1,0 +1,123 @@
+"""What can be asked of a comparison that is stored: maps over any two signals, spectra, autocorrelation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from dynident.diagnosis import Comparison
+from dynident_service.adapters.comparisons import write_comparison
+from dynident_service.services import Services
+from dynident_service.storage.records import NewResource, Owned
+
+M = 3000
+T = np.arange(M) / 50.0
+TEMPERATURE = 30.0 + 0.2 * T
+
+
+def comparison(*, temperature: bool) -> Comparison:
+    """Two joints: the first has a ripple of 20 in a turn and a vibration of 6 Hz, the second stands still."""
+    q = np.column_stack([2.0 * np.sin(0.3 * T), np.full(M, 0.3)])
+    dq = np.column_stack([0.6 * np.cos(0.3 * T), np.zeros(M)])
+    noise = 0.05 * np.random.default_rng(0).normal(size=(M, 2))
+    residual = noise + np.column_stack([0.7 * np.sin(20.0 * q[:, 0]) + 0.4 * np.sin(2 * np.pi * 6.0 * T), 0.0 * T])
+    zeros = np.zeros((M, 2))
+    return Comparison(
+        joint_names=("shoulder", "elbow"),
+        units=("N m", "N m"),
+        t=T,
+        segment=np.zeros(M),
+        measured=5.0 + residual,
+        predicted=np.full((M, 2), 5.0),
+        deviation=zeros,
+        q=q,
+        dq=dq,
+        ddq=zeros,
+        load=zeros,
+        noise=np.full(2, 0.1),
+        temperature=np.column_stack([TEMPERATURE, TEMPERATURE + 5.0]) if temperature else None,
+    )
+
+
+@contextmanager
+def stored(services: Services, folder: Path, *, temperature: bool) -> Iterator[str]:
+    path = write_comparison(comparison(temperature=temperature), folder / "signals.parquet")
+    kept = services.objects.put_path(path)
+    signals = Owned("signals", kept.key, kept.size, "application/vnd.apache.parquet")
+    made = services.resources.create(NewResource("comparison", {}, objects=(signals,)))
+    yield f"/v1/comparisons/{made.id}"
+    services.resources.delete("comparison", made.id)
+
+
+@pytest.fixture
+def warm(services: Services, tmp_path: Path) -> Iterator[str]:
+    with stored(services, tmp_path, temperature=True) as path:
+        yield path
+
+
+def test_the_residual_is_mapped_over_temperature_and_time(client: TestClient, warm: str) -> None:
+    asked = {"joint": "shoulder", "x": "t", "y": "temperature_elbow", "bins": 6}
+    found = client.get(f"{warm}/residual_map", params=asked)
+    assert found.status_code == 200, found.text
+    seen = found.json()
+    assert seen["y_edges"][0] == pytest.approx(35.0)
+    assert sum(map(sum, seen["count"])) == M
+    # Temperature rises with time: only the diagonal is filled.
+    assert all(seen["count"][k][k] == M / 6 for k in range(6))
+
+
+def test_a_temperature_that_was_not_measured_is_no_signal(
+    client: TestClient, services: Services, tmp_path: Path
+) -> None:
+    with stored(services, tmp_path, temperature=False) as cold:
+        answer = client.get(f"{cold}/residual_map", params={"joint": "shoulder", "x": "temperature_elbow"})
+    assert answer.status_code == 422
+    assert "temperature" not in answer.json()["detail"].partition("there are")[2]
+
+
+def test_a_ripple_and_a_vibration_are_lines_in_the_two_spectra(client: TestClient, warm: str) -> None:
+    angle = client.get(f"{warm}/spectrum", params={"joint": "shoulder", "over": "angle"}).json()
+    assert angle["frequency_unit"] == "cycles/rad"
+    assert angle["peaks"][0]["per_turn"] == pytest.approx(20.0, abs=2 * np.pi * angle["resolution"])
+    assert angle["peaks"][0]["amplitude"] == pytest.approx(0.7, rel=0.15)
+    time = client.get(f"{warm}/spectrum", params={"joint": "shoulder"}).json()
+    assert (time["over"], time["frequency_unit"]) == ("time", "Hz")
+    line = min(time["peaks"], key=lambda peak: abs(peak["frequency"] - 6.0))
+    assert line["frequency"] == pytest.approx(6.0, abs=time["resolution"])
+    assert line["amplitude"] == pytest.approx(0.4, rel=0.2)
+    assert len(time["frequency"]) == len(time["amplitude"])
+
+
+def test_the_autocorrelation_says_what_the_samples_are_worth(client: TestClient, warm: str) -> None:
+    found = client.get(f"{warm}/autocorrelation", params={"joint": "elbow", "longest": 2.0}).json()
+    assert found["value"][0] == 1.0
+    assert found["lag"][-1] == pytest.approx(2.0)
+    assert found["n_samples"] == M
+    assert found["effective_samples"] > 0.7 * M
+    remembering = client.get(f"{warm}/autocorrelation", params={"joint": "shoulder"}).json()
+    assert remembering["effective_samples"] < 0.5 * M
+
+
+@pytest.mark.parametrize(
+    ("below", "asked", "pointer"),
+    [
+        ("spectrum", {"joint": "nose"}, "joint"),
+        ("spectrum", {"joint": "elbow", "over": "angle"}, "joint"),
+        ("spectrum", {"joint": "elbow", "over": "sea"}, "over"),
+        ("spectrum", {}, "joint"),
+        ("autocorrelation", {"joint": "nose"}, "joint"),
+        ("autocorrelation", {"joint": "elbow", "longest": "0"}, "longest"),
+    ],
+)
+def test_what_cannot_be_given_is_said_at_the_right_place(
+    client: TestClient, warm: str, below: str, asked: dict[str, str], pointer: str
+) -> None:
+    answer = client.get(f"{warm}/{below}", params=asked)
+    assert answer.status_code == 422
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert pointer in answer.json()["errors"][0]["pointer"]
