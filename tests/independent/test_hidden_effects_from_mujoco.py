@@ -7,7 +7,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from mujoco_arm import Arm, FloatArray, Hidden, effort_limits, fourier_motion, usual_drives
+from engine import Arm, FloatArray, Hidden, effort_limits, fourier_motion, record, usual_drives
+from engine.disturbances import Offset
+from engine.friction import Dahl, LoadFriction, PowerViscous, Stribeck
+from engine.structure import Ripple, Spring, Tilt
 
 from dynident.diagnosis import Diagnosis, diagnose
 from dynident.identification import Identification, extend, identify
@@ -36,15 +39,15 @@ def _hidden(robot: Robot, effect: str) -> Hidden:
     j = 0 if place is None else place - 1
     drives, effort = usual_drives(robot), effort_limits(robot)
     speed = robot.joints[j].limits.velocity or 2.0
-    sized = {
-        "offset": Hidden(offset=(j, 0.015 * effort[j])),
-        "stribeck": Hidden(stribeck=(j, 0.6 * drives.coulomb[j], 0.03 * speed)),
-        "viscous_nonlinear": Hidden(bent_viscous=(j, 0.06 * effort[j] / (speed / 2) ** 2)),
-        "load_dependent_friction": Hidden(load_friction=(j, 0.08)),
-        "presliding": Hidden(presliding=(j, 8e-3)),
-        "joint_spring": Hidden(spring=(j, 0.03 * effort[j], 0.3)),
-        "base_tilt": Hidden(tilt=(np.radians(1.6), np.radians(-1.2))),
-        "torque_ripple": Hidden(ripple=(j, 0.015 * effort[j], 20.0, 0.7)),
+    sized: dict[str, Hidden] = {
+        "offset": Offset(j, 0.015 * effort[j]),
+        "stribeck": Stribeck(j, 0.6 * drives.coulomb[j], 0.03 * speed),
+        "viscous_nonlinear": PowerViscous(j, 0.06 * effort[j] / (speed / 2) ** 2, 2.0),
+        "load_dependent_friction": LoadFriction(j, 0.08),
+        "presliding": Dahl(j, 8e-3),
+        "joint_spring": Spring(j, 0.03 * effort[j], 0.3),
+        "base_tilt": Tilt(np.radians(1.6), np.radians(-1.2)),
+        "torque_ripple": Ripple(j, (0.015 * effort[j],), (20.0,), (0.7,)),
     }
     return sized[effect]
 
@@ -78,8 +81,8 @@ class Case:
 @cache
 def _case(name: str, effect: str, seed: int = 1) -> Case:
     robot = robot_from_library(name)
-    arm = Arm(robot, usual_drives(robot), _hidden(robot, effect) if effect else Hidden())
-    runs = [arm.record(fourier_motion(robot, 24.0, seed + k), seed=seed + k) for k in range(3)]
+    arm = Arm(robot, usual_drives(robot), (_hidden(robot, effect),) if effect else ())
+    runs = [record(arm, fourier_motion(robot, 24.0, seed + k), seed=seed + k) for k in range(3)]
     recordings: list[Recording] = [
         recording_from_arrays(run.t, run.q, run.tau, joint_names=robot.joint_names, name=f"run {k}")
         for k, run in enumerate(runs)

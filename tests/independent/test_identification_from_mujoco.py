@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from mujoco_arm import Arm, FloatArray, Instruments, Run, fourier_motion, usual_drives
+from engine import Arm, FloatArray, Instruments, Run, fourier_motion, record, usual_drives
 
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Recording, low_pass, recording_from_arrays
@@ -26,7 +26,7 @@ class Case:
 
 
 def _record(arm: Arm, seed: int, instruments: Instruments | None = None) -> tuple[Recording, Run]:
-    run = arm.record(fourier_motion(arm.robot, 24.0, seed), instruments, seed)
+    run = record(arm, fourier_motion(arm.robot, 24.0, seed), instruments, seed)
     return recording_from_arrays(run.t, run.q, run.tau, joint_names=arm.robot.joint_names, name=f"run {seed}"), run
 
 
