@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,9 @@ from scipy import stats
 
 from dynident.diagnosis.candidates import Candidate
 from dynident.diagnosis.gate import Judged, indistinguishable, judge, p_value, simplest, t_of
-from dynident.diagnosis.scoring import Score, folds, held_out_errors, products, score_candidates
+from dynident.diagnosis.products import folds, products
+from dynident.diagnosis.scoring import Score, held_out_errors, score_candidates
+from dynident.diagnosis.stability import consistencies
 from dynident.estimation import FactorAccumulator
 
 # Two equations over ten columns: 0-4 the model, 5-9 candidates; some columns are on one equation alone.
@@ -122,9 +126,9 @@ def test_t_of_too_little_or_nothing_is_zero():
     assert t_of(np.zeros(10)) == 0.0
 
 
-def scored(before: np.ndarray, after: np.ndarray, columns=(5,), consistency: float = 0.0) -> Score:
+def scored(before: np.ndarray, after: np.ndarray, columns=(5,)) -> Score:
     amplitudes, measured = np.ones(len(columns)), np.ones(before.shape[1])
-    return Score(Candidate("c", (), (), columns), before, after, 0.5, amplitudes, measured, consistency)
+    return Score(Candidate("c", (), (), columns), before, after, 0.5, amplitudes, measured)
 
 
 def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **more) -> Judged:
@@ -156,10 +160,10 @@ def test_agreement_of_the_amplitudes_counts_by_its_f_value():
 
 def test_consistency_is_the_wald_f_of_the_jackknife():
     data = Rows(5)
-    _, scores = score_candidates(data.products(), BASE, CANDIDATES, NOISE, "interleaved")
+    found = consistencies(data.products(), BASE, CANDIDATES, NOISE)
     stretch = np.arange(len(data.t)) // PER_STRETCH
-    for score in scores:
-        group = list(score.candidate.columns)
+    for candidate, value in zip(CANDIDATES, found, strict=True):
+        group = list(candidate.columns)
         w = np.concatenate([w[:, [*BASE, *group]] / s for w, s in zip(data.wide, NOISE, strict=True)])
         y = np.concatenate([y / s for y, s in zip(data.y, NOISE, strict=True)])
         base, x = w[:, : len(BASE)], w[:, len(BASE) :]
@@ -175,7 +179,7 @@ def test_consistency_is_the_wald_f_of_the_jackknife():
         covariance = (STRETCHES - 1) / STRETCHES * moved.T @ moved
         k = len(group)
         f = beta @ np.linalg.solve(covariance, beta) / k * (STRETCHES - k) / (STRETCHES - 1)
-        assert score.consistency == pytest.approx(f, rel=1e-4)
+        assert value == pytest.approx(f, rel=1e-4)
 
 
 def test_a_large_even_gain_passes_and_a_small_or_uneven_one_does_not():
@@ -185,7 +189,7 @@ def test_a_large_even_gain_passes_and_a_small_or_uneven_one_does_not():
     assert even.drop == pytest.approx(0.1)
     assert even.passes(False, 300)
     assert even.share_improved == 1.0
-    small = judge([scored(before, 0.98 * before, consistency=1e6)] * 2, (0, 1), np.ones(2))
+    small = replace(judge([scored(before, 0.98 * before)] * 2, (0, 1), np.ones(2)), consistency=1e6)
     assert small.t > 3.5
     assert not small.passes(False, 300)
     uneven = before * np.where(rng.uniform(size=(40, 1)) < 0.5, 1.4, 0.5)
@@ -198,7 +202,7 @@ def test_an_uneven_gain_passes_where_the_amplitudes_agree():
     after = before.copy()
     after[:6] *= 0.2
     for consistency, passes in ((0.0, False), (8.0, False), (60.0, True)):
-        item = judge([scored(before, after, consistency=consistency)] * 2, (0,), np.ones(1))
+        item = replace(judge([scored(before, after)] * 2, (0,), np.ones(1)), consistency=consistency)
         assert 2.0 < item.t < 3.5
         assert item.passes(False, 300) is passes
 

@@ -23,11 +23,12 @@ class Candidate:
     joints: tuple[str, ...]
     shape: tuple[tuple[str, float], ...]
     columns: tuple[int, ...]
+    runs: tuple[str, ...] = ()
 
     @property
     def choice(self) -> EffectChoice:
         """The candidate as a choice that can be added to a model."""
-        return EffectChoice(self.effect, self.joints, self.shape)
+        return EffectChoice(self.effect, self.joints, self.shape, self.runs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +40,26 @@ class Pool:
     candidates: tuple[Candidate, ...]
 
 
+@dataclass(frozen=True)
+class Leads:
+    """Where to look for effects that a grid cannot offer, from the recordings and their residual.
+
+    `angle_lines`: (joint index, cycles per radian) of lines in the residual over a joint's angle; `time_lines`: Hz of
+    lines over time; `bursts`: (run label, from, to in s) of stretches far above the rest; `run_groups`: sets of runs
+    that an effect may be limited to; `has_temperature`: whether all recordings have one.
+    """
+
+    angle_lines: tuple[tuple[int, float], ...] = ()
+    time_lines: tuple[float, ...] = ()
+    bursts: tuple[tuple[str, float, float], ...] = ()
+    run_groups: tuple[tuple[str, ...], ...] = ()
+    has_temperature: bool = False
+
+
 def build_pool(
     model: Model,
     effects: Sequence[str] | None = None,
-    spectral: Sequence[tuple[int, float]] = (),
+    leads: Leads | None = None,
     resolved: Resolution | None = None,
 ) -> Pool:
     """Build the columns of a model and of everything that might be missing in it.
@@ -52,8 +69,8 @@ def build_pool(
     model : Model
     effects : sequence of effect ids, optional
         Only these; all of the catalogue otherwise.
-    spectral : sequence of (joint index, cycles per radian)
-        Lines found in the residual over a joint's angle: where to look for periodic effects.
+    leads : Leads, optional
+        What the residual suggests; without it only effects with a grid are offered.
     resolved : Resolution, optional
         What the data can resolve: shape constants below it are not offered.
     """
@@ -61,48 +78,61 @@ def build_pool(
     signals = model.signals
     columns: list[Column] = list(model.kept)
     candidates: list[Candidate] = []
-    index: dict[tuple[str, str, tuple[tuple[str, float], ...]], int] = {
-        (c.effect, c.name, c.shape): k for k, c in enumerate(columns)
-    }
+    index = {column.key: k for k, column in enumerate(columns)}
 
     def add(choice: EffectChoice) -> None:
         numbers = []
         for column in columns_of([choice], signals):
-            key = (column.effect, column.name, column.shape)
-            if key not in index:
-                index[key] = len(columns)
+            if column.key not in index:
+                index[column.key] = len(columns)
                 columns.append(column)
-            numbers.append(index[key])
+            numbers.append(index[column.key])
         fresh = tuple(k for k in numbers if k >= model.n_parameters)
         if fresh and not any(c.columns == fresh for c in candidates):
-            candidates.append(Candidate(choice.effect, choice.joints, choice.shape, fresh))
+            candidates.append(Candidate(choice.effect, choice.joints, choice.shape, fresh, choice.runs))
 
     for effect in chosen:
-        for choice in _choices(effect, model, spectral):
+        for choice in _choices(effect, model, leads or Leads()):
             if resolved is None or shows(choice, model.robot, resolved):
                 add(choice)
     return Pool(Observation.of(model.robot, columns, signals), model.n_parameters, tuple(candidates))
 
 
-def _choices(effect: Effect, model: Model, spectral: Sequence[tuple[int, float]]) -> list[EffectChoice]:
+def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     robot = model.robot
     possible = effect.applicable(robot)
-    if not possible:
+    if not possible or (effect.needs_temperature and not leads.has_temperature):
         return []
     if effect.scope == "robot":
-        if any(choice.effect == effect.id for choice in model.effects):
-            return []
-        return [EffectChoice(effect.id, (), _key(shape)) for shape in effect.grid(robot, 0)]
+        return _whole_robot(effect, model, leads)
     free = [j for j in possible if not _taken(effect, model, robot.joint_names[j])]
-    if effect.shapes and effect.shapes[0].proposal == "angle_spectrum":
+    if effect.proposal == "angle_spectrum":
         name = effect.shapes[0].name
-        return [EffectChoice(effect.id, (robot.joint_names[j],), ((name, k),)) for j, k in spectral if j in free]
+        lines = [(robot.joint_names[j], k) for j, k in leads.angle_lines if j in free]
+        return [EffectChoice(effect.id, (joint,), ((name, k),)) for joint, k in lines]
     choices = [
         EffectChoice(effect.id, (robot.joint_names[j],), _key(shape)) for j in free for shape in effect.grid(robot, j)
     ]
     if effect.is_friction and len(free) > 1:
         choices += _groups(effect, model, free)
     return choices
+
+
+def _whole_robot(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
+    """Choices of an effect that belongs to the whole robot."""
+    if effect.in_some_runs:
+        return [EffectChoice(effect.id, (), (), runs) for runs in leads.run_groups]
+    if effect.proposal == "burst":
+        names = [spec.name for spec in effect.shapes]
+        return [
+            EffectChoice(effect.id, (), _key(dict(zip(names, (start, end), strict=True))), (run,))
+            for run, start, end in leads.bursts
+        ]
+    if any(choice.effect == effect.id for choice in model.effects) and effect.proposal == "grid":
+        return []
+    if effect.proposal == "time_spectrum":
+        return [EffectChoice(effect.id, (), ((effect.shapes[0].name, line),)) for line in leads.time_lines]
+    return [EffectChoice(effect.id, (), _key(shape)) for shape in effect.grid(model.robot, 0)]
 
 
 def shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
@@ -141,8 +171,8 @@ def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]
 
 
 def _taken(effect: Effect, model: Model, joint: str) -> bool:
-    """Whether an effect without a free shape is in the model already (a second shape may be missing beside a first)."""
-    if effect.shapes and effect.shapes[0].proposal == "angle_spectrum":
+    """Whether an effect is in the model already on that joint (a second line may be missing beside a first)."""
+    if effect.proposal == "angle_spectrum":
         return False
     return any(c.effect == effect.id and (not c.joints or joint in c.joints) for c in model.effects)
 

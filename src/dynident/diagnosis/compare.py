@@ -174,7 +174,7 @@ def _parts(
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Times, segment numbers and the signals side by side, as they leave the filter."""
     observation = identification.model.observation
-    entries = SampleFunction(observation, identification.reference)
+    entries = SampleFunction(observation, identification.reference, recording)
     rigid = np.array([column.effect in ("rigid_body",) for column in observation.columns])
     load_values = np.where(rigid, identification.values, 0.0)
     covariance = identification.statistics.covariance

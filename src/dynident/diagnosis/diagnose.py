@@ -6,17 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.diagnosis.candidates import build_pool
+from dynident.diagnosis.candidates import Pool, build_pool
 from dynident.diagnosis.compare import Comparison, compare
 from dynident.diagnosis.gate import Judged
+from dynident.diagnosis.leads import find_leads
 from dynident.diagnosis.next_experiment import next_experiment
+from dynident.diagnosis.products import Products, products
 from dynident.diagnosis.refine import refined
-from dynident.diagnosis.residuals import angle_lines, failure_map, noise_floor, unknown_patterns
+from dynident.diagnosis.residuals import failure_map, noise_floor, unknown_patterns
 from dynident.diagnosis.resolution import resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
-from dynident.diagnosis.scoring import products
-from dynident.diagnosis.search import VISIBLE, State, judge_all, search
-from dynident.diagnosis.words import rank_all, summary, verdict_of
+from dynident.diagnosis.search import VISIBLE, State, judge_all, noise_left, search
+from dynident.diagnosis.transients import CONTACT, find_contacts
+from dynident.diagnosis.words import Finding, rank_all, summary, verdict_of
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification, extend
 from dynident.progress import Progress, part, silent
@@ -26,6 +28,8 @@ from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
 
 DEFAULT_MOST_EFFECTS = 8
+# Hz, where the torque is not filtered: an arm's motion and what answers to it.
+_BAND = 20.0
 
 
 @single_threaded
@@ -55,15 +59,17 @@ def diagnose(
     model = identification.model
     comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
     resolved = resolution(comparisons, identification.preprocessing)
-    pool = build_pool(model, candidates, angle_lines(comparisons, model.robot), resolved)
+    leads = find_leads(comparisons, recordings, model.robot, identification.preprocessing)
+    pool = build_pool(model, candidates, leads, resolved)
     floor = noise_floor(recordings, identification.preprocessing)
-    reference = identification.standard_inertia()
+    reference = identification.next_reference()
     reduction = reduce_recordings(
         pool.observation, recordings, identification.preprocessing, reference, part(progress, 0.1, 0.5)
     )
     data = products(reduction)
-    first = judge_all(data, pool, tuple(range(pool.n_base)), pool.candidates, identification.statistics.noise)
-    start = State(tuple(range(pool.n_base)), identification.statistics.noise, floor, ())
+    start = _start(data, pool, identification, floor)
+    lasting = [candidate for candidate in pool.candidates if candidate.effect != CONTACT]
+    first = judge_all(data, pool, start.base, lasting, start.noise)
     picks = search(data, pool, start, first, most_effects, part(progress, 0.5, 0.8))
     picks, recommended = refined(identification, picks, recordings, reference, resolved, part(progress, 0.8, 0.9))
     final = _extended_comparisons(identification, recommended, recordings, comparisons, part(progress, 0.9, 1.0))
@@ -85,6 +91,16 @@ def diagnose(
         failure_map=failure_map(comparisons),
         next_experiment=next_experiment(ranked, invisible, model.effects),
     )
+
+
+def _start(data: Products, pool: Pool, identification: Identification, floor: FloatArray) -> State:
+    """The model as it is, with the contacts that disturb it taken out of the way."""
+    base, noise = tuple(range(pool.n_base)), identification.statistics.noise
+    contacts = find_contacts(data, pool, base, noise, identification.preprocessing.torque_cutoff or _BAND)
+    picks = tuple(Finding(judged, (), p) for judged, p in zip(contacts.found, contacts.p_values, strict=True))
+    for finding in picks:
+        base += finding.judged.candidate.columns
+    return State(base, noise_left(data, base) if picks else noise, floor, picks)
 
 
 def _rms(comparisons: Sequence[Comparison]) -> FloatArray:

@@ -131,7 +131,7 @@ def judge(scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray) -
         amplitudes=scores[0].amplitudes,
         share_improved=float(np.mean(mean_gain > 0)),
         measured=scores[0].measured,
-        consistency=min(score.consistency for score in scores),
+        consistency=0.0,
         after_weighted=(after / noise**2)[:, index].sum(axis=1),
     )
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.diagnosis.candidates import Candidate, Pool, width_shows
+from dynident.diagnosis.products import products
 from dynident.diagnosis.resolution import Resolution
-from dynident.diagnosis.scoring import products
 from dynident.diagnosis.search import State, noise_left, pruned
 from dynident.diagnosis.words import Finding
 from dynident.effects import EffectChoice, columns_of
@@ -58,11 +58,11 @@ def _lasting(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
     if not choices:
         return []
     grown = build_model(model.robot, model.effects + choices, signals=model.signals)
-    independent = {(column.effect, column.name, column.shape) for column in grown.kept}
+    independent = {column.key for column in grown.kept}
     return [
         i
         for i, choice in enumerate(choices)
-        if any((c.effect, c.name, c.shape) in independent for c in columns_of([choice], model.signals))
+        if any(column.key in independent for column in columns_of([choice], model.signals))
     ]
 
 
@@ -80,7 +80,7 @@ def _needed(
     for finding, choice in zip(picks, choices, strict=True):
         made = columns_of([choice], model.signals)
         numbers = tuple(range(len(columns), len(columns) + len(made)))
-        candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers)
+        candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers, choice.runs)
         refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate)))
         columns += made
     observation = Observation.of(model.robot, columns, model.signals)

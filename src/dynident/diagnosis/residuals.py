@@ -12,19 +12,13 @@ from dynident.diagnosis.compare import Comparison
 from dynident.diagnosis.gate import t_of
 from dynident.diagnosis.result import FailureSpot, UnknownPattern, Variable
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import FloatArray
 
 _BINS = 16
 _FEWEST = 20
 _UNKNOWN_SHARE, _UNKNOWN_T = 0.08, 3.5
 _STRETCHES = 30
-_MOST_ROWS = 20_000
 _QUIET = 0.95
-_LINE_RATIO = 12.0
-_LINES_A_JOINT = 2
-_HIGHEST_LINE = 250.0
-# Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
-_SURROUNDINGS = 181
 
 
 def noise_floor(recordings: Sequence[Recording], preprocessing: Preprocessing) -> FloatArray:
@@ -153,40 +147,3 @@ def _explained(residual: FloatArray, values: FloatArray, stretch: FloatArray) ->
         gains += np.bincount(place, weights=gain, minlength=len(numbers))
     total = float((residual**2).sum())
     return (float(gains.sum()) / total if total > 0 else 0.0), t_of(gains)
-
-
-def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[int, float]]:
-    """Lines in the spectrum of the residual over a joint's own angle: (joint index, cycles per radian)."""
-    lines = []
-    for j, joint in enumerate(robot.joints):
-        if joint.kind != "revolute":
-            continue
-        q = np.concatenate([c.q[:, j] for c in comparisons])
-        residual = np.concatenate([c.residual[:, j] for c in comparisons])
-        step = max(1, len(q) // _MOST_ROWS)
-        q, residual = q[::step], residual[::step] - residual[::step].mean()
-        span = float(q.max() - q.min())
-        if span < 0.2:
-            continue
-        k = np.arange(max(2.0, 4 * np.pi / span), _HIGHEST_LINE, 0.7 / span)
-        power = np.array([abs(np.dot(residual, np.exp(-1j * value * q))) ** 2 for value in k])
-        lines += [(j, value) for value in _peaks(k, power)]
-    return lines
-
-
-def _peaks(k: FloatArray, power: FloatArray) -> list[float]:
-    """The highest peaks that stand out of their surroundings."""
-    if len(power) < 3:
-        return []
-    width = min(_SURROUNDINGS, 2 * ((len(power) - 1) // 2) + 1)
-    padded = np.pad(power, width // 2, mode="reflect")
-    surrounding = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
-    ratio = power / np.maximum(surrounding, np.finfo(float).tiny)
-    inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
-    strong = sorted((i for i in inner if ratio[i] > _LINE_RATIO), key=lambda i: -power[i])[:_LINES_A_JOINT]
-    found = []
-    for i in strong:
-        a, b, c = power[i - 1], power[i], power[i + 1]
-        shift = 0.5 * (a - c) / (a - 2 * b + c)
-        found.append(float(k[i] + shift * (k[1] - k[0])))
-    return found

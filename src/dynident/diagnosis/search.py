@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.diagnosis.candidates import Candidate, Pool
 from dynident.diagnosis.gate import SMALLEST_GAIN_OVER_NOISE, Judged, judge, p_value, simplest
-from dynident.diagnosis.scoring import Products, held_out_errors, score_candidates
+from dynident.diagnosis.products import Products
+from dynident.diagnosis.scoring import held_out_errors, score_candidates
+from dynident.diagnosis.stability import consistencies
+from dynident.diagnosis.transients import CONTACT
 from dynident.diagnosis.words import Finding
 from dynident.effects import effect_by_id
 from dynident.progress import Progress
@@ -18,6 +22,8 @@ from dynident.robot.model import FloatArray
 _KINDS = ("interleaved", "contiguous")
 VISIBLE = 0.02
 _PRUNE_DROP, _PRUNE_T = 0.01, 1.5
+_WORTH_A_LOOK = 0.02
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +42,27 @@ def judge_all(
     """Judge every candidate beside the model whose columns are `base`, in both kinds of folds."""
     columns = np.array(base, dtype=np.intp)
     scores = [score_candidates(data, columns, candidates, noise, kind)[1] for kind in _KINDS]
-    return [
-        judge(pair, joints_acted_on(pool, candidate), noise)
-        for candidate, *pair in zip(candidates, *scores, strict=True)
+    acting = acted_on(pool)
+    judged = [
+        judge(pair, _joints(acting, candidate), noise) for candidate, *pair in zip(candidates, *scores, strict=True)
     ]
+    # Agreement between stretches costs as much again and matters to those alone that gain something.
+    worth = [k for k, item in enumerate(judged) if item.drop >= _WORTH_A_LOOK]
+    agreement = consistencies(data, columns, [judged[k].candidate for k in worth], noise)
+    for k, value in zip(worth, agreement, strict=True):
+        judged[k] = replace(judged[k], consistency=float(value))
+    return judged
 
 
-def joints_acted_on(pool: Pool, candidate: Candidate) -> tuple[int, ...]:
-    """Indices of the joints whose torque a candidate contributes to."""
-    acts = np.isin(pool.observation.entry_columns, candidate.columns)
-    return tuple(int(j) for j in np.unique(pool.observation.entry_rows[acts]))
+def acted_on(pool: Pool) -> BoolArray:
+    """(columns, joints): whose torque every column contributes to."""
+    acts = np.zeros((pool.observation.n_columns, pool.observation.robot.n), dtype=bool)
+    acts[pool.observation.entry_columns, pool.observation.entry_rows] = True
+    return acts
+
+
+def _joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
+    return tuple(int(j) for j in np.flatnonzero(acting[list(candidate.columns)].any(axis=0)))
 
 
 def search(
@@ -53,13 +70,13 @@ def search(
 ) -> tuple[Finding, ...]:
     """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous."""
     judged = first
-    remaining = list(pool.candidates)
+    remaining = [item.candidate for item in first]
     while len(state.picks) < most:
         progress(len(state.picks) / most, f"{len(state.picks)} effects found, {len(remaining)} candidates")
-        passing = [item for item in judged if _acceptable(data, pool, state, item, len(judged))]
-        if not passing:
+        choice = _choose(data, pool, state, judged)
+        if choice is None:
             break
-        chosen, equal = simplest(passing)
+        chosen, equal = choice
         chosen = _without_idle_joints(data, pool, state, chosen)
         finding = Finding(chosen, equal, p_value(chosen, len(remaining)))
         base = state.base + chosen.candidate.columns
@@ -85,18 +102,29 @@ def _superseded(candidate: Candidate, chosen: Candidate) -> bool:
         return True
     if candidate.effect != chosen.effect:
         return False
-    if effect_by_id(candidate.effect).shapes and effect_by_id(candidate.effect).shapes[0].proposal == "angle_spectrum":
+    if effect_by_id(candidate.effect).proposal != "grid":
         return candidate.joints == chosen.joints and candidate.shape == chosen.shape
     return not candidate.joints or bool(set(candidate.joints) & set(chosen.joints))
 
 
-def _acceptable(data: Products, pool: Pool, state: State, item: Judged, n_tried: int) -> bool:
+def _choose(
+    data: Products, pool: Pool, state: State, judged: Sequence[Judged]
+) -> tuple[Judged, tuple[Judged, ...]] | None:
+    """The next effect to add and its equals on this data; None where nothing passes."""
+    passing = [item for item in judged if _acceptable(state, data.counts, item, len(judged))]
+    while passing:
+        chosen, equal = simplest(passing)
+        if not effect_by_id(chosen.candidate.effect).is_friction or _passive(data, pool, state, chosen):
+            return chosen, equal
+        passing = [item for item in passing if item is not chosen]
+    return None
+
+
+def _acceptable(state: State, counts: FloatArray, item: Judged, n_tried: int) -> bool:
     effect = effect_by_id(item.candidate.effect)
     if item.separability < VISIBLE or not item.passes(effect.scope == "robot", n_tried):
         return False
-    if item.gain_over(state.floor, data.counts, whole_robot=effect.scope == "robot") < SMALLEST_GAIN_OVER_NOISE:
-        return False
-    return not effect.is_friction or _passive(data, pool, state, item)
+    return item.gain_over(state.floor, counts, whole_robot=effect.scope == "robot") >= SMALLEST_GAIN_OVER_NOISE
 
 
 def _passive(data: Products, pool: Pool, state: State, item: Judged) -> bool:
@@ -151,7 +179,7 @@ def _without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judge
     if not keep or len(keep) == len(chosen.candidate.joints):
         return chosen
     columns = tuple(k for k in chosen.candidate.columns if pool.observation.columns[k].link in keep)
-    smaller = Candidate(effect.id, tuple(keep), chosen.candidate.shape, columns)
+    smaller = Candidate(effect.id, tuple(keep), chosen.candidate.shape, columns, chosen.candidate.runs)
     return judge_all(data, pool, state.base, [smaller], state.noise)[0]
 
 
@@ -162,6 +190,8 @@ def pruned(data: Products, pool: Pool, state: State) -> tuple[Finding, ...]:
         return tuple(picks)
     for finding in list(picks):
         candidate = finding.judged.candidate
+        if candidate.effect == CONTACT:  # it happened once and cannot be held out
+            continue
         base = tuple(k for k in state.base if k not in candidate.columns)
         again = judge_all(data, pool, base, [candidate], state.noise)[0]
         if again.drop < _PRUNE_DROP or again.t < _PRUNE_T:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
+from dynident.effects.disturbances import BaseVibration, ExternalContact, Payload
+from dynident.effects.drive import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
 from dynident.effects.effect import Column, Effect, EffectChoice
 from dynident.effects.friction import (
     Coulomb,
+    CoulombAsymmetric,
     LoadDependentFriction,
     PositionDependentFriction,
     Stribeck,
@@ -15,30 +19,52 @@ from dynident.effects.friction import (
     ViscousAsymmetric,
     ViscousNonlinear,
 )
+from dynident.effects.friction_in_time import TemperatureFriction, WarmUpFriction
+from dynident.effects.gears import Backlash, JointElasticity
+from dynident.effects.geometry import EncoderZeroError, KinematicError
+from dynident.effects.plugins import installed_effects
 from dynident.effects.presliding import Presliding
 from dynident.effects.rigid_body import RigidBody, RotorInertia
-from dynident.effects.signals import Signals
+from dynident.effects.signals import RunSignal, Signals
+from dynident.effects.springs import CableForce, GravityCompensator
 from dynident.effects.structure import BaseTilt, JointSpring, Offset, TorqueRipple, TransmissionCoupling
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 
-_ALL: tuple[Effect, ...] = (
+_OURS: tuple[Effect, ...] = (
     RigidBody(),
     RotorInertia(),
     Coulomb(),
     Viscous(),
     Offset(),
+    CoulombAsymmetric(),
     ViscousAsymmetric(),
     Stribeck(),
     ViscousNonlinear(),
     LoadDependentFriction(),
+    TemperatureFriction(),
+    WarmUpFriction(),
+    TorqueRipple(),
     PositionDependentFriction(),
     Presliding(),
+    Backlash(),
+    JointElasticity(),
     JointSpring(),
-    TorqueRipple(),
+    GravityCompensator(),
     BaseTilt(),
+    Payload(),
     TransmissionCoupling(),
+    RotorCoupling(),
+    DriveGainError(),
+    DriveGainSaturation(),
+    TorqueDelay(),
+    EncoderZeroError(),
+    KinematicError(),
+    ExternalContact(),
+    BaseVibration(),
+    CableForce(),
 )
+_ALL = _OURS + installed_effects({effect.id for effect in _OURS})
 
 CATALOGUE: Mapping[str, Effect] = MappingProxyType({effect.id: effect for effect in _ALL})
 
@@ -112,5 +138,10 @@ def columns_of(choices: Iterable[EffectChoice], signals: Signals) -> list[Column
         pointer = f"/effects/{index}"
         check_shape(choice, pointer)
         joints = joints_of(choice, signals.robot, pointer)
-        columns += effect_by_id(choice.effect).columns(signals, joints, choice.shape_values)
+        effect = effect_by_id(choice.effect)
+        made = effect.columns(signals, joints, choice.shape_values)
+        if choice.runs or effect.in_some_runs:
+            present = signals.in_runs(RunSignal(choice.runs))
+            made = [replace(column, torque=column.torque * present, runs=choice.runs) for column in made]
+        columns += made
     return columns

@@ -28,25 +28,46 @@ class ParameterSpec:
         return self.prismatic_unit if kind == "prismatic" and self.prismatic_unit else self.unit
 
 
+Proposal = Literal["grid", "angle_spectrum", "time_spectrum", "burst"]
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """How a shape constant is searched for around a first value: in equal ratios (step in octaves) or equal steps."""
+
+    step: float
+    in_octaves: bool = False
+
+    def moved(self, value: float, steps: float) -> float:
+        """The value so many steps on."""
+        return value * 2.0 ** (self.step * steps) if self.in_octaves else value + self.step * steps
+
+
+RATIO = Refinement(0.25, in_octaves=True)
+"""Steps of a quarter of an octave."""
+
+
 @dataclass(frozen=True)
 class ShapeSpec:
     """A constant inside an effect's columns, searched for rather than solved for.
 
     `default` is used where nobody chose a value. `proposal` says where candidates come from: a fixed grid (`grid`), or
-    lines in the spectrum of the residual over the joint's angle. A constant is above zero unless it is `signed`; it is
+    lines in the spectrum of the residual over the joint's angle or over time, or the stretch of time where the residual
+    is far above the rest. A constant is above zero unless it is `signed`; it is
     not searched for below `least`. `resolved_by` names what a filtered position must still resolve for the constant to
-    show: the displacement or the speed around a reversal.
+    show: the displacement or the speed around a reversal. `refined`: how a first value is improved; None: it is not.
     """
 
     name: str
     unit: str
     description: str
     default: float
-    proposal: Literal["grid", "angle_spectrum"] = "grid"
+    proposal: Proposal = "grid"
     relative_to_velocity: bool = False
     signed: bool = False
     least: float = 0.0
     resolved_by: Literal["displacement", "speed"] | None = None
+    refined: Refinement | None = None
 
     def admits(self, value: float) -> bool:
         """Whether a value makes sense for this constant."""
@@ -69,15 +90,25 @@ class Column:
     torque: ca.SX
     shape: tuple[tuple[str, float], ...] = ()
     energy: Callable[[], ca.SX] | None = None
+    runs: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]:
+        """What tells two columns of one robot apart."""
+        return (self.effect, self.name, self.shape, self.runs)
 
 
 @dataclass(frozen=True)
 class EffectChoice:
-    """An effect that somebody chose, on some joints (all that it may sit on where empty), with shape constants."""
+    """An effect that somebody chose, on some joints (all that it may sit on where empty), with shape constants.
+
+    `runs` are the labels of the runs that it is in; it is in all of them where there are none.
+    """
 
     effect: str
     joints: tuple[str, ...] = ()
     shape: tuple[tuple[str, float], ...] = field(default=())
+    runs: tuple[str, ...] = field(default=())
 
     @property
     def shape_values(self) -> dict[str, float]:
@@ -88,6 +119,7 @@ class EffectChoice:
 class Effect(ABC):
     """A physical cause of joint torque, linear in its parameters once its shape constants stand.
 
+    `in_some_runs`: it is the same function as the model itself unless it is in some of the runs only.
     `confused_with` names effects that leave much the same residual; `same_function` those that are the same function
     of the motion, so that no data can tell them apart.
     """
@@ -104,6 +136,13 @@ class Effect(ABC):
     scope: ClassVar[Literal["joint", "robot"]] = "joint"
     is_friction: ClassVar[bool] = False
     needs_load: ClassVar[bool] = False
+    needs_temperature: ClassVar[bool] = False
+    in_some_runs: ClassVar[bool] = False
+
+    @property
+    def proposal(self) -> Proposal:
+        """Where candidates for its shape constants come from."""
+        return self.shapes[0].proposal if self.shapes else "grid"
 
     @abstractmethod
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
@@ -131,18 +170,47 @@ class Effect(ABC):
         energy: Callable[[], ca.SX] | None = None,
     ) -> Column:
         """A column whose torque acts on one joint; `torque` is (1, 1)."""
-        described = signals.robot.joints[joint]
         rows = ca.SX(signals.robot.n, 1)
         rows[joint] = torque
+        return self._reaching_column(signals, parameter, joint, rows, shape, energy)
+
+    def _reaching_column(
+        self,
+        signals: Signals,
+        parameter: ParameterSpec,
+        joint: int,
+        torque: ca.SX,
+        shape: Mapping[str, float] | None = None,
+        energy: Callable[[], ca.SX] | None = None,
+    ) -> Column:
+        """A column of one joint's parameter whose torque (n, 1) may act on any joint."""
+        described = signals.robot.joints[joint]
         return Column(
             effect=self.id,
             parameter=parameter.name,
             name=f"{parameter.name}{joint + 1}",
             link=described.name,
             unit=parameter.unit_on(described.kind),
-            torque=ca.sparsify(rows),
+            torque=ca.sparsify(torque),
             shape=tuple(sorted((shape or {}).items())),
             energy=energy,
+        )
+
+    def _robot_column(
+        self,
+        parameter: ParameterSpec,
+        torque: ca.SX,
+        shape: Mapping[str, float] | None = None,
+    ) -> Column:
+        """A column of the whole robot; `torque` is (n, 1)."""
+        return Column(
+            effect=self.id,
+            parameter=parameter.name,
+            name=parameter.name,
+            link="",
+            unit=parameter.unit,
+            torque=ca.sparsify(torque),
+            shape=tuple(sorted((shape or {}).items())),
         )
 
 

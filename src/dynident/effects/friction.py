@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import casadi as ca
 
-from dynident.effects.effect import Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
+from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
 from dynident.effects.signals import Signals
 from dynident.robot.model import Robot
 
@@ -55,6 +55,32 @@ class Coulomb(_OneColumnFriction):
         return signals.sign[joint]
 
 
+class CoulombAsymmetric(Effect):
+    """Dry friction that differs between the directions."""
+
+    id = "coulomb_asymmetric"
+    title = "Asymmetric Coulomb friction"
+    formula = r"F_+ \ (\dot q > 0),\quad -F_- \ (\dot q < 0)"
+    parameters = (
+        ParameterSpec("Fcp", "N m", "Coulomb friction forward", "N"),
+        ParameterSpec("Fcn", "N m", "Coulomb friction backward", "N"),
+    )
+    signature = "a constant: half the difference between the directions"
+    confused_with = ("offset",)
+    same_function = ("offset",)
+    sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
+    is_friction = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """A column for each direction."""
+        made = []
+        for j in joints:
+            forward = 0.5 * (1 + signals.sign[j])
+            for spec, torque in zip(self.parameters, (forward, forward - 1), strict=True):
+                made.append(self._column(signals, spec, j, torque))
+        return made
+
+
 class Viscous(_OneColumnFriction):
     """Friction proportional to velocity."""
 
@@ -92,22 +118,29 @@ class Stribeck(_OneColumnFriction):
 
     id = "stribeck"
     title = "Stribeck friction"
-    formula = r"(F_s - F_c)\,e^{-|\dot q / v_s|^2}\,\mathrm{sign}(\dot q)"
+    formula = r"(F_s - F_c)\,e^{-|\dot q / v_s|^\delta}\,\mathrm{sign}(\dot q)"
     parameters = (ParameterSpec("Fst", "N m", "excess of friction at low speed over Coulomb friction", "N"),)
-    shapes = (ShapeSpec("vs", "rad/s", "Stribeck velocity", 0.05, relative_to_velocity=True, resolved_by="speed"),)
+    shapes = (
+        ShapeSpec(
+            "vs", "rad/s", "Stribeck velocity", 0.05, relative_to_velocity=True, resolved_by="speed", refined=RATIO
+        ),
+        ShapeSpec("delta", "-", "exponent of the velocity's share", 2.0),
+    )
     signature = "odd in the velocity, with peaks at low speed on both sides"
     confused_with = ("viscous_nonlinear", "presliding")
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """exp(-(q̇/vs)²) sign(q̇)."""
+        """exp(-|q̇/vs|^δ) sign(q̇)."""
         ratio = signals.dq[joint] / shape["vs"]
-        return ca.exp(-ratio * ratio) * signals.sign[joint]
+        delta = shape["delta"]
+        power = ratio * ratio if delta == 2.0 else ca.fabs(ratio) ** delta
+        return ca.exp(-power) * signals.sign[joint]
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Stribeck velocities from 0.4 % to 13 % of the joint's velocity limit."""
-        scale = velocity_scale(robot, joint)
-        return [{"vs": v} for v in geometric_grid(0.004 * scale, 0.13 * scale, 2.0)]
+        """Stribeck velocities from 0.4 % to 13 % of the joint's velocity limit, bell-shaped and pointed."""
+        speeds = geometric_grid(0.004 * velocity_scale(robot, joint), 0.13 * velocity_scale(robot, joint), 2.0)
+        return [{"vs": v, "delta": delta} for delta in (2.0, 1.0) for v in speeds]
 
 
 class ViscousNonlinear(_OneColumnFriction):
@@ -117,7 +150,7 @@ class ViscousNonlinear(_OneColumnFriction):
     title = "Nonlinear viscous friction"
     formula = r"a\,|\dot q|^p\,\mathrm{sign}(\dot q)"
     parameters = (ParameterSpec("Fvn", "N m (s/rad)^p", "coefficient of the power of the velocity", "N (s/m)^p"),)
-    shapes = (ShapeSpec("p", "-", "exponent of the velocity", 2.0),)
+    shapes = (ShapeSpec("p", "-", "exponent of the velocity", 2.0, refined=RATIO),)
     signature = "odd in the velocity, bending upward or saturating"
     confused_with = ("stribeck",)
     sources = ("Gaz, Cognetti, Oliva, Robuffo Giordano and De Luca 2019",)
@@ -180,5 +213,5 @@ class PositionDependentFriction(Effect):
         return tuple(j for j, joint in enumerate(robot.joints) if joint.kind == "revolute")
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """One and two cycles a turn."""
-        return [{"k": 1.0}, {"k": 2.0}]
+        """One to six cycles a turn."""
+        return [{"k": float(k)} for k in (1, 2, 3, 4, 6)]

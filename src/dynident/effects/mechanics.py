@@ -31,7 +31,13 @@ def _sparse(matrix: FloatArray) -> ca.SX:
     return ca.sparsify(ca.SX(ca.DM(_snap(matrix))))
 
 
-def _cross(a: ca.SX, b: ca.SX) -> ca.SX:
+def constant(vector: FloatArray) -> ca.SX:
+    """A vector (3,) of a description as constants SX (3, 1), without what rounding has left of its zeros."""
+    return ca.SX(ca.DM(_snap(vector)))
+
+
+def cross(a: ca.SX, b: ca.SX) -> ca.SX:
+    """Vector product SX (3, 1)."""
     return ca.vertcat(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
@@ -46,21 +52,22 @@ def _rotation(joint: Joint, q: ca.SX) -> ca.SX:
 
 
 @dataclass(frozen=True, eq=False)
-class _Frame:
+class Frame:
     """Orientation (3, 3) and origin (3,) of a joint's frame in its antecedent's frame."""
 
     rotation: ca.SX
     origin: ca.SX
 
 
-def _frames(robot: Robot, q: ca.SX) -> list[_Frame]:
+def frames_of(robot: Robot, q: ca.SX) -> list[Frame]:
+    """The frame of every joint in its antecedent's frame at positions q SX (n, 1)."""
     frames = []
     for index, joint in enumerate(robot.joints):
         fixed = _sparse(joint.placement[:3, :3])
         origin = ca.densify(_sparse(joint.placement[:3, 3:]))
         if joint.kind == "prismatic":
-            origin = origin + ca.mtimes(fixed, ca.SX(ca.DM(_snap(joint.axis)))) * q[index]
-        frames.append(_Frame(ca.mtimes(fixed, _rotation(joint, q[index])), origin))
+            origin = origin + ca.mtimes(fixed, constant(joint.axis)) * q[index]
+        frames.append(Frame(ca.mtimes(fixed, _rotation(joint, q[index])), origin))
     return frames
 
 
@@ -106,25 +113,25 @@ def dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) 
     twists: list[dict[int, tuple[ca.SX, ca.SX]]] = []  # joint j -> its unit twist (angular, linear) at this frame
     rows = [[ca.SX(1, 10) for _ in range(n)] for _ in range(n)]
     zero = ca.SX.zeros(3, 1)
-    for i, (joint, frame) in enumerate(zip(robot.joints, _frames(robot, q), strict=True)):
+    for i, (joint, frame) in enumerate(zip(robot.joints, frames_of(robot, q), strict=True)):
         root = joint.parent < 0
         down = frame.rotation.T
         omega_p = zero if root else omegas[joint.parent]
         alpha_p = zero if root else alphas[joint.parent]
         acceleration_p = -gravity if root else accelerations[joint.parent]
-        axis = ca.SX(ca.DM(_snap(joint.axis)))
+        axis = constant(joint.axis)
         omega = ca.mtimes(down, omega_p)
         alpha = ca.mtimes(down, alpha_p)
-        lever = _cross(alpha_p, frame.origin) + _cross(omega_p, _cross(omega_p, frame.origin))
+        lever = cross(alpha_p, frame.origin) + cross(omega_p, cross(omega_p, frame.origin))
         acceleration = ca.mtimes(down, acceleration_p + lever)
         if joint.kind == "revolute":
-            alpha = alpha + axis * ddq[i] + _cross(omega, axis * dq[i])
+            alpha = alpha + axis * ddq[i] + cross(omega, axis * dq[i])
             omega = omega + axis * dq[i]
         else:
-            acceleration = acceleration + axis * ddq[i] + 2 * _cross(omega, axis * dq[i])
+            acceleration = acceleration + axis * ddq[i] + 2 * cross(omega, axis * dq[i])
         inherited = {} if root else twists[joint.parent]
         here = {
-            j: (ca.mtimes(down, angular), ca.mtimes(down, linear + _cross(angular, frame.origin)))
+            j: (ca.mtimes(down, angular), ca.mtimes(down, linear + cross(angular, frame.origin)))
             for j, (angular, linear) in inherited.items()
         }
         here[i] = (axis, zero) if joint.kind == "revolute" else (zero, axis)
@@ -150,14 +157,14 @@ def energy_rows(robot: Robot, q: ca.SX, dq: ca.SX, gravity: ca.SX) -> tuple[ca.S
     velocities: list[ca.SX] = []
     poses: list[tuple[ca.SX, ca.SX]] = []
     zero = ca.SX.zeros(3, 1)
-    for i, (joint, frame) in enumerate(zip(robot.joints, _frames(robot, q), strict=True)):
+    for i, (joint, frame) in enumerate(zip(robot.joints, frames_of(robot, q), strict=True)):
         root = joint.parent < 0
         omega_p, velocity_p = (zero, zero) if root else (omegas[joint.parent], velocities[joint.parent])
         rotation_p, origin_p = (ca.SX.eye(3), zero) if root else poses[joint.parent]
         down = frame.rotation.T
-        axis = ca.SX(ca.DM(_snap(joint.axis)))
+        axis = constant(joint.axis)
         w = ca.mtimes(down, omega_p)
-        v = ca.mtimes(down, velocity_p + _cross(omega_p, frame.origin))
+        v = ca.mtimes(down, velocity_p + cross(omega_p, frame.origin))
         if joint.kind == "revolute":
             w = w + axis * dq[i]
         else:
@@ -191,7 +198,7 @@ class Mechanics:
     @cached_property
     def gravity(self) -> ca.SX:
         """The robot's gravity (3, 1) as constants."""
-        return ca.SX(ca.DM(_snap(self.robot.gravity)))
+        return constant(self.robot.gravity)
 
     @cached_property
     def rows(self) -> ca.SX:

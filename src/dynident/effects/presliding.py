@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
-from dynident.effects.effect import Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
-from dynident.effects.signals import MemorySignal, Signals
+from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
+from dynident.effects.signals import MemorySignal, Operator, Signals
 from dynident.robot.model import Robot
 
 
@@ -16,12 +16,18 @@ class Presliding(Effect):
 
     id = "presliding"
     title = "Presliding hysteresis"
-    formula = r"(F_z + c_z |\hat\tau_l|)\,z,\qquad z \leftarrow \mathrm{sat}(z + \Delta q / d_0)"
+    formula = (
+        r"(F_z + c_z |\hat\tau_l|)\,z,\qquad z \leftarrow \mathrm{sat}(z + \Delta q / d_0)"
+        r"\quad\text{or}\quad \dot z = \frac{\dot q}{d_0}(1 - z\,\mathrm{sign}\,\dot q)"
+    )
     parameters = (
         ParameterSpec("Fz", "N m", "friction reached after the slip distance", "N"),
         ParameterSpec("cz", "-", "friction reached after the slip distance, per unit of load torque"),
     )
-    shapes = (ShapeSpec("d0", "rad", "slip distance", 2e-3, least=0.5e-3, resolved_by="displacement"),)
+    shapes = (
+        ShapeSpec("d0", "rad", "slip distance", 2e-3, least=0.5e-3, resolved_by="displacement", refined=RATIO),
+        ShapeSpec("law", "-", "+1: stop operator, -1: Dahl", 1.0, signed=True),
+    )
     signature = "a rounded corner after each reversal instead of a step"
     confused_with = ("stribeck",)
     sources = ("Al-Bender, Lampaert and Swevers 2005", "Dahl 1968")
@@ -32,12 +38,13 @@ class Presliding(Effect):
         """A constant and a load-proportional column a joint."""
         constants = self.shape_with_defaults(shape)
         made = []
+        operator: Operator = "stop" if constants["law"] > 0 else "dahl"
         for j in joints:
-            z = signals.memory(MemorySignal("stop", j, constants["d0"]))
+            z = signals.memory(MemorySignal(operator, j, constants["d0"]))
             for spec, torque in zip(self.parameters, (z, ca.fabs(signals.load[j]) * z), strict=True):
                 made.append(self._column(signals, spec, j, torque, constants))
         return made
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Slip distances from 0.5 to 64 mrad (or mm) in factors of two."""
-        return [{"d0": d} for d in geometric_grid(0.5e-3, 64e-3, 2.0)]
+        """Slip distances from 0.5 to 64 mrad (or mm) in factors of two, by both laws."""
+        return [{"d0": d, "law": law} for law in (1.0, -1.0) for d in geometric_grid(0.5e-3, 64e-3, 2.0)]

@@ -9,6 +9,7 @@ from typing import Literal
 import casadi as ca
 
 from dynident.effects.mechanics import Mechanics
+from dynident.effects.prediction import Prediction, reference_size
 from dynident.robot.model import Robot
 
 Operator = Literal["stop", "dahl"]
@@ -27,8 +28,20 @@ class MemorySignal:
     slip: float
 
 
+@dataclass(frozen=True)
+class RunSignal:
+    """1 in the runs with these labels, 0 in all others; without labels: in runs that are said to carry a payload.
+
+    A run's label is its recording's name, or that and the segment's label ("name#2") for a segment of it.
+    """
+
+    runs: tuple[str, ...] = ()
+
+
 class Signals:
-    """Symbols of q, q̇, q̈, time, temperature, the reference parameters and the memory signals asked for so far.
+    """Symbols of q and its derivatives, time, temperature, the reference parameters, and of what else is asked for.
+
+    `memory` gives hysteresis states, `in_runs` whether a run is one of some; both are remembered.
 
     Parameters
     ----------
@@ -44,14 +57,17 @@ class Signals:
         self.q = ca.SX.sym("q", n)
         self.dq = ca.SX.sym("dq", n)
         self.ddq = ca.SX.sym("ddq", n)
+        self.dddq = ca.SX.sym("dddq", n)
+        self.ddddq = ca.SX.sym("ddddq", n)
         self.time = ca.SX.sym("t")
         self.temperature = ca.SX.sym("temperature", n)
-        # Standard inertial parameters of the model so far: they carry the *predicted* load torque, since a load taken
-        # from the measured torque would put the measurement's noise into W.
-        self.reference = ca.SX.sym("K", 10 * n)
+        # Parameters of the model so far: they carry the *predicted* torque, since a load taken from the measured torque
+        # would put the measurement's noise into W.
+        self.reference = ca.SX.sym("K", reference_size(robot))
         self.mechanics = Mechanics(robot, self.q, self.dq, self.ddq)
         self._smooth_sign = smooth_sign
         self._memory: dict[MemorySignal, ca.SX] = {}
+        self._runs: dict[RunSignal, ca.SX] = {}
 
     @cached_property
     def sign(self) -> ca.SX:
@@ -63,9 +79,25 @@ class Signals:
         return ca.tanh(velocity / self._smooth_sign) if self._smooth_sign > 0 else ca.sign(velocity)
 
     @cached_property
+    def predicted(self) -> Prediction:
+        """What the model with the reference parameters predicts."""
+        return Prediction(self.robot, self.q, self.dq, self.ddq, self.dddq, self.ddddq, self.sign, self.reference)
+
+    @property
     def load(self) -> ca.SX:
-        """SX (n, 1): the load torque that the rigid-body model with the reference parameters predicts (N m, N)."""
-        return ca.mtimes(self.mechanics.rows, self.reference)
+        """SX (n, 1): the load torque that the links with the reference parameters predict (N m, N)."""
+        return self.predicted.load
+
+    def in_runs(self, signal: RunSignal) -> ca.SX:
+        """SX (1, 1): the symbol that is 1 in the signal's runs."""
+        if signal not in self._runs:
+            self._runs[signal] = ca.SX.sym(f"run_{len(self._runs)}")
+        return self._runs[signal]
+
+    def runs_in(self, expression: ca.SX) -> tuple[RunSignal, ...]:
+        """The run signals that an expression depends on, of all that were ever asked for."""
+        used = {symbol.name() for symbol in ca.symvar(expression)}
+        return tuple(signal for signal, symbol in self._runs.items() if symbol.name() in used)
 
     def memory(self, signal: MemorySignal) -> ca.SX:
         """SX (1, 1): the symbol of a hysteresis state, the same for the same signal."""

@@ -8,7 +8,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from dynident.effects.effect import Column, Effect, ParameterSpec, ShapeSpec
+from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, ShapeSpec
 from dynident.effects.signals import Signals
 from dynident.robot.model import FloatArray, Robot
 
@@ -64,7 +64,11 @@ class TorqueRipple(Effect):
         ParameterSpec("Ac", "N m", "cosine amplitude", "N"),
         ParameterSpec("As", "N m", "sine amplitude", "N"),
     )
-    shapes = (ShapeSpec("k", "1/rad", "cycles per radian of the joint", 30.0, proposal="angle_spectrum"),)
+    shapes = (
+        ShapeSpec(
+            "k", "1/rad", "cycles per radian of the joint", 30.0, proposal="angle_spectrum", refined=Refinement(0.025)
+        ),
+    )
     signature = "a line in the spectrum of the residual over the joint's angle"
     confused_with = ("joint_spring",)
     sources = ("Kircanski and Goldenberg 1997",)
@@ -101,14 +105,7 @@ class BaseTilt(Effect):
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """The torque that a tilt of gravity by one m/s² adds to the model so far."""
         return [
-            Column(
-                effect=self.id,
-                parameter=spec.name,
-                name=spec.name,
-                link="",
-                unit=spec.unit,
-                torque=ca.sparsify(ca.mtimes(signals.mechanics.gravity_rows(direction), signals.reference)),
-            )
+            self._robot_column(spec, signals.predicted.gravity_torque(direction))
             for spec, direction in zip(self.parameters, across(signals.robot.gravity), strict=True)
         ]
 

@@ -89,7 +89,7 @@ def extend(
         new,
         recordings,
         identification.preprocessing,
-        identification.standard_inertia(),
+        identification.next_reference(),
         part(progress, 0.0, 0.5),
     )
     choices = replace(identification.choices, effects=identification.choices.effects + new)
@@ -102,7 +102,7 @@ def extend(
             pointer="/effects",
             title="Nothing to add",
         )
-    reference = identification.standard_inertia() if model.needs_load else identification.reference
+    reference = identification.next_reference() if model.needs_load else identification.reference
     grown = identify_model(
         model, recordings, validation, choices, identification.preprocessing, reference, part(progress, 0.5, 1.0)
     )
@@ -201,7 +201,7 @@ def _prepared(
     zeros = np.zeros(10 * robot.n)
     reduction = reduce_recordings(first.observation, recordings, preprocessing, zeros, part(progress, 0.0, 0.5))
     _check_reduction(first, reduction)
-    reference = first.standard_inertia(solve_reduced(reduction, choices.estimator).values)
+    reference = first.reference(solve_reduced(reduction, choices.estimator).values)
     others = tuple(choice for choice in choices.effects if choice not in plain)
     found = complete_shapes(first, others, recordings, preprocessing, reference, part(progress, 0.5, 1.0))
     return replace(choices, effects=plain + found), reference

@@ -104,6 +104,10 @@ class Identification:
         """Standard inertial parameters (10 n,) that give the same torque."""
         return self.model.standard_inertia(self.values)
 
+    def next_reference(self) -> FloatArray:
+        """What later models' loads and motor torques are predicted with (14 n,), from these parameters."""
+        return self.model.reference(self.values)
+
     def ladder(self) -> Iterator[Identification]:
         """The models that led here, the first one first."""
         if self.parent is not None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.effects import Column, EffectChoice, Signals, columns_of, effect_by_id
+from dynident.effects import Column, EffectChoice, ShapeSpec, Signals, columns_of, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
 from dynident.estimation import noise_levels, ordinary, weighted_factor
@@ -18,8 +18,8 @@ from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray, Robot
 
-# Steps around a coarse value, up and down, in quarters of an octave; or those of a line, less than its own width.
-_STEPS, _STEPS_DOWN, _STEPS_AN_OCTAVE, _LINE_STEP = 8, 5, 4, 0.025
+# Steps around a coarse value, down and up.
+_DOWN, _UP = 6, 8
 
 
 def lacks_shape(choice: EffectChoice) -> bool:
@@ -100,12 +100,15 @@ def refine_shapes(
     reference: FloatArray,
     progress: Progress = silent,
 ) -> tuple[EffectChoice, ...]:
-    """Search around shape constants that came from a coarse grid, up to four times smaller and larger."""
-    options = [_finer(choice) for choice in added]
-    if all(len(item) == 1 for item in options):
-        return tuple(added)
-    picked, errors = _tabulate(model, options, recordings, preprocessing, reference, progress).search()
-    return tuple(_vertex(group[k], k, e) for group, k, e in zip(options, picked, errors, strict=True))
+    """Search around shape constants that came from a coarse grid, one constant of every effect after another."""
+    refined = tuple(added)
+    rounds = max((len(_refinable(choice)) for choice in refined), default=0)
+    for number in range(rounds):
+        options = [_finer(choice, number) for choice in refined]
+        here = part(progress, number / rounds, (number + 1) / rounds)
+        picked, errors = _tabulate(model, options, recordings, preprocessing, reference, here).search()
+        refined = tuple(_vertex(group, k, e, number) for group, k, e in zip(options, picked, errors, strict=True))
+    return refined
 
 
 def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:
@@ -116,24 +119,25 @@ def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:
     return [replace(choice, shape=_key({**shape, **given})) for shape in effect_by_id(choice.effect).grid(robot, joint)]
 
 
-def _finer(choice: EffectChoice) -> list[EffectChoice]:
-    """Neighbours of a choice in even steps of its shape constant; the choice alone where it is not to be refined."""
-    moved = _moves(choice)
-    return [choice] if moved is None else [_with(choice, moved[0], value) for value in moved[1]]
+def _refinable(choice: EffectChoice) -> list[ShapeSpec]:
+    """The shape constants of a choice that are refined."""
+    specs = effect_by_id(choice.effect).shapes
+    return [spec for spec in specs if spec.refined is not None and spec.name in choice.shape_values]
 
 
-def _moves(choice: EffectChoice) -> tuple[str, list[float]] | None:
-    """The shape constant to refine and its values to try: in equal ratios, or in equal steps for a line."""
-    for spec in effect_by_id(choice.effect).shapes:
-        if spec.name not in choice.shape_values:
-            continue
-        value = choice.shape_values[spec.name]
-        if spec.proposal == "angle_spectrum":
-            return spec.name, [value + _LINE_STEP * k for k in range(-_STEPS, _STEPS + 1)]
-        if spec.unit in ("rad", "rad/s"):
-            ratios = [value * 2.0 ** (k / _STEPS_AN_OCTAVE) for k in range(-_STEPS_DOWN, _STEPS + 1)]
-            return spec.name, [ratio for ratio in ratios if ratio >= min(spec.least, value)]
-    return None
+def _finer(choice: EffectChoice, number: int) -> list[EffectChoice]:
+    """Neighbours of a choice in even steps of its shape constant of that number; the choice alone where it has none."""
+    specs = _refinable(choice)
+    if number >= len(specs) or specs[number].refined is None:
+        return [choice]
+    spec = specs[number]
+    value = choice.shape_values[spec.name]
+    moved = [_moved(spec, value, step) for step in range(-_DOWN, _UP + 1)]
+    return [_with(choice, spec.name, item) for item in moved if spec.admits(item) and item >= min(spec.least, value)]
+
+
+def _moved(spec: ShapeSpec, value: float, steps: float) -> float:
+    return value if spec.refined is None else spec.refined.moved(value, steps)
 
 
 def _with(choice: EffectChoice, name: str, value: float) -> EffectChoice:
@@ -203,17 +207,16 @@ def _tabulate(
     return _Table(factor, model.n_parameters, numbers)
 
 
-def _vertex(choice: EffectChoice, picked: int, errors: FloatArray) -> EffectChoice:
+def _vertex(group: Sequence[EffectChoice], picked: int, errors: FloatArray, number: int) -> EffectChoice:
     """The choice at the minimum of the parabola through the best step and its neighbours."""
-    moved = _moves(choice)
-    if moved is None or not 0 < picked < len(errors) - 1:
+    choice = group[picked]
+    if not 0 < picked < len(group) - 1:
         return choice
     before, here, after = errors[picked - 1 : picked + 2]
     curvature = before - 2 * here + after
     shift = float(0.5 * (before - after) / curvature) if curvature > 0 else 0.0
-    name, value = moved[0], choice.shape_values[moved[0]]
-    line = effect_by_id(choice.effect).shapes[0].proposal == "angle_spectrum"
-    return _with(choice, name, value + _LINE_STEP * shift if line else value * 2.0 ** (shift / _STEPS_AN_OCTAVE))
+    spec = _refinable(choice)[number]
+    return _with(choice, spec.name, _moved(spec, choice.shape_values[spec.name], shift))
 
 
 def _squared_error(factor: FloatArray, columns: list[int]) -> float:

@@ -19,8 +19,14 @@ class _Rows(NamedTuple):
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
+    dddq: FloatArray
+    ddddq: FloatArray
     tau: FloatArray
     temperature: FloatArray | None
+
+
+_REACH = 2
+"""Neighbours on either side that the highest difference needs."""
 
 
 def filtered_blocks(
@@ -35,7 +41,8 @@ def filtered_blocks(
     Positions pass a zero-phase Butterworth filter over the whole segment, also outside the windows, so that the
     windows' rows are filtered with their true surroundings. Velocity is the central difference [12.16]; acceleration
     the second difference (q(k+1) - 2 q(k) + q(k-1)) / T²: of the two ways to difference twice, the one with the
-    narrower stencil, so a quarter of the attenuation at high frequency. Torque and temperature pass unfiltered.
+    narrower stencil, so a quarter of the attenuation at high frequency; the third and fourth derivatives are the same
+    two differences of it. Torque and temperature pass unfiltered.
 
     Parameters
     ----------
@@ -62,8 +69,8 @@ def filtered_blocks(
 def edge_margin(preprocessing: Preprocessing, rate: float) -> int:
     """Samples at either end of a segment that are not used, because the filter still settles there."""
     if preprocessing.position_cutoff is None:
-        return 1
-    return 1 + ZeroPhase(rate, preprocessing.position_cutoff, preprocessing.filter_order).settling
+        return _REACH
+    return _REACH + ZeroPhase(rate, preprocessing.position_cutoff, preprocessing.filter_order).settling
 
 
 def _segment_blocks(
@@ -83,6 +90,8 @@ def _segment_blocks(
                 q=rows.q[part],
                 dq=rows.dq[part],
                 ddq=rows.ddq[part],
+                dddq=rows.dddq[part],
+                ddddq=rows.ddddq[part],
                 tau=rows.tau[part],
                 used=used,
                 temperature=None if rows.temperature is None else rows.temperature[part],
@@ -108,15 +117,15 @@ def _differentiated(recording: Recording, segment: Segment, preprocessing: Prepr
         length = max(length, 2 * zero_phase.lookahead)
         filtered = zero_phase.stream(positions(), segment.length)
 
-    # One sample is held back at each border: its right neighbour comes with the next run.
+    # Two samples are held back at each border: their right neighbours come with the next run.
     held = np.empty((0, recording.n))
     n_done = 0
     for q in filtered:
         first = n_done == 0
         joined = np.concatenate([held, q])
-        last = n_done + len(joined) - (0 if first else 1) >= segment.length
+        last = n_done + len(joined) - (0 if first else _REACH) >= segment.length
         inner = _differences(joined, recording.sampling_rate, with_first=first, with_last=last)
-        held = joined[-2:] if len(joined) > 1 else joined
+        held = joined[-2 * _REACH :] if len(inner[0]) else joined
         if len(inner[0]):
             tau, temperature = _take(passing, len(inner[0]))
             n_done += len(inner[0])
@@ -125,27 +134,34 @@ def _differentiated(recording: Recording, segment: Segment, preprocessing: Prepr
 
 def _differences(
     q: FloatArray, rate: float, *, with_first: bool, with_last: bool
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Give q, dq, ddq (m, n) of the rows that have both neighbours, and of the segment's two ends if asked for.
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Give q and its four derivatives (m, n) of the rows that have two neighbours on both sides.
 
-    At the ends the derivatives are those of the nearest inner row (zero in a segment of fewer than three rows); such
-    rows are never marked as used.
+    The segment's two ends are given if asked for. There the derivatives are those of the nearest inner row (zero in a
+    segment of fewer than five rows); such rows are never marked as used.
     """
-    if len(q) < 3:
+    part = slice(None if with_first else _REACH, None if with_last else -_REACH)
+    if len(q) <= 2 * _REACH:
+        if not with_last:
+            return q[:0], q[:0], q[:0], q[:0], q[:0]
         still = np.zeros_like(q)
-        part = slice(None if with_first else 1, None if with_last else -1)
-        return (q[part], still[part], still[part]) if with_last else (q[:0], still[:0], still[:0])
-    dq = np.empty_like(q)
-    ddq = np.empty_like(q)
-    np.subtract(q[2:], q[:-2], out=dq[1:-1])
-    dq[1:-1] *= 0.5 * rate
-    np.subtract(q[2:], q[1:-1], out=ddq[1:-1])
-    ddq[1:-1] -= q[1:-1] - q[:-2]
-    ddq[1:-1] *= rate * rate
-    for values in (dq, ddq):
-        values[0], values[-1] = values[1], values[-2]
-    part = slice(None if with_first else 1, None if with_last else -1)
-    return q[part], dq[part], ddq[part]
+        return q[part], still[part], still[part], still[part], still[part]
+    dq, ddq = _central(q, rate)
+    dddq, ddddq = _central(ddq, rate)
+    for values, reach in ((dq, 1), (ddq, 1), (dddq, 2), (ddddq, 2)):
+        values[:reach], values[len(q) - reach :] = values[reach], values[-reach - 1]
+    return q[part], dq[part], ddq[part], dddq[part], ddddq[part]
+
+
+def _central(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+    """First and second central difference (m, n); the first and last row are not set."""
+    first, second = np.empty_like(values), np.empty_like(values)
+    np.subtract(values[2:], values[:-2], out=first[1:-1])
+    first[1:-1] *= 0.5 * rate
+    np.subtract(values[2:], values[1:-1], out=second[1:-1])
+    second[1:-1] -= values[1:-1] - values[:-2]
+    second[1:-1] *= rate * rate
+    return first, second
 
 
 def _stored(recording: Recording, segment: Segment, length: int) -> Iterator[StoredRows]:

@@ -185,6 +185,11 @@ class Recording:
         """Sampling period T in s."""
         return 1.0 / self.sampling_rate
 
+    def run_label(self, segment: int) -> str:
+        """What a segment, by its index, is called: the recording's name, with the segment's label where it has one."""
+        several = len({item.label for item in self.segments}) > 1
+        return f"{self.name}#{self.segments[segment].label}" if several else self.name
+
     def with_windows(self, windows: Windows) -> Recording:
         """Give the same recording with other seconds of t to use."""
         return replace(self, windows=windows)
@@ -198,7 +203,7 @@ class Recording:
 class SampleBlock:
     """Consecutive samples of one segment after the position filter.
 
-    t (m,) in s; q, dq, ddq (m, n) filtered position and its derivatives [12.16]; tau (m, n) unfiltered;
+    t (m,) in s; q, dq, ddq, dddq, ddddq (m, n) filtered position and its derivatives [12.16]; tau (m, n) unfiltered;
     `used` (m,) is true inside the windows and clear of the segment's ends; temperature (m, n) in degC or None.
     """
 
@@ -207,6 +212,8 @@ class SampleBlock:
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
+    dddq: FloatArray
+    ddddq: FloatArray
     tau: FloatArray
     used: BoolArray
     temperature: FloatArray | None

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from dynident.effects import Column, Signals
+from dynident.effects import Column, Signals, reference_size
 from dynident.regressors.observation import Observation
 from dynident.robot.model import FloatArray, Robot
 
@@ -139,6 +139,7 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0) -
             low[j], high[j] = joint.limits.position or (-1.0, 1.0)
     q = rng.uniform(low, high, (n_states, n))
     dq, ddq = rng.uniform(-2, 2, (n_states, n)), rng.uniform(-5, 5, (n_states, n))
+    dddq, ddddq = rng.uniform(-20, 20, (n_states, n)), rng.uniform(-80, 80, (n_states, n))
     # Half the states at rest: what depends on position alone must not hide behind large accelerations.
     dq[::4] *= 0.05
     ddq[::4] = 0.0
@@ -146,14 +147,27 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0) -
         q,
         dq,
         ddq,
-        time=rng.uniform(0, 3600, n_states),
+        time=_times(observation, n_states, rng),
         temperature=rng.uniform(15, 45, (n_states, n)),
         memory=rng.uniform(-1, 1, (n_states, observation.n_memory)),
-        reference=rng.uniform(0.5, 1.5, 10 * n),
+        reference=rng.uniform(0.5, 1.5, reference_size(robot)),
+        dddq=dddq,
+        ddddq=ddddq,
+        runs=rng.integers(0, 2, (n_states, len(observation.runs))).astype(np.float64),
     )
     dense = np.zeros((n_states, n, observation.n_columns))
     dense[:, observation.entry_rows, observation.entry_columns] = entries
     return dense.reshape(n_states * n, observation.n_columns)
+
+
+def _times(observation: Observation, n_states: int, rng: np.random.Generator) -> FloatArray:
+    """Times (n_states,) of the session; half of them inside the windows that columns are limited to."""
+    times = rng.uniform(0, 3600, n_states)
+    windows = [dict(column.shape) for column in observation.columns if {"t0", "t1"} <= dict(column.shape).keys()]
+    for k, state in enumerate(range(0, n_states, 2) if windows else ()):
+        window = windows[k % len(windows)]
+        times[state] = rng.uniform(window["t0"], window["t1"])
+    return times
 
 
 def _order(shown: BoolArray, lead: int) -> list[int]:

@@ -7,11 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.effects import Column, EffectChoice, Signals, columns_of, effect_by_id
+from dynident.effects import DRIVE_PARAMETERS, Column, EffectChoice, Signals, columns_of, effect_by_id
 from dynident.errors import DynidentError
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, BaseParameters, base_parameters
 from dynident.regressors.observation import Observation
 from dynident.robot.model import FloatArray, Robot
+
+_INERTIAL = ("rigid_body", "rotor_inertia")
+# Where parameters of the motors' torque stand in `Model.reference`; hysteresis is Coulomb friction once it slides.
+_DRIVE_ROWS = {
+    **{pair: row for row, pair in enumerate(DRIVE_PARAMETERS) if pair[0] != "rotor_inertia"},
+    ("presliding", "Fz"): 1,
+}
+# How far a description is usually off, as a share; and a link where it says nothing (kg, m).
+_SHARE, _SHARE_WITHOUT, _MASS, _SIZE = 0.2, 1.0, 3.0, 0.15
+# Rotor inertia for an effort limit of 1 N m, and where there is no limit (kg m²).
+_ROTOR, _ROTOR_WHERE_UNKNOWN = 0.02, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +67,12 @@ class Model:
 
         The base parameters determine the torque; of all standard parameters that give them, those nearest to the
         description's are taken, since effects that reach beyond the base parameters (a tilted base) need a choice.
+        Near is measured by how far a description is usually off; of rotors, which it does not know, anything is near.
         """
+        return self._inertial_solution(values)[: 10 * self.robot.n]
+
+    def _inertial_solution(self, values: FloatArray) -> FloatArray:
+        """Standard inertial parameters (10 n,) and, where all links are in the model, its rotors' inertias."""
         rigid = [k for k, column in enumerate(self.columns) if column.effect == "rigid_body"]
         nominal = np.zeros(10 * self.robot.n)
         if self.robot.inertias is not None:
@@ -70,11 +86,32 @@ class Model:
                 if column.effect == "rigid_body":
                     full[self._standard_index(column)] = values[k]
             return full
-        inertial = [k for k, column in enumerate(self.kept) if column.effect in ("rigid_body", "rotor_inertia")]
-        grouping = self.base.grouping[np.ix_(inertial, rigid)]
-        seen = np.any(self.base.written[np.ix_(inertial, rigid)], axis=1)
+        rotors = [k for k, column in enumerate(self.columns) if column.effect == "rotor_inertia"]
+        inertial = [k for k, column in enumerate(self.kept) if column.effect in _INERTIAL]
+        everything = rigid + rotors
+        grouping = self.base.grouping[np.ix_(inertial, everything)]
+        seen = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)
+        nominal = np.concatenate([nominal, np.zeros(len(rotors))])
+        scale = np.concatenate([_doubt(self.robot), _rotor_doubt(self.robot)[[self._joint(k) for k in rotors]]])
         gap = values[inertial][seen] - grouping[seen] @ nominal
-        return nominal + np.linalg.pinv(grouping[seen]) @ gap
+        return np.asarray(nominal + scale * (np.linalg.pinv(grouping[seen] * scale, rcond=1e-9) @ gap))
+
+    def reference(self, values: FloatArray) -> FloatArray:
+        """What torque is predicted with (14 n,): standard inertial parameters, then Ia, Fc, Fv and b of all joints."""
+        n = self.robot.n
+        inertial = self._inertial_solution(values)
+        drives = np.zeros((len(DRIVE_PARAMETERS), n))
+        rotors = [k for k, column in enumerate(self.columns) if column.effect == "rotor_inertia"]
+        for value, k in zip(inertial[10 * n :], rotors, strict=False):
+            drives[0, self._joint(k)] = value
+        for column, value in zip(self.kept, values, strict=True):
+            row = _DRIVE_ROWS.get((column.effect, column.parameter))
+            if row is not None:
+                drives[row, self.robot.joint_names.index(column.link)] += value
+        return np.concatenate([inertial[: 10 * n], drives.reshape(-1)])
+
+    def _joint(self, column: int) -> int:
+        return self.robot.joint_names.index(self.columns[column].link)
 
     def _standard_index(self, column: Column) -> int:
         link = self.robot.joint_names.index(column.link)
@@ -109,14 +146,13 @@ def build_model(
         raise DynidentError("choose at least one effect, for instance rigid_body", pointer="/effects")
     signals = signals or Signals(robot)
     columns = columns_of(effects, signals)
-    seen: dict[tuple[str, tuple[tuple[str, float], ...]], int] = {}
+    seen = set()
     for column in columns:
-        key = (f"{column.effect}.{column.name}", column.shape)
-        if key in seen:
+        if column.key in seen:
             raise DynidentError(
                 f"{column.effect} is chosen twice for {column.link or 'the robot'}; name it once", pointer="/effects"
             )
-        seen[key] = 1
+        seen.add(column.key)
     base = base_parameters(robot, columns, signals, tolerance=tolerance)
     observation = Observation.of(robot, [columns[k] for k in base.kept], signals)
     return Model(robot, tuple(effects), signals, tuple(columns), base, observation)
@@ -126,3 +162,21 @@ def inertial_base_parameters(robot: Robot, *, tolerance: float = DEFAULT_TOLERAN
     """The base inertial parameters of a robot: links alone, without rotors and friction."""
     signals = Signals(robot)
     return base_parameters(robot, columns_of([EffectChoice("rigid_body")], signals), signals, tolerance=tolerance)
+
+
+def _doubt(robot: Robot) -> FloatArray:
+    """(10 n,): usual error of the description's standard inertial parameters."""
+    made = np.empty((robot.n, 10))
+    for link in range(robot.n):
+        mass, size, share = _MASS, _SIZE, _SHARE_WITHOUT
+        if robot.inertias is not None and robot.inertias[link, 9] > 0:
+            mass, share = float(robot.inertias[link, 9]), _SHARE
+            size = _SIZE + float(np.linalg.norm(robot.inertias[link, 6:9])) / mass
+        made[link] = share * mass * np.array([size**2] * 6 + [size] * 3 + [1.0])
+    return made.reshape(-1)
+
+
+def _rotor_doubt(robot: Robot) -> FloatArray:
+    """(n,): size that rotor inertias may well have."""
+    limits = [joint.limits.effort for joint in robot.joints]
+    return np.array([_ROTOR * limit if limit else _ROTOR_WHERE_UNKNOWN for limit in limits])

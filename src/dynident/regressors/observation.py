@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.effects import Column, MemorySignal, Signals
+from dynident.effects import Column, MemorySignal, RunSignal, Signals, reference_size
 from dynident.regressors.program import BlockProgram
 from dynident.robot.model import FloatArray, Robot
 
@@ -21,12 +21,13 @@ class Observation:
     """W of one robot for `columns`, as the list of its structural non-zeros.
 
     Entry k of an evaluation stands in row (joint) `entry_rows[k]` and column `entry_columns[k]`. `memory` are the
-    hysteresis states that must be supplied, in this order.
+    hysteresis states that must be supplied, in this order, and `runs` the run signals.
     """
 
     robot: Robot
     columns: tuple[Column, ...]
     memory: tuple[MemorySignal, ...]
+    runs: tuple[RunSignal, ...]
     entry_rows: IntArray
     entry_columns: IntArray
     program: BlockProgram
@@ -36,15 +37,18 @@ class Observation:
         """Build the observation matrix of columns that were made from `signals`."""
         matrix = ca.horzcat(*(column.torque for column in columns)) if columns else ca.SX(robot.n, 0)
         rows, cols = matrix.sparsity().get_triplet()
-        memory = signals.memory_in(matrix)
+        memory, runs = signals.memory_in(matrix), signals.runs_in(matrix)
         program = BlockProgram(
             [
                 signals.q,
                 signals.dq,
                 signals.ddq,
+                signals.dddq,
+                signals.ddddq,
                 signals.time,
                 signals.temperature,
                 ca.vertcat(*(signals.memory(item) for item in memory)) if memory else ca.SX(0, 1),
+                ca.vertcat(*(signals.in_runs(item) for item in runs)) if runs else ca.SX(0, 1),
                 signals.reference,
             ],
             matrix,
@@ -53,6 +57,7 @@ class Observation:
             robot=robot,
             columns=tuple(columns),
             memory=memory,
+            runs=runs,
             entry_rows=np.array(rows, dtype=np.intp),
             entry_columns=np.array(cols, dtype=np.intp),
             program=program,
@@ -76,25 +81,47 @@ class Observation:
         *,
         reference: FloatArray,
         memory: FloatArray,
+        dddq: FloatArray | None = None,
+        ddddq: FloatArray | None = None,
         time: FloatArray | None = None,
         temperature: FloatArray | None = None,
+        runs: FloatArray | None = None,
     ) -> FloatArray:
         """Entries (m, number of entries) at m samples.
 
         Parameters
         ----------
         q, dq, ddq : (m, n)
-        reference : (10 n,)
-            Standard inertial parameters that the predicted load torque is computed with.
+        reference : (10 n,) or (14 n,)
+            Standard inertial parameters that the predicted load torque is computed with, and behind them Ia, Fc, Fv
+            and b of all joints for the torque of the motors; zero where they are left out.
         memory : (m, number of memory signals)
+        dddq, ddddq : (m, n), optional
+            Third and fourth derivative of q; zero where they are left out.
         time : (m,), optional
         temperature : (m, n), optional
             Celsius.
+        runs : (number of run signals,) or (m, number of run signals), optional
+            1 where the samples' run is one of the signal's; 0 where they are left out.
         """
         n = self.robot.n
         clock = np.zeros(1) if time is None else time[:, None]
         heat = np.zeros(n) if temperature is None else temperature
-        return self.program(q, dq, ddq, clock, heat, memory, reference)
+        nothing = np.zeros(n)
+        whole = np.zeros(reference_size(self.robot))
+        whole[: len(reference)] = reference
+        return self.program(
+            q,
+            dq,
+            ddq,
+            nothing if dddq is None else dddq,
+            nothing if ddddq is None else ddddq,
+            clock,
+            heat,
+            memory,
+            np.zeros(len(self.runs)) if runs is None else runs,
+            whole,
+        )
 
     def joint_entries(self, joint: int) -> tuple[IntArray, IntArray]:
         """Positions among the entries, and columns, of one joint's row; columns ascend."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.effects import RunSignal
 from dynident.effects.memory import MemoryStates
 from dynident.estimation import FactorAccumulator, Reduction, concatenate
 from dynident.progress import Progress, silent
@@ -33,9 +34,10 @@ _BlockFunction = Callable[[SampleBlock], FloatArray]
 class SampleFunction:
     """Values of an observation matrix along a recording, with the hysteresis states carried from block to block."""
 
-    def __init__(self, observation: Observation, reference: FloatArray) -> None:
+    def __init__(self, observation: Observation, reference: FloatArray, recording: Recording) -> None:
         self._observation = observation
         self._reference = reference
+        self._recording = recording
         self._memory = MemoryStates(observation.memory)
 
     def __call__(self, block: SampleBlock) -> FloatArray:
@@ -53,17 +55,26 @@ class SampleFunction:
                 block.ddq[part],
                 reference=self._reference,
                 memory=states[part],
+                dddq=block.dddq[part],
+                ddddq=block.ddddq[part],
                 time=block.t[part],
                 temperature=None if block.temperature is None else block.temperature[part],
+                runs=np.array([self._present(signal, block.segment) for signal in self._observation.runs]),
             )
         return out
+
+    def _present(self, signal: RunSignal, segment: int) -> float:
+        """1 where a segment of the recording is one of the signal's runs."""
+        if not signal.runs:
+            return float(self._recording.payload is not None)
+        return float(bool({self._recording.name, self._recording.run_label(segment)} & set(signal.runs)))
 
 
 def filtered_samples(
     observation: Observation, recording: Recording, preprocessing: Preprocessing, reference: FloatArray
 ) -> Iterator[FilteredSamples]:
     """Stream the entries of W, and Y beside them, through the parallel filter; only rows that are used come out."""
-    entries = SampleFunction(observation, reference)
+    entries = SampleFunction(observation, reference, recording)
     n_entries = len(observation.entry_rows)
 
     def values(block: SampleBlock) -> FloatArray:

@@ -1,0 +1,90 @@
+"""Contact: a stretch of time far above the rest that a force on the tool explains.
+
+It cannot be held out, since it happens once. What speaks for it instead is that the few numbers of one wrench explain
+the residual of all joints at all times of the stretch, as noise or a missing function of the motion would not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from dynident.diagnosis.candidates import Candidate, Pool
+from dynident.diagnosis.gate import Judged
+from dynident.diagnosis.products import Products
+from dynident.diagnosis.scoring import fitted_errors
+from dynident.robot.model import FloatArray
+
+CONTACT = "external_contact"
+_EXPLAINED, _LARGEST_P = 0.7, 1e-6
+
+
+@dataclass(frozen=True)
+class Transients:
+    """Contacts that were found, as scored, with the p of each."""
+
+    found: tuple[Judged, ...]
+    p_values: tuple[float, ...]
+
+
+def find_contacts(data: Products, pool: Pool, base: tuple[int, ...], noise: FloatArray, band: float) -> Transients:
+    """Try every burst as a contact.
+
+    Parameters
+    ----------
+    base : columns of the model
+    noise : (n,)
+    band : float
+        Hz: twice as many independent samples a second come out of the filter.
+    """
+    tried = [candidate for candidate in pool.candidates if candidate.effect == CONTACT]
+    found: list[Judged] = []
+    p_values: list[float] = []
+    columns = base
+    for candidate in tried:
+        window = dict(candidate.shape)
+        duration = window["t1"] - window["t0"]
+        judged, p = _tried(data, columns, candidate, noise, 2 * band * duration)
+        if judged.drop >= _EXPLAINED and p * len(tried) <= _LARGEST_P:
+            found.append(judged)
+            p_values.append(min(1.0, p * len(tried)))
+            columns = columns + candidate.columns
+    return Transients(tuple(found), tuple(p_values))
+
+
+def _tried(
+    data: Products, base: tuple[int, ...], candidate: Candidate, noise: FloatArray, independent: float
+) -> tuple[Judged, float]:
+    before, after, separability, amplitudes = fitted_errors(data, np.array(base, dtype=np.intp), candidate, noise)
+    here = np.flatnonzero(((before - after) / noise**2).sum(axis=1) > 0)
+    # Only the stretches that the contact is in can gain; the others would dilute what it explains.
+    touched = here[np.argsort(-((before - after) / noise**2)[here].sum(axis=1))][: max(1, int(independent))]
+    gains = ((before - after) / noise**2).sum(axis=1)
+    whole = (before / noise**2).sum(axis=1)
+    strong = touched[gains[touched] > 0.1 * gains[touched].max(initial=0.0)] if len(touched) else touched
+    usual = float(np.median(whole))
+    excess = float((whole[strong] - usual).sum())
+    drop = float(gains[strong].sum()) / excess if excess > 0 else 0.0
+    k = len(candidate.columns)
+    freedom = max(independent * data.n_joints - k, 1.0)
+    left = max(excess - float(gains[strong].sum()), usual * 0.1, 1e-12)
+    f = float(gains[strong].sum()) / k / (left / freedom)
+    measured = np.array([float(gram[:, -1, -1].sum()) for gram in data.grams])
+    judged = Judged(
+        candidate=candidate,
+        joints=tuple(range(data.n_joints)),
+        before=before,
+        after=after,
+        drop=drop,
+        t=float(np.sqrt(max(f, 0.0))),
+        gains=gains,
+        separability=separability,
+        amplitudes=amplitudes,
+        share_improved=float(np.mean(gains > 0)),
+        measured=measured,
+        consistency=0.0,
+        after_weighted=(after / noise**2).sum(axis=1),
+    )
+    return judged, float(stats.f.sf(f, k, freedom))

@@ -1,0 +1,108 @@
+"""What acts on the robot from outside, some of the time: a payload in some runs, a touch, a floor that shakes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+import numpy as np
+
+from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, ShapeSpec
+from dynident.effects.newton_euler import tool_jacobian
+from dynident.effects.signals import Signals
+from dynident.robot.model import INERTIAL_NAMES, Robot
+
+_UNITS = ("kg m²",) * 6 + ("kg m",) * 3 + ("kg",)
+
+
+class Payload(Effect):
+    """Something that the last link carries in some of the runs."""
+
+    id = "payload"
+    title = "Payload in some of the runs"
+    formula = r"Y_n(q, \dot q, \ddot q)\,\Delta\varphi"
+    parameters = tuple(
+        ParameterSpec(f"{name}p", unit, f"{name} of what is carried, about the last joint's frame")
+        for name, unit in zip(INERTIAL_NAMES, _UNITS, strict=True)
+    )
+    signature = "a step between runs: the last link is heavier in some of them"
+    confused_with = ("rigid_body",)
+    sources = ("Khalil, Gautier and Lemoine 2007",)
+    scope = "robot"
+    in_some_runs = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """Ten columns: those of the last link."""
+        rows, first = signals.mechanics.rows, 10 * (signals.robot.n - 1)
+        return [self._robot_column(spec, rows[:, first + k]) for k, spec in enumerate(self.parameters)]
+
+
+class ExternalContact(Effect):
+    """Somebody or something pushes the tool for a moment."""
+
+    id = "external_contact"
+    title = "Contact with the surroundings"
+    formula = r"-J^T f(t),\quad t_0 \le t \le t_1"
+    parameters = tuple(
+        ParameterSpec(f"{kind}{axis}{part}", unit, f"{what} along {axis} of the base on the last link, {meaning}")
+        for part, meaning in (("", "steady"), ("h", "swelling"))
+        for kind, unit, what in (("f", "N", "force"), ("m", "N m", "moment"))
+        for axis in "xyz"
+    )
+    shapes = (
+        ShapeSpec("t0", "s", "time when the contact begins", 0.0, proposal="burst", signed=True),
+        ShapeSpec("t1", "s", "time when the contact ends", 1.0, proposal="burst", signed=True),
+    )
+    signature = "one stretch of time far above the rest"
+    confused_with = ("payload",)
+    sources = ("Haddadin, De Luca and Albu-Schäffer 2017",)
+    scope = "robot"
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """Six columns of a wrench that stays, and six of one that swells and fades, inside the window."""
+        constants = self.shape_with_defaults(shape)
+        start, end = constants["t0"], constants["t1"]
+        inside = (signals.time >= start) * (signals.time <= end)
+        swell = inside * ca.sin(np.pi * (signals.time - start) / max(end - start, 1e-9))
+        jacobian = tool_jacobian(signals.robot, signals.q)
+        made = []
+        for k, spec in enumerate(self.parameters):
+            profile = inside if k < 6 else swell
+            made.append(self._robot_column(spec, -jacobian[k % 6, :].T * profile, constants))
+        return made
+
+
+class BaseVibration(Effect):
+    """A base that shakes at one frequency: to the links, gravity shakes."""
+
+    id = "base_vibration"
+    title = "Vibration of the base"
+    formula = r"-Y_g(q)\,a(t),\quad a = a_c \cos 2\pi f t + a_s \sin 2\pi f t"
+    parameters = tuple(
+        ParameterSpec(f"a{axis}{part}", "m/s²", f"acceleration of the base along {axis}, {name} part")
+        for axis in "xyz"
+        for part, name in (("c", "cosine"), ("s", "sine"))
+    )
+    shapes = (ShapeSpec("f", "Hz", "frequency", 5.0, proposal="time_spectrum", refined=Refinement(0.002)),)
+    signature = "a line in the spectrum of the residual over time, at the same frequency on all joints"
+    confused_with = ("external_contact",)
+    sources = ("Moberg, Wernholt, Hanssen and Brogårdh 2014",)
+    scope = "robot"
+    needs_load = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """A cosine and a sine column for every direction of the base frame."""
+        constants = self.shape_with_defaults(shape)
+        angle = 2 * np.pi * constants["f"] * signals.time
+        waves = (ca.cos(angle), ca.sin(angle))
+        made = []
+        for k, spec in enumerate(self.parameters):
+            direction = np.eye(3)[k // 2]
+            made.append(
+                self._robot_column(spec, -signals.predicted.gravity_torque(direction) * waves[k % 2], constants)
+            )
+        return made
+
+    def applicable(self, robot: Robot) -> tuple[int, ...]:
+        """Any robot whose base is not in free fall."""
+        return tuple(range(robot.n))

@@ -1,0 +1,124 @@
+"""What motors and amplifiers add: gains that are off, a torque that comes late, rotors that are carried along."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+
+from dynident.effects.effect import Column, Effect, ParameterSpec
+from dynident.effects.mechanics import constant, frames_of
+from dynident.effects.signals import Signals
+from dynident.robot.model import Robot
+
+
+class DriveGainError(Effect):
+    """A drive gain [12.17] that is a few per cent off: the torque of one joint is too large throughout."""
+
+    id = "drive_gain_error"
+    title = "Error of the drive gain"
+    formula = r"\varepsilon\,\hat\Gamma"
+    parameters = (ParameterSpec("eps", "-", "relative error of the drive gain"),)
+    signature = "a scaled copy of the joint's own torque, against what the other joints say of the same links"
+    confused_with = ("drive_gain_saturation",)
+    sources = ("Gautier and Briot 2011", "Khalil and Dombre 2002, chapter 12, [12.17]")
+    needs_load = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """The predicted motor torque of every joint."""
+        return [self._column(signals, self.parameters[0], j, signals.predicted.motor[j]) for j in joints]
+
+
+class DriveGainSaturation(Effect):
+    """A motor whose torque per ampere falls at large currents."""
+
+    id = "drive_gain_saturation"
+    title = "Saturation of the motor"
+    formula = r"s\,\hat\Gamma\,|\hat\Gamma|"
+    parameters = (ParameterSpec("sat", "1/(N m)", "relative change of the gain per unit of torque", "1/N"),)
+    signature = "curvature of measured over predicted torque"
+    confused_with = ("load_dependent_friction", "drive_gain_error")
+    sources = ("Corke 2007",)
+    needs_load = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """Torque times its size, of every joint."""
+        motor = signals.predicted.motor
+        return [self._column(signals, self.parameters[0], j, motor[j] * ca.fabs(motor[j])) for j in joints]
+
+
+class TorqueDelay(Effect):
+    """Torque that is recorded later than the positions of its row."""
+
+    id = "torque_delay"
+    title = "Delay of the measured torque"
+    formula = r"-\delta\,\dot{\hat\Gamma}"
+    parameters = (ParameterSpec("delay", "s", "how late the torque is"),)
+    signature = "in quadrature with the torque, on all joints"
+    confused_with = ("joint_elasticity",)
+    sources = ("Swevers, Verdonck and De Schutter 2007",)
+    scope = "robot"
+    needs_load = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """Minus the rate of the predicted torque, without what jumps at reversals."""
+        return [self._robot_column(self.parameters[0], -signals.predicted.smooth_rate)]
+
+
+class RotorCoupling(Effect):
+    """A fast rotor that is carried along by the links before its joint, like a gyroscope.
+
+    Its kinetic energy has, beside ½ N² Jm q̇j² (the rotor inertia Ia), the part N Jm q̇j (zj · ω) with ω the angular
+    velocity of the link that carries it.
+    """
+
+    id = "rotor_coupling"
+    title = "Gyroscopic torque of a carried rotor"
+    formula = r"N J_m\,\left(\ddot q_j z_j + \dot q_j\,\omega \times z_j\right),\quad N J_m\,z_j \cdot \dot\omega"
+    parameters = (ParameterSpec("NJ", "kg m²", "gear ratio times inertia of the rotor about its own axis"),)
+    signature = "products of the joint's velocity with those before it, without any posture where it vanishes"
+    confused_with = ("rigid_body",)
+    sources = ("Khalil and Dombre 2002, chapter 9",)
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """One column a joint, by Lagrange's equation of the energy that couples rotor and carrier."""
+        made = []
+        for j in joints:
+            energy = _carried_spin(signals, j)
+            momentum = ca.gradient(energy, signals.dq)
+            rate = ca.jtimes(momentum, ca.vertcat(signals.q, signals.dq), ca.vertcat(signals.dq, signals.ddq))
+            torque = rate - ca.gradient(energy, signals.q)
+            made.append(self._reaching_column(signals, self.parameters[0], j, torque, energy=lambda e=energy: e))
+        return made
+
+    def applicable(self, robot: Robot) -> tuple[int, ...]:
+        """Revolute joints whose motor a revolute joint carries."""
+        return tuple(
+            j for j, joint in enumerate(robot.joints) if joint.kind == "revolute" and _revolute_ancestors(robot, j)
+        )
+
+
+def _carried_spin(signals: Signals, joint: int) -> ca.SX:
+    """q̇j (zj · ω) for the angular velocity ω of the link that carries joint j's motor."""
+    robot = signals.robot
+    frames = frames_of(robot, signals.q)
+    # The axis, turned back frame by frame: in frame i its product with axis i is what joint i adds to zj · ω.
+    axis = ca.mtimes(frames[joint].rotation, constant(robot.joints[joint].axis))
+    spin = ca.SX(1, 1)
+    link = robot.joints[joint].parent
+    while link >= 0:
+        if robot.joints[link].kind == "revolute":
+            spin += ca.dot(axis, constant(robot.joints[link].axis)) * signals.dq[link]
+        axis = ca.mtimes(frames[link].rotation, axis)
+        link = robot.joints[link].parent
+    return signals.dq[joint] * spin
+
+
+def _revolute_ancestors(robot: Robot, joint: int) -> list[int]:
+    found = []
+    link = robot.joints[joint].parent
+    while link >= 0:
+        if robot.joints[link].kind == "revolute":
+            found.append(link)
+        link = robot.joints[link].parent
+    return found

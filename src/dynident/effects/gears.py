@@ -1,0 +1,87 @@
+"""Gears that give: play between their teeth, and elasticity; by first-order sensitivity of the predicted torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+
+from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec
+from dynident.effects.signals import Signals
+from dynident.robot.model import Robot
+
+_EFFORT_WHERE_UNKNOWN = 50.0
+
+
+class Backlash(Effect):
+    """Play: the link hangs behind the motor by half of it, on the side that the load torque pushes to."""
+
+    id = "backlash"
+    title = "Backlash"
+    formula = r"\frac{\partial\hat\tau_l}{\partial q_j}\,\frac{b}{2}\tanh\frac{\hat\tau_l}{w}"
+    parameters = (ParameterSpec("bl", "rad", "play b, positive where the position is measured at the link", "m"),)
+    shapes = (ShapeSpec("w", "N m", "load torque over which the teeth change sides", 1.0, refined=RATIO),)
+    signature = "a step of the posture where the load torque changes its sign"
+    confused_with = ("joint_elasticity",)
+    sources = ("Nordin and Gutman 2002",)
+    needs_load = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """One column a joint, which acts on all joints that its position matters to."""
+        constants = self.shape_with_defaults(shape)
+        predicted = signals.predicted
+        return [
+            self._reaching_column(
+                signals,
+                self.parameters[0],
+                j,
+                0.5 * predicted.load_over_position[:, j] * ca.tanh(predicted.load[j] / constants["w"]),
+                constants,
+            )
+            for j in joints
+        ]
+
+    def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
+        """Half a per cent and 4 % of the joint's effort limit."""
+        effort = robot.joints[joint].limits.effort or _EFFORT_WHERE_UNKNOWN
+        return [{"w": 0.005 * effort}, {"w": 0.04 * effort}]
+
+
+class JointElasticity(Effect):
+    """A gear or belt that twists by τl / K: the link is not where the motor is.
+
+    Where the position is measured at the motor, the load is that of the posture q - τl / K and of its acceleration
+    (`Ce`, `Cl`, both -1/K); where it is measured at the link, the rotor has to follow the twist as well (`Cr`, Ia/K).
+    """
+
+    id = "joint_elasticity"
+    title = "Elastic joint"
+    formula = (
+        r"-\frac{1}{K}\left(\frac{\partial\hat\tau_l}{\partial q_j}\,\hat\tau_l + A_j\,\ddot{\hat\tau}_l\right)"
+        r" + \frac{I_a}{K}\,\ddot{\hat\tau}_l"
+    )
+    parameters = (
+        ParameterSpec("Ce", "rad/(N m)", "compliance 1/K, from the sag of the posture", "m/N"),
+        ParameterSpec("Cl", "rad/(N m)", "compliance 1/K, from the acceleration of the links", "m/N"),
+        ParameterSpec("Cr", "s²", "rotor inertia times compliance, Ia/K"),
+    )
+    signature = "grows with the frequency of the motion; the arm sags under its own load"
+    confused_with = ("backlash", "encoder_zero_error", "torque_delay")
+    sources = ("Gautier, Jubien and Janot 2013",)
+    needs_load = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """Three columns a joint."""
+        predicted = signals.predicted
+        made = []
+        for j in joints:
+            rotor = ca.SX(signals.robot.n, 1)
+            rotor[j] = predicted.load_acceleration[j]
+            torques = (
+                -predicted.load_over_position[:, j] * predicted.load[j],
+                -predicted.mass[:, j] * predicted.load_acceleration[j],
+                rotor,
+            )
+            for spec, torque in zip(self.parameters, torques, strict=True):
+                made.append(self._reaching_column(signals, spec, j, torque))
+        return made

@@ -1,0 +1,51 @@
+"""A description that is wrong: joints whose zero or whose place is not where it says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from dynident.effects.effect import Column, Effect, ParameterSpec
+from dynident.effects.signals import Signals
+
+
+class EncoderZeroError(Effect):
+    """A joint whose zero position is not that of the description."""
+
+    id = "encoder_zero_error"
+    title = "Error of a joint's zero position"
+    formula = r"\frac{\partial\hat\tau_l}{\partial q_j}\,\Delta_j"
+    parameters = (ParameterSpec("dq0", "rad", "true position less the measured one", "m"),)
+    signature = "posture-dependent torque on the joint and those before and after it at once"
+    confused_with = ("base_tilt", "joint_elasticity")
+    sources = ("Khalil and Dombre 2002, chapter 11",)
+    needs_load = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """The sensitivity of all joints' torque to the position of each."""
+        slope = signals.predicted.load_over_position
+        return [self._reaching_column(signals, self.parameters[0], j, slope[:, j]) for j in joints]
+
+
+class KinematicError(Effect):
+    """A joint that sits some millimetres beside where the description puts it."""
+
+    id = "kinematic_error"
+    title = "Error of a link's length"
+    formula = r"\frac{\partial\hat\tau_l}{\partial(d_x, d_y, d_z)_j}\,\delta_j"
+    parameters = tuple(
+        ParameterSpec(f"d{axis}", "m", f"true place of the joint along {axis} of its antecedent's frame, less given")
+        for axis in "xyz"
+    )
+    signature = "like inertia; nearly all of it dissolves in the base parameters"
+    confused_with = ("rigid_body",)
+    sources = ("Khalil and Dombre 2002, chapter 11",)
+    needs_load = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """Three columns a joint."""
+        slope = signals.predicted.load_over_origins
+        return [
+            self._reaching_column(signals, spec, j, slope[:, 3 * j + k])
+            for j in joints
+            for k, spec in enumerate(self.parameters)
+        ]

@@ -1,0 +1,117 @@
+"""What the model so far predicts, as expressions: the load torque, its derivatives, the torque of the motors.
+
+Effects that depend on torque use these, never the measured torque, whose noise would come into W.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from dynident.effects.mechanics import constant
+from dynident.effects.newton_euler import inverse_dynamics
+from dynident.robot.model import FloatArray, Robot
+
+DRIVE_PARAMETERS = (("rotor_inertia", "Ia"), ("coulomb", "Fc"), ("viscous", "Fv"), ("offset", "b"))
+"""Effect and parameter of what a motor's torque consists of beside the load, in the order of `reference`."""
+
+
+def reference_size(robot: Robot) -> int:
+    """Length of `Prediction.reference`: ten inertial parameters a link, then four blocks of n for the drives."""
+    return (10 + len(DRIVE_PARAMETERS)) * robot.n
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Torque of the model so far.
+
+    q, dq, ddq, dddq, ddddq : SX (n, 1), position and its four derivatives
+    sign : SX (n, 1), sign(q̇)
+    reference : SX (14 n, 1), standard inertial parameters and then Ia, Fc, Fv, b of all joints
+    """
+
+    robot: Robot
+    q: ca.SX
+    dq: ca.SX
+    ddq: ca.SX
+    dddq: ca.SX
+    ddddq: ca.SX
+    sign: ca.SX
+    reference: ca.SX
+
+    @property
+    def inertia(self) -> ca.SX:
+        """SX (10 n, 1): the standard inertial parameters."""
+        return self.reference[: 10 * self.robot.n]
+
+    def drive(self, parameter: str) -> ca.SX:
+        """SX (n, 1): Ia, Fc, Fv or b of every joint."""
+        n = self.robot.n
+        place = 10 + [name for _, name in DRIVE_PARAMETERS].index(parameter)
+        return self.reference[place * n : (place + 1) * n]
+
+    @cached_property
+    def load(self) -> ca.SX:
+        """SX (n, 1): torque of the links, which the gears carry (N m, N)."""
+        return self._torque_of(constant(self.robot.gravity))
+
+    @cached_property
+    def load_rate(self) -> ca.SX:
+        """SX (n, 1): its time derivative."""
+        return self._rate(self.load, 3)
+
+    @cached_property
+    def load_acceleration(self) -> ca.SX:
+        """SX (n, 1): its second time derivative."""
+        return self._rate(self.load_rate, 4)
+
+    @cached_property
+    def load_over_position(self) -> ca.SX:
+        """SX (n, n): ∂τl/∂q."""
+        return ca.jacobian(self.load, self.q)
+
+    @cached_property
+    def mass(self) -> ca.SX:
+        """SX (n, n): the inertia matrix A of the links."""
+        return ca.jacobian(self.load, self.ddq)
+
+    @cached_property
+    def load_over_origins(self) -> ca.SX:
+        """SX (n, 3 n): ∂τl over a shift of the joint frames' origins, each in its antecedent's frame (N m/m)."""
+        shift = ca.SX.sym("shift", 3, self.robot.n)
+        shifted = inverse_dynamics(
+            self.robot, self.q, self.dq, self.ddq, constant(self.robot.gravity), self.inertia, shift
+        )
+        slope = ca.jacobian(shifted, ca.vec(shift))
+        return ca.substitute(slope, shift, ca.SX.zeros(3, self.robot.n))
+
+    def gravity_torque(self, gravity: FloatArray) -> ca.SX:
+        """SX (n, 1): torque that the links need against an acceleration of gravity (3,) at rest."""
+        still = ca.SX(self.robot.n, 1)
+        return inverse_dynamics(self.robot, self.q, still, still, constant(gravity), self.inertia)
+
+    @cached_property
+    def smooth(self) -> ca.SX:
+        """SX (n, 1): motor torque without what jumps at reversals."""
+        return self.load + self.drive("Ia") * self.ddq + self.drive("Fv") * self.dq + self.drive("b")
+
+    @cached_property
+    def smooth_rate(self) -> ca.SX:
+        """SX (n, 1): time derivative of the smooth motor torque."""
+        return self.load_rate + self.drive("Ia") * self.dddq + self.drive("Fv") * self.ddq
+
+    @cached_property
+    def motor(self) -> ca.SX:
+        """SX (n, 1): motor torque with friction."""
+        return self.smooth + self.drive("Fc") * self.sign
+
+    def _torque_of(self, gravity: ca.SX) -> ca.SX:
+        return inverse_dynamics(self.robot, self.q, self.dq, self.ddq, gravity, self.inertia)
+
+    def _rate(self, expression: ca.SX, order: int) -> ca.SX:
+        """Time derivative of an expression of q and its first `order` - 1 derivatives."""
+        state: Sequence[ca.SX] = (self.q, self.dq, self.ddq, self.dddq, self.ddddq)
+        return ca.jtimes(expression, ca.vertcat(*state[:order]), ca.vertcat(*state[1 : order + 1]))

@@ -1,0 +1,119 @@
+"""Elastic elements beside the gears: a balancing spring on a crank, a cable or hose between two links."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import casadi as ca
+import numpy as np
+
+from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, Refinement, ShapeSpec
+from dynident.effects.signals import Signals
+from dynident.robot.model import Robot
+
+_FIRST_JOINTS = 3
+_DIRECTIONS = 12
+_CRANK_RATIOS = (0.25, 0.6)
+
+
+class GravityCompensator(Effect):
+    """A spring between a point of the antecedent link and a crank on the link.
+
+    With x = q - φ, the crank ratio r and the length l = √(1 + r² + 2 r cos x) in units of the longer arm, the torque is
+    k a b sin x (1 - l0 / l): linear in k a b and k a l0.
+    """
+
+    id = "gravity_compensator"
+    title = "Gravity compensating spring"
+    formula = r"k a b \sin x\,(l - l_0)/l,\qquad l^2 = a^2 + b^2 + 2ab\cos x,\quad x = q - \varphi"
+    parameters = (
+        ParameterSpec("kab", "N m", "stiffness times both arms, k a b"),
+        ParameterSpec("kal", "N m", "stiffness times crank and free length, -k a l0"),
+    )
+    shapes = (
+        ShapeSpec(
+            "phi",
+            "rad",
+            "angle of the joint where spring and crank are in line",
+            0.1,
+            signed=True,
+            refined=Refinement(0.065),
+        ),
+        ShapeSpec("r", "-", "crank over the distance of the spring's foot", 0.25, refined=RATIO),
+    )
+    signature = "smooth over the joint's position, several harmonics of its angle"
+    confused_with = ("joint_spring", "torque_ripple")
+    sources = ("Klimchik, Caro, Wu, Pashkevich, Furet and Caro 2013",)
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """Two columns a joint."""
+        constants = self.shape_with_defaults(shape)
+        r = constants["r"]
+        made = []
+        for j in joints:
+            x = signals.q[j] - constants["phi"]
+            length = ca.sqrt(1 + r * r + 2 * r * ca.cos(x))
+            waves = (ca.sin(x), ca.sin(x) / length)
+            stored = (partial(ca.SX, -ca.cos(x)), partial(ca.SX, -length / r))
+            for spec, wave, energy in zip(self.parameters, waves, stored, strict=True):
+                made.append(self._column(signals, spec, j, wave, constants, energy))
+        return made
+
+    def applicable(self, robot: Robot) -> tuple[int, ...]:
+        """The first joints that gravity loads: revolute, and not about the vertical at the base."""
+        down = robot.gravity / max(float(np.linalg.norm(robot.gravity)), 1e-12)
+        found = []
+        for j, joint in enumerate(robot.joints):
+            upright = joint.parent < 0 and abs(float(joint.placement[:3, :3] @ joint.axis @ down)) > 0.99
+            if joint.kind == "revolute" and not upright:
+                found.append(j)
+        return tuple(j for j in found if j <= _FIRST_JOINTS)
+
+    def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
+        """Twelve directions, a short and a long crank."""
+        angles = [2 * np.pi * (k + 0.5) / _DIRECTIONS - np.pi for k in range(_DIRECTIONS)]
+        return [{"phi": float(angle), "r": r} for r in _CRANK_RATIOS for angle in angles]
+
+
+_POWERS = ((1, 1), (2, 0), (0, 2), (2, 1), (1, 2), (3, 0), (0, 3), (1, 0), (0, 1))
+
+
+class CableForce(Effect):
+    """A cable, hose or spring that spans two joints: its energy is a function of both angles.
+
+    Where it is fixed is not known, so the energy is a polynomial of third degree in the two positions. It is the same
+    energy that gives the torque on both joints.
+    """
+
+    id = "cable_force"
+    title = "Cable or spring across two joints"
+    formula = (
+        r"\Gamma_j = \partial U / \partial q_j,\ \Gamma_{j+1} = \partial U / \partial q_{j+1},\quad U(q_j, q_{j+1})"
+    )
+    parameters = tuple(
+        ParameterSpec(f"u{a}{b}_", f"N m/rad^{a + b}", f"coefficient of q_j^{a} q_(j+1)^{b} of the energy")
+        for a, b in _POWERS
+    )
+    signature = "a smooth function of the positions of two neighbouring joints, on both of them"
+    confused_with = ("joint_spring",)
+    sources = ("Khalil and Dombre 2002, chapter 9",)
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """Nine columns for every joint of `joints` and the one after it."""
+        made = []
+        for j in joints:
+            x, y = signals.q[j], signals.q[j + 1]
+            for spec, (a, b) in zip(self.parameters, _POWERS, strict=True):
+                energy = x**a * y**b
+                rows = ca.SX(signals.robot.n, 1)
+                if a:
+                    rows[j] = a * x ** (a - 1) * y**b
+                if b:
+                    rows[j + 1] = b * x**a * y ** (b - 1)
+                made.append(self._reaching_column(signals, spec, j, rows, energy=partial(ca.SX, energy)))
+        return made
+
+    def applicable(self, robot: Robot) -> tuple[int, ...]:
+        """Joints that have a successor in the chain."""
+        return tuple(j for j in range(robot.n - 1) if robot.joints[j + 1].parent == j)
