@@ -25,6 +25,12 @@ def test_a_vibration_stands_in_the_time_spectrum_with_its_frequency_and_amplitud
     assert found.frequency[peak] == pytest.approx(7.3, abs=found.resolution)
     assert found.amplitude[peak] == pytest.approx(0.8, rel=0.15)
     assert found.over == "time"
+    assert found.stands_out(peak)
+
+
+def test_noise_has_peaks_but_none_that_stands_out():
+    found = time_spectrum(T, ONE, white(7))
+    assert not any(found.stands_out(k) for k in found.peaks())
 
 
 def test_gaps_and_segments_are_not_taken_for_signal():

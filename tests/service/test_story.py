@@ -63,7 +63,10 @@ def test_a_hidden_effect_is_found_added_and_reported(live: Client, tmp_path: Pat
     # The trial repeats its motion of 8 s; it is another motion than the one that was learnt.
     assert (figures["held_out"], figures["repeated_motion"]) == (True, None)
     assert figures["noise_source"] in ("repeated_periods", "high_frequency")
-    assert all(over > 0.9 for over in figures["over_noise"]), {k: figures[k] for k in ("noise_floor","noise_source","over_noise","rms","repetition","notes","effective_samples")}
+    assert all(over > 0.9 for over in figures["over_noise"]), {
+        k: figures[k]
+        for k in ("noise_floor", "noise_source", "over_noise", "rms", "repetition", "notes", "effective_samples")
+    }
     assert all(0 < few <= figures["n_samples"] for few in figures["effective_samples"])
     assert [len(one["pose"]) for one in figures["worst"]] == [4] * len(figures["worst"])
     fit = live.comparisons.create(model, runs[0]).wait().result

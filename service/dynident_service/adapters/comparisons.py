@@ -14,6 +14,7 @@ from scipy.stats import binned_statistic_2d
 from tsdownsample import MinMaxLTTBDownsampler
 
 from dynident.diagnosis import Comparison, Judgement, ResidualSpectrum, angle_spectrum, autocorrelation, time_spectrum
+from dynident.diagnosis.spectrum import HIGHEST_IN_A_METRE, HIGHEST_IN_A_RADIAN
 from dynident.errors import DynidentError
 from dynident_service.adapters.identifications import finite, numbers
 from dynident_service.models import comparisons as wire
@@ -148,7 +149,7 @@ class StoredComparison:
         if over == "time":
             found, frequency_unit, turn = time_spectrum(t, segment, residual), "Hz", None
         else:
-            found = angle_spectrum(q, dq, residual)
+            found = angle_spectrum(q, dq, residual, HIGHEST_IN_A_RADIAN if revolute else HIGHEST_IN_A_METRE)
             frequency_unit, turn = ("cycles/rad", 2.0 * np.pi) if revolute else ("cycles/m", None)
         return wire.Spectrum.model_validate(
             {

@@ -14,13 +14,16 @@ from dynident.robot.model import FloatArray
 
 Over = Literal["time", "angle"]
 
-HIGHEST_ORDER = 250.0
-"""Highest number of cycles in a turn of the joint that is looked for."""
+HIGHEST_IN_A_RADIAN = 250.0 / (2.0 * np.pi)
+HIGHEST_IN_A_METRE = 250.0
+"""Highest number of cycles that is looked for."""
 _LONGEST = 2048
 _SHORTEST = 16
 _BINS_A_CYCLE = 16
 _PADDING = 2
-_LEAST_ANGLE = 0.2
+_LEAST_CYCLES = 8.0
+# The highest of a few hundred values of noise is three times their median.
+_LINE = 4.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,12 @@ class ResidualSpectrum:
         """Indices of the highest peaks, highest first."""
         found, _ = signal.find_peaks(self.amplitude)
         return tuple(int(k) for k in sorted(found, key=lambda k: -self.amplitude[k])[:most])
+
+    def stands_out(self, k: int) -> bool:
+        """Whether the value at an index is a line above its surroundings, and no mere noise."""
+        reach = max(8, len(self.amplitude) // 10)
+        around = self.amplitude[max(0, k - reach) : k + reach + 1]
+        return bool(self.amplitude[k] > _LINE * np.median(around))
 
 
 def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> ResidualSpectrum:
@@ -71,11 +80,14 @@ def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> R
     return ResidualSpectrum("time", frequency, np.sqrt(2.0 * power / weight), 2.0 / (length * step))
 
 
-def angle_spectrum(q: FloatArray, dq: FloatArray, residual: FloatArray) -> ResidualSpectrum:
+def angle_spectrum(
+    q: FloatArray, dq: FloatArray, residual: FloatArray, highest: float = HIGHEST_IN_A_RADIAN
+) -> ResidualSpectrum:
     """Amplitude spectrum of one joint's residual (m,) over its own position q (m,).
 
     Rows count by the joint's speed |dq| (m,), so that every piece of the way counts alike, however long the joint
     dwelt on it. What passed the low-pass filter in part only, since the joint was fast, is shown as small as it is.
+    `highest` is the highest frequency given, in cycles a radian (a metre).
 
     Raises
     ------
@@ -84,13 +96,13 @@ def angle_spectrum(q: FloatArray, dq: FloatArray, residual: FloatArray) -> Resid
     """
     low, high = (float(value) for value in np.quantile(q, [0.001, 0.999])) if len(q) else (0.0, 0.0)
     span = high - low
-    if not span > _LEAST_ANGLE:
+    least = _LEAST_CYCLES / highest
+    if not span > least:
         raise DynidentError(
-            f"the joint moves through {span:.3g} only: give a run in which it moves through more than {_LEAST_ANGLE:g}",
+            f"the joint moves through {span:.3g} only: give a run in which it moves through more than {least:.2g}",
             pointer="joint",
-            title="Joint at rest",
+            title="Too little motion",
         )
-    highest = HIGHEST_ORDER / (2.0 * np.pi)
     n_bins = int(np.ceil(_BINS_A_CYCLE * highest * span))
     place = np.clip(((q - low) / span * n_bins).astype(np.intp), 0, n_bins - 1)
     taper = np.sin(np.pi * (place + 0.5) / n_bins) ** 2 * np.abs(dq)

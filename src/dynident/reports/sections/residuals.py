@@ -1,4 +1,4 @@
-"""The residual over velocity, position and load."""
+"""The residual over velocity, position and load, and its spectra."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from dynident.reports.figures.residuals import residual_figure
+from dynident.reports.figures.spectra import spectra_figure
 from dynident.reports.figures.torque import JOINTS_A_FIGURE
 from dynident.reports.run import ReportedRun
 from dynident.reports.section import Section
@@ -18,6 +19,8 @@ class ResidualsContent:
     """The figures and the recordings they show."""
 
     figures: tuple[Markup, ...]
+    spectra: tuple[Markup, ...]
+    spectra_of: str
     names: tuple[str, ...]
     held_out: bool
 
@@ -26,10 +29,13 @@ def residuals_section(runs: Sequence[ReportedRun]) -> Section:
     """What is left, over the signals that missing physics would depend on; held-out data where there is any."""
     shown = [run for run in runs if run.held_out] or list(runs)
     comparisons = [run.comparison for run in shown]
+    longest = max(shown, key=lambda run: len(run.comparison.t))
     n = len(comparisons[0].joint_names)
     parts = [range(first, min(first + JOINTS_A_FIGURE, n)) for first in range(0, n, JOINTS_A_FIGURE)]
     content = ResidualsContent(
         tuple(residual_figure(comparisons, joints) for joints in parts),
+        tuple(spectra_figure(longest.comparison, joints) for joints in parts),
+        longest.name,
         tuple(run.name for run in shown),
         any(run.held_out for run in shown),
     )
