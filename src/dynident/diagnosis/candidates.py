@@ -13,6 +13,8 @@ from dynident.robot.model import Robot
 
 # The links and rotors are the model itself: without them nothing can be diagnosed.
 _NEVER = ("rigid_body", "rotor_inertia")
+# s: within less, nothing warms up, and what drifts is something else.
+_SHORTEST_SESSION = 120.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,8 @@ class Leads:
 
     `angle_lines`: (joint index, cycles per radian) of lines in the residual over a joint's angle; `time_lines`: Hz of
     lines over time; `bursts`: (run label, from, to in s) of stretches far above the rest; `run_groups`: sets of runs
-    that an effect may be limited to; `has_temperature`: whether all recordings have one.
+    that an effect may be limited to; `has_temperature`: whether all recordings have one; `session`: s that the clock
+    of all recordings has run, 0 where it starts anew in each.
     """
 
     angle_lines: tuple[tuple[int, float], ...] = ()
@@ -54,6 +57,7 @@ class Leads:
     bursts: tuple[tuple[str, float, float], ...] = ()
     run_groups: tuple[tuple[str, ...], ...] = ()
     has_temperature: bool = False
+    session: float = 0.0
 
 
 def build_pool(
@@ -102,6 +106,8 @@ def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     robot = model.robot
     possible = effect.applicable(robot)
     if not possible or (effect.needs_temperature and not leads.has_temperature):
+        return []
+    if effect.needs_session and leads.session < _SHORTEST_SESSION:
         return []
     if effect.scope == "robot":
         return _whole_robot(effect, model, leads)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from scipy import fft
@@ -39,7 +40,20 @@ def find_leads(
         ),
         run_groups=tuple(run_groups(recordings)),
         has_temperature=all(recording.has_temperature for recording in recordings),
+        session=session_length(recordings),
     )
+
+
+def session_length(recordings: Sequence[Recording]) -> float:
+    """Seconds from the first to the last sample; 0 where t starts anew in every recording, so that it is no clock."""
+    spans = sorted(
+        (segment.start_time, segment.start_time + segment.length * recording.period)
+        for recording in recordings
+        for segment in recording.segments
+    )
+    if any(after[0] < before[1] - 1e-6 for before, after in pairwise(spans)):
+        return 0.0
+    return spans[-1][1] - spans[0][0]
 
 
 def run_groups(recordings: Sequence[Recording]) -> list[tuple[str, ...]]:
@@ -51,7 +65,7 @@ def run_groups(recordings: Sequence[Recording]) -> list[tuple[str, ...]]:
     if any(recording.payload is not None for recording in recordings):
         groups.append(())
     count = len(labels)
-    wanted = [(label,) for label in labels]
+    wanted: list[tuple[str, ...]] = [(label,) for label in labels]
     wanted += [tuple(labels[:k]) for k in range(2, count)] + [tuple(labels[k:]) for k in range(1, count - 1)]
     for group in wanted if count > 1 else []:
         if group not in groups and len(group) < count:

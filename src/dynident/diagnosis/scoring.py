@@ -100,7 +100,7 @@ def score_candidates(
             here = LeftOut(data, base, extra, left_out, j, fit)
             before[left_out, j] = here.alone
             for portion, own in zip(portions, amplitudes, strict=True):
-                after[np.ix_(portion.members, left_out, [j])] = here.beside(portion, own)[:, :, None]
+                after[portion.members[:, None], left_out, j] = here.beside(portion, own)
     whole = Fit(total)
     separability, found = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for portion in portions:
@@ -208,4 +208,4 @@ class LeftOut:
             size -= 2 * own * np.einsum("sbg,bg->sg", self._wx[:, :, place], shift)
             for other in range(portion.width):
                 size += own * amplitudes[:, other] * self._xx[:, place, places[:, other]]
-        return np.maximum(self.alone[:, None] - 2 * along + size, 0.0).T
+        return np.asarray(np.maximum(self.alone[:, None] - 2 * along + size, 0.0).T)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import casadi as ca
 
@@ -88,7 +89,7 @@ class RotorCoupling(Effect):
             momentum = ca.gradient(energy, signals.dq)
             rate = ca.jtimes(momentum, ca.vertcat(signals.q, signals.dq), ca.vertcat(signals.dq, signals.ddq))
             torque = rate - ca.gradient(energy, signals.q)
-            made.append(self._reaching_column(signals, self.parameters[0], j, torque, energy=lambda e=energy: e))
+            made.append(self._reaching_column(signals, self.parameters[0], j, torque, energy=partial(ca.SX, energy)))
         return made
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:

@@ -119,9 +119,9 @@ class EffectChoice:
 class Effect(ABC):
     """A physical cause of joint torque, linear in its parameters once its shape constants stand.
 
-    `in_some_runs`: it is the same function as the model itself unless it is in some of the runs only.
-    `confused_with` names effects that leave much the same residual; `same_function` those that are the same function
-    of the motion, so that no data can tell them apart.
+    `needs_session`: it changes with the time of the session. `in_some_runs`: it is the same function as the model
+    itself unless it is in some of the runs only. `confused_with` names effects that leave much the same residual;
+    `same_function` those that are the same function of the motion, so that no data can tell them apart.
     """
 
     id: ClassVar[str]
@@ -137,6 +137,7 @@ class Effect(ABC):
     is_friction: ClassVar[bool] = False
     needs_load: ClassVar[bool] = False
     needs_temperature: ClassVar[bool] = False
+    needs_session: ClassVar[bool] = False
     in_some_runs: ClassVar[bool] = False
 
     @property

@@ -65,6 +65,7 @@ class WarmUpFriction(_DriftingFriction):
         ParameterSpec("Fvw", "N m s/rad", "excess of viscous friction at t = 0", "N s/m"),
         ParameterSpec("Fcw", "N m", "excess of Coulomb friction at t = 0", "N"),
     )
+    needs_session = True
     shapes = (ShapeSpec("Tw", "s", "time constant of warming up", 900.0, refined=RATIO),)
     signature = "friction that decays with the time of the session"
     confused_with = ("temperature_friction",)
