@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dynident.effects import EffectChoice, MemorySignal
+from dynident.effects import CATALOGUE, EffectChoice, MemorySignal
 from dynident.effects.memory import step
 from dynident.excitation.criteria import CRITERIA, CriterionChoice, criterion_of
 from dynident.excitation.deciding import yardstick_of
@@ -89,6 +89,38 @@ def test_the_gradient_goes_through_hysteresis(scara, criterion):
         direction = rng.standard_normal(x.shape)
         forward, backward = (problem.evaluate(x + s * direction, multipliers).lagrangian for s in (1e-6, -1e-6))
         assert at.gradient @ direction == pytest.approx((forward - backward) / 2e-6, rel=1e-4)
+
+
+NOT_IN_THE_MOTION = ("temperature_friction", "warm_up_friction", "payload", "external_contact", "base_vibration")
+ABSORBED = ("rigid_body", "rotor_coupling", "encoder_zero_error")
+
+
+@pytest.mark.parametrize("effect", [name for name in CATALOGUE if name not in (*NOT_IN_THE_MOTION, *ABSORBED)])
+def test_every_effect_of_the_motion_can_be_designed_for_with_an_exact_gradient(scara, effect):
+    joints = CATALOGUE[effect].applicable(scara)
+    last = () if CATALOGUE[effect].scope == "robot" else (scara.joint_names[joints[-1]],)
+    choice = EffectChoice(effect, last)
+    base = [EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous") if name != effect]
+    model = design_model(scara, [*base, choice])
+    yardstick = yardstick_of(model, CriterionChoice("separation", effects=(choice,)), {})
+    family = FourierFamily(4, 6.0)
+    problem = DesignProblem(family, model, yardstick.smooth, bounds_of(scara, {}))
+    rng = np.random.default_rng(0)
+    x = 0.3 * rng.standard_normal(family.n_coefficients * scara.n)
+    multipliers = problem.no_multipliers(1.0)
+    direction = rng.standard_normal(x.shape)
+    forward, backward = (problem.evaluate(x + s * direction, multipliers) for s in (1e-6, -1e-6))
+    # The limits' part is exact as well, and much larger here: without it, the effect's own could hide.
+    of_limits = sum(s * (at.lagrangian - at.criterion) for s, at in ((1, forward), (-1, backward))) / 2e-6
+    slope = problem.evaluate(x, multipliers).gradient @ direction - of_limits
+    assert slope == pytest.approx((forward.criterion - backward.criterion) / 2e-6, rel=1e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize("effect", NOT_IN_THE_MOTION)
+def test_what_is_not_in_the_motion_is_left_out_and_named(scara, effect):
+    model = design_model(scara, [EffectChoice("viscous"), EffectChoice(effect)])
+    assert model.parameter_names == ("Fv1", "Fv2", "Fv3", "Fv4")
+    assert "leaves out" in model.notes[0]
 
 
 def test_states_that_a_path_is_designed_with_are_those_of_a_simulation(scara):

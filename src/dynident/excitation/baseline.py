@@ -48,7 +48,7 @@ class Judge:
     ) -> None:
         self._model, self._yardstick = model, yardstick
         self.n_samples = max(n_samples, samples_of_a_period(model, family))
-        self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)[:3]
+        self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
 
     def values(self, x: FloatArray) -> CriterionValues:
         """What coefficients (m, n) are worth."""
@@ -56,8 +56,9 @@ class Judge:
 
     def observe(self, x: FloatArray) -> FloatArray:
         """W (N n, b) of coefficients (m, n)."""
-        q, dq, ddq = self._basis @ x
-        return self._model.observe(q, dq, ddq, memory=self._model.memory_along(q, periodic=True))
+        q, dq, ddq, dddq, ddddq = self._basis @ x
+        memory = self._model.memory_along(q, periodic=True)
+        return self._model.observe(q, dq, ddq, dddq=dddq, ddddq=ddddq, memory=memory)
 
 
 def random_candidates(
@@ -83,7 +84,7 @@ def random_candidates(
     rng = np.random.default_rng(seed)
     postures = holdable_postures(bounds, model, rng)
     shrinking = Shrinking(family, bounds, model, fine=False)
-    basis = family.basis(np.arange(judge.n_samples) * family.period / judge.n_samples)[:, :, 1:]
+    basis = family.basis(np.arange(judge.n_samples) * family.period / judge.n_samples)[:4, :, 1:]
     found: list[Candidate] = []
     for index in range(count):
         if found and enough():

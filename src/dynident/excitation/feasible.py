@@ -61,7 +61,7 @@ class Shrinking:
     def __init__(self, family: FourierFamily, bounds: Bounds, model: DesignModel, *, fine: bool = True) -> None:
         self._bounds, self._model = bounds, model
         count = _SAMPLES_PER_HARMONIC * family.harmonics if fine else 2 * _SAMPLES_PER_HARMONIC
-        self._basis = family.basis(np.arange(count) * family.period / count)
+        self._basis = family.basis(np.arange(count) * family.period / count)[:4]
 
     def shrink(self, x: FloatArray, most: float = 1.0) -> FloatArray | None:
         """Coefficients (m, n) with the amplitude scaled by at most `most`; `None` where even its centre cannot be held.

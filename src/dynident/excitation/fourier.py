@@ -55,15 +55,15 @@ class FourierFamily:
         return sine, cosine
 
     def basis(self, t: FloatArray) -> FloatArray:
-        """Values (4, len(t), m) such that q, q̇, q̈ and the jerk are `basis(t)[d] @ x`."""
+        """Values (5, len(t), m) such that q and its four derivatives are `basis(t)[d] @ x`."""
         omega = 2 * np.pi / self.period * np.arange(1, self.harmonics + 1)
         phase = np.outer(np.mod(t, self.period), omega)
         sin, cos = np.sin(phase), np.cos(phase)
         sine, cosine = self._free
-        made = np.zeros((4, len(t), self.n_coefficients))
+        made = np.zeros((5, len(t), self.n_coefficients))
         made[0, :, 0] = 1.0
         middle = self.harmonics
-        derivatives = ((sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin))
+        derivatives = ((sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin), (sin, cos))
         for order, (of_sine, of_cosine) in enumerate(derivatives):
             weight = omega**order
             made[order, :, 1:middle] = (of_sine * weight) @ sine
@@ -72,7 +72,7 @@ class FourierFamily:
 
     def evaluate(self, x: FloatArray, t: FloatArray) -> Motion:
         """The motion of coefficients x (m, n) at times t."""
-        q, dq, ddq, dddq = self.basis(t) @ x
+        q, dq, ddq, dddq, _ = self.basis(t) @ x
         return Motion(t, q, dq, ddq, dddq)
 
 

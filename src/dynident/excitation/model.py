@@ -8,15 +8,19 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.effects import Column, EffectChoice, Signals, columns_of
 from dynident.errors import DynidentError
+from dynident.excitation.motion import Motion
 from dynident.excitation.path_memory import PathMemory
 from dynident.regressors.base_parameters import BaseParameters, base_parameters
 from dynident.regressors.observation import Observation
 from dynident.regressors.program import BlockProgram
 from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
 from dynident.robot.pointers import listed
+
+IntArray = NDArray[np.intp]
 
 # Inertial parameters of a link where a load torque is needed and the description gives none: 3 kg, 10 cm off.
 _PLAUSIBLE_LINK = (0.05, 0.0, 0.0, 0.05, 0.0, 0.05, 0.1, 0.1, 0.1, 3.0)
@@ -85,15 +89,35 @@ class DesignModel:
         return PathMemory(self.observation.memory).along(q, periodic=periodic)
 
     def observe(
-        self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, memory: FloatArray | None = None
+        self,
+        q: FloatArray,
+        dq: FloatArray,
+        ddq: FloatArray,
+        *,
+        dddq: FloatArray | None = None,
+        ddddq: FloatArray | None = None,
+        memory: FloatArray | None = None,
     ) -> FloatArray:
-        """W (m n, b) at m samples, dense; q, dq, ddq (m, n), and the hysteresis states where there are any."""
+        """W (m n, b) at m samples, dense; q and its derivatives (m, n), and the hysteresis states if there are any."""
         observation = self.observation
         states = np.zeros((len(q), observation.n_memory)) if memory is None else memory
-        entries = observation.evaluate(q, dq, ddq, reference=self.reference, memory=states)
+        entries = observation.evaluate(q, dq, ddq, dddq=dddq, ddddq=ddddq, reference=self.reference, memory=states)
         w = np.zeros((len(q), self.robot.n, observation.n_columns))
         w[:, observation.entry_rows, observation.entry_columns] = entries
         return w.reshape(-1, observation.n_columns)
+
+    def observe_along(self, motion: Motion, taken: IntArray) -> FloatArray:
+        """W (m n, b) at the samples `taken` (m,) of a motion that begins at rest."""
+        step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else 1.0
+        snap = np.gradient(motion.dddq, step, axis=0) if len(motion.t) > 1 else np.zeros_like(motion.dddq)
+        return self.observe(
+            motion.q[taken],
+            motion.dq[taken],
+            motion.ddq[taken],
+            dddq=motion.dddq[taken],
+            ddddq=snap[taken],
+            memory=self.memory_along(motion.q)[taken],
+        )
 
     @cached_property
     def _torque_program(self) -> BlockProgram:
@@ -108,8 +132,17 @@ class DesignModel:
         return self._torque_program(q, dq, ddq)
 
 
-def design_model(robot: Robot, effects: Sequence[EffectChoice]) -> DesignModel:
+def design_model(
+    robot: Robot,
+    effects: Sequence[EffectChoice],
+    *,
+    signals: Signals | None = None,
+    reference: FloatArray | None = None,
+) -> DesignModel:
     """Set up the observation matrix of a design.
+
+    `signals` may be those of another model of the robot, whose mechanics need not be derived again; `reference` (10 n,)
+    or longer the parameters that torque is predicted with, where better ones than the description's are known.
 
     Columns that need a signal which a trajectory alone does not give (temperature, time) are left out, and a note says
     so.
@@ -119,7 +152,7 @@ def design_model(robot: Robot, effects: Sequence[EffectChoice]) -> DesignModel:
     DynidentError
         For an unknown effect, an unfit joint, or where no column is left.
     """
-    signals = Signals(robot)
+    signals = signals or Signals(robot)
     offered = columns_of(effects, signals)
     chosen = [column for column in offered if not _beyond_a_trajectory(column, signals)]
     notes = []
@@ -132,10 +165,12 @@ def design_model(robot: Robot, effects: Sequence[EffectChoice]) -> DesignModel:
             "no column of W is left to design for; choose effects that depend on the motion alone",
             pointer="/effects",
         )
-    reference = np.zeros(signals.reference.numel())
-    reference[: 10 * robot.n] = np.tile(np.array(_PLAUSIBLE_LINK), robot.n)
-    if robot.inertias is not None:
-        reference[: 10 * robot.n] = robot.inertias.reshape(-1)
+    known = np.zeros(signals.reference.numel())
+    known[: 10 * robot.n] = np.tile(np.array(_PLAUSIBLE_LINK), robot.n)
+    if reference is not None:
+        known[: len(reference)] = reference
+    elif robot.inertias is not None:
+        known[: 10 * robot.n] = robot.inertias.reshape(-1)
     elif any(ca.depends_on(column.torque, signals.reference) for column in chosen):
         notes.append("The load torque is that of links of 3 kg each: the robot's description gives no inertias.")
     choices, columns = tuple(effects), list(chosen)
@@ -145,10 +180,11 @@ def design_model(robot: Robot, effects: Sequence[EffectChoice]) -> DesignModel:
         columns += [column for column in links if column.name not in present]
         choices += (_LINKS,)
     base = base_parameters(robot, columns, signals)
-    return DesignModel(robot, choices, signals, tuple(columns), len(chosen), base, reference, tuple(notes))
+    return DesignModel(robot, choices, signals, tuple(columns), len(chosen), base, known, tuple(notes))
 
 
 def _beyond_a_trajectory(column: Column, signals: Signals) -> bool:
-    known = ca.vertcat(signals.q, signals.dq, signals.ddq, signals.reference, signals.memory_symbols)
+    motion = (signals.q, signals.dq, signals.ddq, signals.dddq, signals.ddddq)
+    known = ca.vertcat(*motion, signals.reference, signals.memory_symbols)
     given = {symbol.name() for symbol in ca.symvar(known)}
     return any(symbol.name() not in given for symbol in ca.symvar(column.torque))

@@ -82,8 +82,8 @@ class DesignProblem:
         F(W(x)) + 1/(2 μ) Σ max(0, λ + μ c(x))² - λ² with c the excess (Rockafellar 1973).
         """
         x = flat.reshape(self.family.n_coefficients, self.n)
-        q, dq, ddq, dddq = self._basis @ x
-        w = self._rows.evaluate(q, dq, ddq)
+        q, dq, ddq, dddq, ddddq = self._basis @ x
+        w = self._rows.evaluate(q, dq, ddq, dddq, ddddq)
         torque = w @ self._nominal
         b = self._n_parameters
         rows = w[:, :, :b].reshape(-1, b) / np.sqrt(self.n_samples)
@@ -95,11 +95,9 @@ class DesignProblem:
         of_signals = active * np.sign(shares) * self._per_room
         of_w = of_signals[4][:, :, None] * self._nominal
         of_w[:, :, :b] += of_rows.reshape(self.n_samples, self.n, b) / np.sqrt(self.n_samples)
-        of_q, of_dq, of_ddq = self._rows.pull_back(of_w)
-        gradient = (
-            self._basis[0].T @ (of_q + of_signals[0])
-            + self._basis[1].T @ (of_dq + of_signals[1])
-            + self._basis[2].T @ (of_ddq + of_signals[2])
-            + self._basis[3].T @ of_signals[3]
-        )
+        gradient = np.zeros_like(x)
+        for basis, of_derivative in zip(self._basis, of_signals[:4], strict=False):
+            gradient += basis.T @ of_derivative
+        for basis, of_derivative in zip(self._basis, self._rows.pull_back(of_w), strict=False):
+            gradient += basis.T @ of_derivative
         return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess)

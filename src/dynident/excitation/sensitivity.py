@@ -40,12 +40,16 @@ class ObservationGradient:
         self._places = np.array(rows, dtype=np.intp) * self.n_columns + np.array(at, dtype=np.intp)
         memory = signals.memory_in(matrix)
         states = ca.vertcat(*(signals.memory(item) for item in memory))
-        state = ca.vertcat(signals.q, signals.dq, signals.ddq, states)
+        derivatives = [signals.q, signals.dq, signals.ddq]
+        if ca.depends_on(matrix, ca.vertcat(signals.dddq, signals.ddddq)):
+            derivatives += [signals.dddq, signals.ddddq]
+        self._n_derivatives = len(derivatives)
+        state = ca.vertcat(*derivatives, states)
         entries = ca.substitute(matrix.nz[:], signals.reference, ca.DM(model.reference))
         seeds = ca.SX.sym("seeds", entries.numel())
         swept = ca.densify(ca.jtimes(entries, state, seeds, True))
         self._memory = PathMemory(memory)
-        self._state = np.zeros((n_samples, 3 * self.n + len(memory)))
+        self._state = np.zeros((n_samples, self._n_derivatives * self.n + len(memory)))
         self._seeds = np.zeros((n_samples, entries.numel()))
         self._entries = np.zeros_like(self._seeds)
         self._swept = np.zeros_like(self._state)
@@ -55,25 +59,27 @@ class ObservationGradient:
             ca.Function("sweep", [state, seeds], [ca.cse(swept)]), [self._state, self._seeds], self._swept
         )
 
-    def evaluate(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """W (N, n, c) at q, dq, ddq (N, n); the memory is reused by the next call."""
-        for part, values in enumerate((q, dq, ddq)):
+    def evaluate(self, *derivatives: FloatArray) -> FloatArray:
+        """W (N, n, c) at q and its derivatives (N, n), as many as the columns need; its memory is reused next time."""
+        for part, values in enumerate(derivatives[: self._n_derivatives]):
             self._state[:, part * self.n : (part + 1) * self.n] = values
         if self._memory.signals:
-            self._state[:, 3 * self.n :] = self._memory.along(q, periodic=True)
+            self._state[:, self._n_derivatives * self.n :] = self._memory.along(derivatives[0], periodic=True)
         self._forward.run()
         self._w[:, self._places] = self._entries
         return self._w.reshape(self.n_samples, self.n, self.n_columns)
 
-    def pull_back(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """∂/∂q, ∂/∂q̇, ∂/∂q̈ (N, n) from ∂/∂W (N, n, c), at the states of the last `evaluate`."""
+    def pull_back(self, gradient: FloatArray) -> list[FloatArray]:
+        """∂/∂q, ∂/∂q̇, ∂/∂q̈, … (N, n) from ∂/∂W (N, n, c), at the states of the last `evaluate`."""
         np.take(gradient.reshape(self.n_samples, -1), self._places, axis=1, out=self._seeds)
         self._reverse.run()
         n = self.n
-        of_q, of_states = self._swept[:, :n], self._swept[:, 3 * n :]
+        end = self._n_derivatives * n
+        made = [self._swept[:, part * n : (part + 1) * n] for part in range(self._n_derivatives)]
         if self._memory.signals:
-            of_q = of_q + self._memory.pull_back(self._state[:, :n], self._state[:, 3 * n :], of_states)
-        return of_q, self._swept[:, n : 2 * n], self._swept[:, 2 * n : 3 * n]
+            of_path = self._memory.pull_back(self._state[:, :n], self._state[:, end:], self._swept[:, end:])
+            made[0] = made[0] + of_path
+        return made
 
 
 class _Mapped:
@@ -95,7 +101,5 @@ class _Mapped:
 
 def _same_columns(model: DesignModel, signals: Signals) -> list[Column]:
     """The model's kept columns, made anew from other symbols."""
-    made: dict[tuple[str, str, tuple[tuple[str, float], ...]], Column] = {}
-    for column in columns_of(model.choices, signals):
-        made[column.effect, column.name, column.shape] = column
-    return [made[column.effect, column.name, column.shape] for column in model.kept]
+    made = {column.key: column for column in columns_of(model.choices, signals)}
+    return [made[column.key] for column in model.kept]

@@ -50,8 +50,7 @@ class Task:
         motion = in_sequence(pieces, self.rate)
         inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
         taken = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
-        memory = self.model.memory_along(motion.q)[taken]
-        w = self.model.observe(motion.q[taken], motion.dq[taken], motion.ddq[taken], memory=memory)
+        w = self.model.observe_along(motion, taken)
         return Valued(self.yardstick.values(w, len(taken)), self.expected(w, len(inside)))
 
     def expected(self, w: FloatArray, n_samples: float) -> tuple[ExpectedParameter, ...]:
