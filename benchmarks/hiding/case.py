@@ -50,13 +50,12 @@ class Placed:
 class Take:
     """One run of a session: when it starts (s of the session), how long it is, and whether it is held out.
 
-    `vigour` scales the motion. `part` numbers the segment of a file where a run shares its file with the run before.
+    `joined`: it shares its file with the run before, as another segment of it.
     """
 
     start: float
     duration: float
     held_out: bool = False
-    vigour: float = 1.0
     joined: bool = False
 
 
@@ -65,7 +64,7 @@ USUAL_SESSION = (Take(0.0, 24.0), Take(60.0, 24.0), Take(120.0, 24.0, held_out=T
 
 @dataclass(frozen=True)
 class Case:
-    """`hidden` empty: a clean arm. `motion` and `noise` are seeds."""
+    """`hidden` empty: a clean arm. `motion` and `noise` are seeds, `slope` is the motion's."""
 
     name: str
     arm: str
@@ -74,6 +73,7 @@ class Case:
     instruments: Instruments
     motion: int
     noise: int
+    slope: float = 1.0
     session: tuple[Take, ...] = USUAL_SESSION
 
     @property
@@ -88,11 +88,13 @@ class Case:
     @property
     def clean(self) -> Case:
         """The same arm, motions and instruments with nothing hidden."""
-        return Case("clean", self.arm, (), "full", self.instruments, self.motion, self.noise, self.session)
+        return Case("clean", self.arm, (), "full", self.instruments, self.motion, self.noise, self.slope, self.session)
 
     @property
     def key(self) -> str:
         """Tells the simulated runs of cases apart."""
         physics = tuple(placed.physics for placed in self.hidden)
-        text = repr((self.arm, physics, self.instruments.counts, self.instruments.rate, self.motion, self.session))
+        text = repr(
+            (self.arm, physics, self.instruments.counts, self.instruments.rate, self.motion, self.slope, self.session)
+        )
         return hashlib.sha256(text.encode()).hexdigest()[:20]

@@ -17,6 +17,8 @@ from hiding.outside import OUTSIDE
 _COUNTS, _RATES = (2**17, 2**18, 2**19), (1000.0, 1000.0, 500.0, 250.0)
 # Motions are shared between cases, so that a clean arm need not be simulated for every one of them.
 _MOTIONS = 2
+# Quick and wide.
+_SLOPES = (0.7, 1.3)
 # Families that never stand beside one another in a double case: both are the same function of the motion.
 _PAIRS = (
     ("stribeck", "base_tilt"),
@@ -90,9 +92,19 @@ def _case(names: tuple[str, ...], size: Size, arm: str, seed: int, number: int) 
     site = Site(arm_by_name(arm), rng, 1.0 if size == "full" else 0.25)
     hidden = tuple({**FAMILIES, **OUTSIDE}[name](site) for name in names)
     instruments = Instruments(int(rng.choice(_COUNTS)), float(rng.uniform(0.004, 0.008)), float(rng.choice(_RATES)))
-    motion = 100 * seed + 10 * int(rng.integers(_MOTIONS))
+    motion = int(rng.integers(_MOTIONS))
     name = f"{'+'.join(names) or 'clean'} {size} {arm} #{number}"
-    return Case(name, arm, hidden, size, instruments, motion, int(rng.integers(2**31)), _session(hidden, rng))
+    return Case(
+        name,
+        arm,
+        hidden,
+        size,
+        instruments,
+        100 * seed + 10 * motion,
+        int(rng.integers(2**31)),
+        _SLOPES[motion],
+        _session(hidden, rng),
+    )
 
 
 def _session(hidden: Sequence[Placed], rng: np.random.Generator) -> tuple[Take, ...]:

@@ -85,7 +85,7 @@ def recorded(case: Case, folder: Path | None = None) -> Recorded:
     exact = Instruments(case.instruments.counts, 0.0, case.instruments.rate)
     runs = []
     for k, take in enumerate(case.session):
-        motion = fourier_motion(robot, take.duration, case.motion + k, arm.step, vigour=take.vigour)
+        motion = fourier_motion(robot, take.duration, case.motion + k, arm.step, slope=case.slope, rise=2.0)
         runs.append(record(arm, motion, exact, plan=Plan(k, take.start)))
     if kept:
         kept.parent.mkdir(parents=True, exist_ok=True)
