@@ -86,6 +86,7 @@ class Observation:
         time: FloatArray | None = None,
         temperature: FloatArray | None = None,
         runs: FloatArray | None = None,
+        out: FloatArray | None = None,
     ) -> FloatArray:
         """Entries (m, number of entries) at m samples.
 
@@ -103,6 +104,8 @@ class Observation:
             Celsius.
         runs : (number of run signals,) or (m, number of run signals), optional
             1 where the samples' run is one of the signal's; 0 where they are left out.
+        out : (m, number of entries), optional
+            Where to put the result.
         """
         n = self.robot.n
         clock = np.zeros(1) if time is None else time[:, None]
@@ -121,6 +124,7 @@ class Observation:
             memory,
             np.zeros(len(self.runs)) if runs is None else runs,
             whole,
+            out=out,
         )
 
     def joint_entries(self, joint: int) -> tuple[IntArray, IntArray]:

@@ -215,12 +215,14 @@ class BlockProgram:
         ]
         return _Bound(rows["input"], rows["output"], calls)
 
-    def __call__(self, *inputs: FloatArray) -> FloatArray:
+    def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate on samples.
 
         Parameters
         ----------
         inputs : one array an input, each (m, width), or (width,) for a value that holds for all samples.
+        out : (m, n_outputs), optional
+            Where to put the result.
 
         Returns
         -------
@@ -235,7 +237,8 @@ class BlockProgram:
         if len(lengths) != 1:
             raise ValueError(f"inputs of {sorted(lengths)} samples; all of them need the same number")
         m = lengths.pop()
-        out = np.empty((m, self.n_outputs))
+        if out is None:
+            out = np.empty((m, self.n_outputs))
         block = min(BLOCK, m)
         if block == 0:
             return out

@@ -42,14 +42,21 @@ class SampleFunction:
 
     def __call__(self, block: SampleBlock) -> FloatArray:
         """Entries (m, number of entries); zero where no sample is used and the value therefore does not matter."""
+        out = np.empty((len(block.t), len(self._observation.entry_rows)))
+        self.fill(block, out)
+        return out
+
+    def fill(self, block: SampleBlock, out: FloatArray) -> None:
+        """Put the entries into `out` (m, number of entries)."""
         if block.starts_segment:
             self._memory.restart()
         states = self._memory.push(block.q)
-        out = np.zeros((len(block.t), len(self._observation.entry_rows)))
         needed = np.flatnonzero(block.used)
+        part = slice(int(needed[0]), int(needed[-1]) + 1) if len(needed) else slice(0, 0)
+        out[: part.start] = 0.0
+        out[part.stop :] = 0.0
         if len(needed):
-            part = slice(int(needed[0]), int(needed[-1]) + 1)
-            out[part] = self._observation.evaluate(
+            self._observation.evaluate(
                 block.q[part],
                 block.dq[part],
                 block.ddq[part],
@@ -60,8 +67,8 @@ class SampleFunction:
                 time=block.t[part],
                 temperature=None if block.temperature is None else block.temperature[part],
                 runs=np.array([self._present(signal, block.segment) for signal in self._observation.runs]),
+                out=out[part],
             )
-        return out
 
     def _present(self, signal: RunSignal, segment: int) -> float:
         """1 where a segment of the recording is one of the signal's runs."""
@@ -78,7 +85,10 @@ def filtered_samples(
     n_entries = len(observation.entry_rows)
 
     def values(block: SampleBlock) -> FloatArray:
-        return np.hstack([entries(block), block.tau])
+        rows = np.empty((len(block.t), n_entries + recording.n))
+        entries.fill(block, rows[:, :n_entries])
+        rows[:, n_entries:] = block.tau
+        return rows
 
     for segment, t, rows in parallel_filtered(recording, preprocessing, values):
         yield FilteredSamples(t, rows[:, :n_entries], rows[:, n_entries:], segment)
