@@ -51,6 +51,22 @@ class EquationFactors:
         factors = triangular(self.factors[:, :, picked]) if len(self.factors) else self.factors
         return EquationFactors(np.array([new for new, _ in chosen], dtype=np.intp), _square(factors), self.counts)
 
+    def combined(self, weights: FloatArray) -> EquationFactors:
+        """The same rows with columns that are combinations of these; `weights` (c, c') from all columns to the new."""
+        own = weights[self.columns]
+        chosen = np.flatnonzero((own != 0).any(axis=0))
+        k = len(self.columns)
+        whole = np.zeros((k + 1, len(chosen) + 1))
+        whole[:k, :-1], whole[k, -1] = own[:, chosen], 1.0
+        factors = triangular(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
+        return EquationFactors(chosen.astype(np.intp), _square(factors), self.counts)
+
+    def squares(self, values: FloatArray) -> FloatArray:
+        """(s,): sum of the squared residual of parameters χ (c,) in every stretch."""
+        k = len(self.columns)
+        rests = self.factors[:, :, k] - self.factors[:, :, :k] @ values[self.columns]
+        return np.asarray((rests * rests).sum(axis=1))
+
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
@@ -74,6 +90,10 @@ class Reduction:
         """The same data with only these columns, in this order."""
         chosen = np.asarray(columns, dtype=np.intp)
         return Reduction(len(chosen), tuple(e.select(chosen) for e in self.equations), self.spans)
+
+    def combined(self, weights: FloatArray) -> Reduction:
+        """The same data with columns that are combinations of these: W' = W weights, weights (c, c')."""
+        return Reduction(weights.shape[1], tuple(e.combined(weights) for e in self.equations), self.spans)
 
     def stretches(self, indices: Sequence[int]) -> Reduction:
         """Only these stretches of time."""

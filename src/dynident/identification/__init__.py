@@ -2,6 +2,7 @@
 
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.identify import extend, identify, identify_model
+from dynident.identification.removing import remove
 from dynident.identification.result import Identification, IdentifiedParameter
 from dynident.identification.storage import from_bytes, to_bytes
 
@@ -13,5 +14,6 @@ __all__ = [
     "from_bytes",
     "identify",
     "identify_model",
+    "remove",
     "to_bytes",
 ]

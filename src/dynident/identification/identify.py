@@ -19,6 +19,7 @@ from dynident.estimation import (
     weighted,
 )
 from dynident.identification.choices import EstimatorName, IdentificationChoices
+from dynident.identification.gain import warnings_of_addition
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.identification.result import Identification
 from dynident.identification.shapes import check_shapes_given, complete_shapes, lacks_shape
@@ -106,7 +107,8 @@ def extend(
     grown = identify_model(
         model, recordings, validation, choices, identification.preprocessing, reference, part(progress, 0.5, 1.0)
     )
-    return replace(grown, parent=identification, added=new)
+    grown = replace(grown, parent=identification, added=new)
+    return replace(grown, warnings=warnings_of_addition(grown) + grown.warnings)
 
 
 def solve_reduced(reduction: Reduction, estimator: EstimatorName) -> Solution:

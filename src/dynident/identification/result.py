@@ -36,7 +36,8 @@ class Identification:
     """An identified model.
 
     `reference` (10 n,) are the standard inertial parameters that predicted loads were computed with; `training` and
-    `held_out_data` the reduced recordings; `fit` and `held_out` the errors on them; `names` of the recordings.
+    `held_out_data` the reduced recordings; `fit` and `held_out` the errors on them; `names` of the recordings; `added`
+    and `removed` what was added to the model of `parent` or taken out of it.
     """
 
     model: Model
@@ -57,6 +58,7 @@ class Identification:
     validation_names: tuple[str, ...]
     parent: Identification | None = None
     added: tuple[EffectChoice, ...] = ()
+    removed: tuple[EffectChoice, ...] = ()
 
     @property
     def values(self) -> FloatArray:

@@ -49,6 +49,7 @@ def to_bytes(identification: Identification) -> bytes:
         "measurement_names": identification.measurement_names,
         "validation_names": identification.validation_names,
         "added": [asdict(choice) for choice in identification.added],
+        "removed": [asdict(choice) for choice in identification.removed],
     }
     arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     if identification.parent is not None:
@@ -105,12 +106,13 @@ def _identification(content: bytes) -> Identification:
         validation_names=tuple(header["validation_names"]),
         parent=from_bytes(arrays["parent"].tobytes()) if "parent" in arrays else None,
         added=tuple(_effect(item) for item in header["added"]),
+        removed=tuple(_effect(item) for item in header.get("removed", ())),
     )
 
 
 def _effect(document: Mapping[str, Any]) -> EffectChoice:
     shape = tuple((str(name), float(value)) for name, value in document["shape"])
-    return EffectChoice(document["effect"], tuple(document["joints"]), shape)
+    return EffectChoice(document["effect"], tuple(document["joints"]), shape, tuple(document.get("runs", ())))
 
 
 def _choices(document: Mapping[str, Any]) -> IdentificationChoices:

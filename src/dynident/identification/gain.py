@@ -1,0 +1,67 @@
+"""Whether what was added to a model helps on data that no parameter saw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.effects import effect_by_id
+from dynident.identification.result import Identification
+from dynident.robot.model import FloatArray
+
+_SURE = 2.0
+_WORSE = 1.02
+_FEWEST = 4
+
+
+def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
+    """Where an addition does not survive held-out data: no gain that is more than chance, or a joint that got worse.
+
+    Parameters
+    ----------
+    grown : Identification
+        With the model it was added to as its parent.
+    """
+    parent = grown.parent
+    if parent is None or grown.held_out is None or parent.held_out is None:
+        return ()
+    what = " and ".join(dict.fromkeys(effect_by_id(choice.effect).title for choice in grown.added))
+    before, after = parent.held_out.relative_total, grown.held_out.relative_total
+    found = []
+    t = _t_of_gain(parent, grown)
+    if t < _SURE or after >= before:
+        found.append(
+            f"{what} does not survive held-out data: on recordings that no parameter saw the error goes from "
+            f"{before:.2%} to {after:.2%} (t = {t:.1f}), no more than chance would do. Remove it unless you know that "
+            "it is there."
+        )
+    names = grown.model.robot.joint_names
+    old, new = parent.held_out.relative, grown.held_out.relative
+    worse = [f"{name} ({old[j]:.2%} to {new[j]:.2%})" for j, name in enumerate(names) if new[j] > _WORSE * old[j]]
+    if worse:
+        found.append(f"With {what} the held-out error is larger on {', '.join(worse)}.")
+    return tuple(found)
+
+
+def _t_of_gain(parent: Identification, grown: Identification) -> float:
+    """t of the drop of the held-out squared error over stretches of time, all joints in units of their noise."""
+    before, after = _stretch_errors(parent, parent.statistics.noise), _stretch_errors(grown, parent.statistics.noise)
+    if len(before) != len(after) or len(before) < _FEWEST:
+        # Held-out data of another kind: nothing to compare stretch by stretch.
+        return _SURE
+    gains = before - after
+    spread = float(gains.std(ddof=1))
+    return float(gains.mean() / spread * np.sqrt(len(gains))) if spread > 0 else 0.0
+
+
+def _stretch_errors(model: Identification, noise: FloatArray) -> FloatArray:
+    """(s,): squared held-out error of every stretch, each joint in units of its noise (n,)."""
+    data = model.held_out_data
+    if data is None:
+        return np.zeros(0)
+    parts: Sequence[FloatArray] = [
+        equation.squares(model.values) / sigma**2
+        for equation, sigma in zip(data.equations, np.where(noise > 0, noise, 1.0), strict=True)
+    ]
+    return np.asarray(np.sum(parts, axis=0))

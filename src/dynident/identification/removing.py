@@ -1,0 +1,115 @@
+"""Effects taken out of an identified model: small algebra on its reduced data, no recording is read again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects.catalogue import joints_of
+from dynident.errors import DynidentError
+from dynident.identification.identify import conclude
+from dynident.identification.result import Identification
+from dynident.regressors.model import Model, build_model
+from dynident.robot import Robot
+from dynident.robot.model import FloatArray
+from dynident.threads import single_threaded
+
+_TITLE = "Nothing to remove"
+
+
+@single_threaded
+def remove(identification: Identification, removed: Sequence[EffectChoice]) -> Identification:
+    """Take effects out of an identified model and solve again for the parameters that are left.
+
+    The columns of the smaller model are combinations of those that the reduced data hold, so the result is that of
+    identifying it anew. Predicted loads stay those of the larger model.
+
+    Parameters
+    ----------
+    identification : Identification
+    removed : sequence of EffectChoice
+        Each is taken off its joints, or off all where it names none; with shape constants or runs only what has these.
+
+    Raises
+    ------
+    DynidentError
+        Where one of them is not in the model, or nothing would be left.
+    """
+    known = identification.model
+    kept = effects_without(identification.choices.effects, removed, known.robot)
+    choices = replace(identification.choices, effects=kept)
+    model = build_model(known.robot, kept, tolerance=choices.tolerance, signals=known.signals)
+    combinations = _combinations(known, model)
+    held_out = identification.held_out_data
+    smaller = conclude(
+        model,
+        choices,
+        identification.preprocessing,
+        identification.reference,
+        identification.training.combined(combinations),
+        None if held_out is None else held_out.combined(combinations),
+        (),
+        (),
+    )
+    return replace(
+        smaller,
+        measurement_names=identification.measurement_names,
+        validation_names=identification.validation_names,
+        parent=identification,
+        removed=tuple(removed),
+    )
+
+
+def effects_without(
+    effects: Sequence[EffectChoice], removed: Sequence[EffectChoice], robot: Robot
+) -> tuple[EffectChoice, ...]:
+    """The effects that are left when others are taken away, wholly or off some joints.
+
+    Raises
+    ------
+    DynidentError
+        Where one of them is not there, or nothing would be left.
+    """
+    left = tuple(effects)
+    for index, choice in enumerate(removed):
+        pointer = f"/effects/{index}"
+        joints_of(choice, robot, pointer)
+        rest = tuple(part for one in left for part in _without(one, choice, robot))
+        if rest == left:
+            place = f" on {', '.join(choice.joints)}" if choice.joints else ""
+            place += "".join(f", {name} = {value:g}" for name, value in choice.shape)
+            names = ", ".join(dict.fromkeys(one.effect for one in left))
+            detail = f"the model has no {choice.effect}{place}; it has: {names}"
+            raise DynidentError(detail, pointer=pointer, title=_TITLE)
+        left = rest
+    if not left:
+        raise DynidentError("nothing would be left in the model; keep at least one effect", pointer="/effects")
+    return left
+
+
+def _without(one: EffectChoice, taken: EffectChoice, robot: Robot) -> tuple[EffectChoice, ...]:
+    """What is left of one choice: itself, the same on fewer joints, or nothing."""
+    other_shape = not set(taken.shape) <= set(one.shape)
+    other_runs = bool(taken.runs) and taken.runs != one.runs
+    if one.effect != taken.effect or other_shape or other_runs:
+        return (one,)
+    if effect_by_id(one.effect).scope == "robot":
+        return ()
+    gone = joints_of(taken, robot)
+    before = joints_of(one, robot)
+    left = [joint for joint in before if joint not in gone]
+    if len(left) == len(before):
+        return (one,)
+    return (replace(one, joints=tuple(robot.joint_names[j] for j in left)),) if left else ()
+
+
+def _combinations(known: Model, smaller: Model) -> FloatArray:
+    """(b, b'): what the smaller model's columns are made of, in columns that the known model keeps.
+
+    Mostly these are the same columns. One that was absorbed by what is removed comes back as its combination.
+    """
+    where = {column.key: k for k, column in enumerate(known.columns)}
+    return np.asarray(known.base.grouping[:, [where[column.key] for column in smaller.kept]])
