@@ -69,16 +69,16 @@ class ZeroError(Hidden):
 
 @dataclass(frozen=True)
 class Contact(Hidden):
-    """A force on the last link, N in the base frame at a point of the link, in a window of time of one run."""
+    """A force on the last link, N in the base frame at a point of the link, in a window of some runs' time."""
 
     force: tuple[float, float, float]
     point: tuple[float, float, float]
-    run: int
+    runs: tuple[int, ...]
     begin: float
     end: float
 
     def start(self, live: Live) -> Act | None:
-        if live.plan.index != self.run:
+        if live.plan.index not in self.runs:
             return None
         body, n = int(live.model.body(f"b{live.arm.robot.n - 1}").id), round(0.1 / live.arm.step)
         first, last = round(self.begin / live.arm.step), round(self.end / live.arm.step)
@@ -100,18 +100,19 @@ class Contact(Hidden):
 
 @dataclass(frozen=True)
 class Vibration(Hidden):
-    """The base shakes: an acceleration (m/s²) at one frequency (Hz)."""
+    """The base shakes: an acceleration (m/s²) at one frequency (Hz), with a phase of the session's time in each run."""
 
     acceleration: tuple[float, float, float]
     frequency: float
-    phase: float
+    phases: tuple[float, ...]
 
     def start(self, live: Live) -> Act:
         gravity, usual = live.model.opt.gravity, live.model.opt.gravity.copy()
         shake = np.array(self.acceleration)
         rate, step_size = 2 * np.pi * self.frequency, live.arm.step
+        start, phase = live.plan.start, self.phases[live.plan.index]
 
         def act(step: int) -> None:
-            gravity[:] = usual - np.sin(rate * step * step_size + self.phase) * shake
+            gravity[:] = usual - np.sin(rate * (start + step * step_size) + phase) * shake
 
         return act

@@ -32,7 +32,7 @@ def fourier_motion(
     slope: float = 0.5,
     rise: float = 1.0,
 ) -> Motion:
-    """A Fourier motion of random phases, as large and as fast as the limits let it, swelling from rest over `rise` seconds.
+    """A Fourier motion of random phases, as large and as fast as the limits let it, swelling from rest in `rise` s.
 
     The amplitudes of the harmonics fall with the frequency to the power `slope`: the larger, the wider the motion.
     """
@@ -57,7 +57,7 @@ def fourier_motion(
 
 
 def _swell(t: FloatArray, rise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A window that rises from 0 to 1 in the first `rise` seconds and falls in the last, and its derivatives, (m,) each."""
+    """A window that rises from 0 to 1 in the first `rise` seconds and falls in the last, with derivatives, (m,) each."""
     left = np.minimum(t, t[-1] - t)
     s = np.clip(left / rise, 0, 1)
     side = np.where(t < t[-1] / 2, 1.0, -1.0) / rise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ _COUNTS, _RATES = (2**17, 2**18, 2**19), (1000.0, 1000.0, 500.0, 250.0)
 _MOTIONS = 2
 # Quick and wide.
 _SLOPES = (0.7, 1.3)
+_AFRESH = (Take(0.0, 24.0), Take(0.0, 24.0), Take(0.0, 24.0, held_out=True))
 # Families that never stand beside one another in a double case: both are the same function of the motion.
 _PAIRS = (
     ("stribeck", "base_tilt"),
@@ -54,13 +56,13 @@ def draw_cases(wanted: Wanted) -> list[Case]:
     """
     arms = wanted.arms or default_arms(wanted.seed)
     plan = _plan(wanted)
-    cases = []
-    for number, (names, size) in enumerate(plan):
-        # The arm of a case does not depend on which other cases are drawn.
+    cases, drawn = [], Counter[tuple[tuple[str, ...], Size]]()
+    for names, size in plan:
+        # A case does not depend on which others are drawn: it can be drawn again alone.
+        number = drawn[names, size]
+        drawn[names, size] += 1
         start = zlib.crc32("+".join(names).encode()) + (1 if size == "quarter" else 0)
-        cases.append(
-            _case(names, size, arms[(start + number // max(1, len(FAMILIES))) % len(arms)], wanted.seed, number)
-        )
+        cases.append(_case(names, size, arms[(start + number) % len(arms)], wanted.seed, number))
     return cases
 
 
@@ -88,7 +90,7 @@ def _plan(wanted: Wanted) -> list[tuple[tuple[str, ...], Size]]:
 
 
 def _case(names: tuple[str, ...], size: Size, arm: str, seed: int, number: int) -> Case:
-    rng = np.random.default_rng([seed, number, zlib.crc32("+".join(names).encode())])
+    rng = np.random.default_rng([seed, number, size == "full", zlib.crc32("+".join(names).encode())])
     site = Site(arm_by_name(arm), rng, 1.0 if size == "full" else 0.25)
     hidden = tuple({**FAMILIES, **OUTSIDE}[name](site) for name in names)
     instruments = Instruments(int(rng.choice(_COUNTS)), float(rng.uniform(0.004, 0.008)), float(rng.choice(_RATES)))
@@ -117,4 +119,5 @@ def _session(hidden: Sequence[Placed], rng: np.random.Generator) -> tuple[Take, 
     if "payload" in names and rng.random() < 0.5:
         # Both runs in one file, told apart by its segment column.
         return Take(0.0, 24.0), Take(60.0, 24.0, joined=True), Take(120.0, 24.0, held_out=True)
-    return USUAL_SESSION
+    # Most people's files begin at t = 0.
+    return _AFRESH if rng.random() < 0.5 else USUAL_SESSION

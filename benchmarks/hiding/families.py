@@ -102,14 +102,8 @@ def stribeck(site: Site) -> Placed:
     size = site.sized(0.5, 0.9) * _f(site.drives.coulomb[j])
     speed = float(np.exp(site.between(np.log(0.02), np.log(0.15)))) * _f(site.speed[j]) / 2.5
     exponent = float(site.rng.choice([1.0, 2.0, 2.0]))
-    known = exponent == 2.0
-    return Placed(
-        "stribeck",
-        (j,),
-        friction.Stribeck(j, size, speed, exponent),
-        (Truth(("Fst",), size),) if known else (),
-        shape=(("vs", speed),) if known else (),
-    )
+    shape = (("delta", exponent), ("vs", speed))
+    return Placed("stribeck", (j,), friction.Stribeck(j, size, speed, exponent), (Truth(("Fst",), size),), shape=shape)
 
 
 def viscous_nonlinear(site: Site) -> Placed:
@@ -132,14 +126,17 @@ def temperature_friction(site: Site) -> Placed:
     j, share = site.joint(), -site.sized(0.02, 0.04)
     warming = Warming(site.between(18, 26), site.between(15, 25), 900.0, (0.05, 0.85, 0.4))
     viscous, coulomb = share * _f(site.drives.viscous[j]), 0.3 * share * _f(site.drives.coulomb[j])
-    return Placed("temperature_friction", (j,), friction.TemperatureFriction(j, viscous, coulomb, warming))
+    physics = friction.TemperatureFriction(j, viscous, coulomb, warming)
+    return Placed("temperature_friction", (j,), physics, (Truth(("Fvt",), viscous), Truth(("Fct",), coulomb)))
 
 
 def warm_up_friction(site: Site) -> Placed:
     j, share = site.joint(), site.sized(0.4, 0.8)
     viscous, coulomb = share * _f(site.drives.viscous[j]), 0.3 * share * _f(site.drives.coulomb[j])
     time = site.between(1800.0, 3600.0)
-    return Placed("warm_up_friction", (j,), friction.WarmUpFriction(j, viscous, coulomb, time))
+    physics = friction.WarmUpFriction(j, viscous, coulomb, time)
+    truths = (Truth(("Fvw",), viscous), Truth(("Fcw",), coulomb))
+    return Placed("warm_up_friction", (j,), physics, truths, shape=(("Tw", time),))
 
 
 def torque_ripple(site: Site) -> Placed:
@@ -161,7 +158,9 @@ def presliding(site: Site) -> Placed:
     j = site.joint(turning=True)
     slip = site.scale * float(np.exp(site.between(np.log(4e-3), np.log(3e-2))))
     if site.rng.random() < 0.5:
-        return Placed("presliding", (j,), friction.Dahl(j, slip))
+        size = _f(site.drives.coulomb[j])
+        shape = (("d0", slip), ("law", -1.0))
+        return Placed("presliding", (j,), friction.Dahl(j, slip), (Truth(("Fz",), size),), shape=shape)
     slips, shares = (0.3 * slip, slip, 2.5 * slip), (0.3, 0.45, 0.25)
     return Placed("presliding", (j,), friction.MaxwellSlip(j, slips, shares))
 
@@ -169,14 +168,16 @@ def presliding(site: Site) -> Placed:
 def backlash(site: Site) -> Placed:
     j, gap = site.loaded(), site.sized(1.5e-3, 3e-3)
     damping = 0.1 * _f(site.drives.viscous[j])
-    return Placed("backlash", (j,), structure.Backlash(j, gap, damping))
+    return Placed("backlash", (j,), structure.Backlash(j, gap, damping), (Truth(("bl",), gap),))
 
 
 def joint_elasticity(site: Site) -> Placed:
     j = site.loaded()
     stiffness = site.between(50.0, 80.0) / site.scale * _f(site.effort[j])
     damping = 0.002 * stiffness
-    return Placed("joint_elasticity", (j,), structure.SoftJoint(j, stiffness, damping))
+    return Placed(
+        "joint_elasticity", (j,), structure.SoftJoint(j, stiffness, damping), (Truth(("Ce",), 1 / stiffness),)
+    )
 
 
 def joint_spring(site: Site) -> Placed:
@@ -195,7 +196,13 @@ def gravity_compensator(site: Site) -> Placed:
     stiffness = share * _f(site.load[1]) / float(largest)
     low, high = site.robot.joints[1].limits.position or (-3.0, 3.0)
     opposite = (low + high) / 2 + site.between(-0.8, 0.8)
-    return Placed("gravity_compensator", (1,), structure.Compensator(1, stiffness, a, b, length, opposite))
+    return Placed(
+        "gravity_compensator",
+        (1,),
+        structure.Compensator(1, stiffness, a, b, length, opposite),
+        (Truth(("kab",), -stiffness * a * b),),
+        shape=(("phi", opposite), ("r", min(a, b) / max(a, b))),
+    )
 
 
 def base_tilt(site: Site) -> Placed:
@@ -210,7 +217,7 @@ def payload(site: Site) -> Placed:
     assert site.robot.inertias is not None
     mass = site.sized(0.6, 1.0) * float(site.robot.inertias[:, 9].sum()) / 18.0
     centre = (site.between(-0.03, 0.03), site.between(-0.03, 0.03), site.between(0.05, 0.12))
-    return Placed("payload", (), structure.Payload(mass, centre, 0.04, (1,)), (Truth(("dM",), mass),))
+    return Placed("payload", (), structure.Payload(mass, centre, 0.04, (1,)), (Truth(("Mp",), mass),))
 
 
 def transmission_coupling(site: Site) -> Placed:
@@ -229,27 +236,34 @@ def rotor_coupling(site: Site) -> Placed:
     j = int(site.rng.choice([1, 2]))
     if not site._turns(j):
         j = 1
-    return Placed("rotor_coupling", (j,), structure.Rotor(j, site.between(10.0, 20.0) / site.scale))
+    ratio = site.between(10.0, 20.0) / site.scale
+    return Placed(
+        "rotor_coupling", (j,), structure.Rotor(j, ratio), (Truth(("NJ",), _f(site.drives.rotor[j]) / ratio),)
+    )
 
 
 def drive_gain_error(site: Site) -> Placed:
     j, share = site.loaded(before_last=2), site.sign() * site.sized(0.05, 0.10)
-    return Placed("drive_gain_error", (j,), disturbances.GainError(j, share))
+    return Placed("drive_gain_error", (j,), disturbances.GainError(j, share), (Truth(("eps",), share),))
 
 
 def drive_gain_saturation(site: Site) -> Placed:
     j, share = site.loaded(), -site.sized(0.08, 0.15)
-    return Placed("drive_gain_saturation", (j,), disturbances.Saturation(j, share, 1.2 * _f(site.load[j])))
+    peak = 1.2 * _f(site.load[j])
+    physics = disturbances.Saturation(j, share, peak)
+    return Placed("drive_gain_saturation", (j,), physics, (Truth(("sat",), share / peak),))
 
 
 def torque_delay(site: Site) -> Placed:
     time = site.sized(6e-3, 15e-3)
-    return Placed("torque_delay", (), disturbances.Delay(time))
+    return Placed("torque_delay", (), disturbances.Delay(time), (Truth(("delay",), time),))
 
 
 def encoder_zero_error(site: Site) -> Placed:
     j, angle = site.loaded(before_last=2), site.sign() * np.radians(site.sized(1.5, 3.0))
-    return Placed("encoder_zero_error", (j,), disturbances.ZeroError(j, float(angle)))
+    return Placed(
+        "encoder_zero_error", (j,), disturbances.ZeroError(j, float(angle)), (Truth(("dq0",), -float(angle)),)
+    )
 
 
 def kinematic_error(site: Site) -> Placed:
@@ -265,7 +279,7 @@ def external_contact(site: Site) -> Placed:
     force *= site.sized(0.10, 0.25) * _f(site.load[1]) / 0.7 / np.linalg.norm(force)
     begin = site.between(5.0, 15.0)
     physics = disturbances.Contact(
-        (_f(force[0]), _f(force[1]), _f(force[2])), (0.0, 0.0, 0.1), 1, begin, begin + site.between(1.5, 3.0)
+        (_f(force[0]), _f(force[1]), _f(force[2])), (0.0, 0.0, 0.1), (1,), begin, begin + site.between(1.5, 3.0)
     )
     return Placed("external_contact", (), physics)
 
@@ -274,7 +288,14 @@ def base_vibration(site: Site) -> Placed:
     direction = site.rng.standard_normal(3)
     shake = site.sized(0.25, 0.5) * direction / np.linalg.norm(direction)
     acceleration = (_f(shake[0]), _f(shake[1]), _f(shake[2]))
-    return Placed("base_vibration", (), disturbances.Vibration(acceleration, site.between(2.5, 6.0), 0.4))
+    frequency = site.between(2.5, 6.0)
+    # What shakes the base does not wait for the next run; but nobody's clock is so good that phases stay.
+    phases = (0.4, 0.4, 0.4) if site.rng.random() < 0.5 else (0.4, site.between(0, 6.28), site.between(0, 6.28))
+    physics = disturbances.Vibration(acceleration, frequency, phases)
+    amplitude = float(np.linalg.norm(shake))
+    names = ("axc", "axs", "ayc", "ays", "azc", "azs")
+    truths = (Truth(names, amplitude),) if len(set(phases)) == 1 else ()
+    return Placed("base_vibration", (), physics, truths, shape=(("f", frequency),))
 
 
 def cable_force(site: Site) -> Placed:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from engine.disturbances import Contact
 from engine.robots import arm_by_name, as_described
 
 from dynident.diagnosis import Diagnosis, diagnose
@@ -93,10 +94,17 @@ def choice_of(case: Case, placed: Placed, robot: Robot) -> EffectChoice | None:
     effect = next((name for name in placed.names if name in CATALOGUE), None)
     if effect is None or not placed.in_catalogue:
         return None
-    # A coupling sits on the first of its joints.
-    joints = placed.joints[:1] if effect == "transmission_coupling" else placed.joints
+    # What reaches over two joints is named by the first.
+    joints = placed.joints[:1] if effect in ("transmission_coupling", "cable_force") else placed.joints
     names = tuple(robot.joint_names[j] for j in joints) if CATALOGUE[effect].scope == "joint" else ()
-    return EffectChoice(effect, names, placed.shape, runs=runs_of(case, placed))
+    return EffectChoice(effect, names, _shape(case, placed), runs=runs_of(case, placed))
+
+
+def _shape(case: Case, placed: Placed) -> tuple[tuple[str, float], ...]:
+    if not isinstance(placed.physics, Contact):
+        return placed.shape
+    start = case.session[placed.physics.runs[0]].start
+    return ("t0", start + placed.physics.begin), ("t1", start + placed.physics.end)
 
 
 def runs_of(case: Case, placed: Placed) -> tuple[str, ...]:
