@@ -57,7 +57,7 @@ def fourier_motion(
 
 
 def _swell(t: FloatArray, rise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A window that rises from 0 to 1 in the first `rise` seconds and falls in the last, with derivatives, (m,) each."""
+    """A window that rises from 0 to 1 in the first `rise` seconds and falls in the last, with its derivatives, (m,)."""
     left = np.minimum(t, t[-1] - t)
     s = np.clip(left / rise, 0, 1)
     side = np.where(t < t[-1] / 2, 1.0, -1.0) / rise

@@ -22,7 +22,7 @@ _MOTIONS = 2
 _SLOPES = (0.7, 1.3)
 _AFRESH = (Take(0.0, 24.0), Take(0.0, 24.0), Take(0.0, 24.0, held_out=True))
 # Families that never stand beside one another in a double case: both are the same function of the motion.
-_PAIRS = (
+PAIRS = (
     ("stribeck", "base_tilt"),
     ("load_dependent_friction", "joint_spring"),
     ("presliding", "torque_delay"),
@@ -83,7 +83,7 @@ def _plan(wanted: Wanted) -> list[tuple[tuple[str, ...], Size]]:
     odd = list(OUTSIDE)
     return [
         *(singles[k % len(singles)] for k in range(total - clean - outside - double)),
-        *((_PAIRS[k % len(_PAIRS)], "full") for k in range(double)),
+        *((PAIRS[k % len(PAIRS)], "full") for k in range(double)),
         *(((odd[k % len(odd)],), "full") for k in range(outside)),
         *(((), "full") for _ in range(clean)),
     ]

@@ -1,0 +1,81 @@
+"""Effects hidden anew each time in arms of another engine: enough of them are named, and nothing is made up.
+
+`HIDDEN_EFFECTS_SEED=<number>` draws the same cases again.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from functools import cache
+
+import numpy as np
+import pytest
+from hiding.case import Case
+from hiding.drawing import PAIRS, Wanted, draw_cases
+from hiding.families import FAMILIES
+from hiding.judging import judge_safely
+from hiding.outcome import Outcome
+from hiding.outside import OUTSIDE
+from hiding.table import describe, is_failure, right_outside
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+SINGLE, QUARTER = 8, 2
+# Shares that any seed has to reach: a few cases tell little, so these are far below what is usual.
+NAMED, WITHIN = 0.7, 0.6
+
+
+def _drawn(seed: int) -> list[Case]:
+    rng = np.random.default_rng(seed)
+    singles = [str(name) for name in rng.choice(list(FAMILIES), SINGLE + QUARTER, replace=False)]
+    pair = "+".join(PAIRS[int(rng.integers(len(PAIRS)))])
+    odd = str(rng.choice(list(OUTSIDE)))
+    return [
+        *draw_cases(Wanted(seed, 0, (*singles[:SINGLE], pair, odd, "clean"), sizes=("full",))),
+        *draw_cases(Wanted(seed, 0, tuple(singles[SINGLE:]), sizes=("quarter",))),
+    ]
+
+
+@cache
+def _outcomes() -> tuple[Outcome, ...]:
+    seed = int(os.environ.get("HIDDEN_EFFECTS_SEED") or secrets.randbelow(10**6))
+    print(f"\nHIDDEN_EFFECTS_SEED={seed}")
+    outcomes = tuple(judge_safely(case, None) for case in _drawn(seed))
+    print("\n".join(describe(outcome) for outcome in outcomes if is_failure(outcome)))
+    return outcomes
+
+
+def _shown(kind: str) -> list[Outcome]:
+    return [outcome for outcome in _outcomes() if outcome.kind == kind and outcome.shows]
+
+
+def test_every_hidden_effect_gets_an_answer_and_not_an_error() -> None:
+    assert [outcome.failure for outcome in _outcomes() if outcome.failure] == []
+
+
+def test_most_hidden_effects_are_named_first() -> None:
+    shown = _shown("single")
+    named = [outcome for outcome in shown if outcome.naming in ("right", "equivalent")]
+    assert len(named) >= NAMED * len(shown)
+
+
+def test_an_effect_that_is_named_is_on_its_joint() -> None:
+    assert all(o.joint is not False for o in _shown("single") if o.naming in ("right", "equivalent"))
+
+
+def test_adding_what_is_recommended_predicts_about_as_well_as_the_truth() -> None:
+    ratios = [outcome.over_oracle for outcome in _shown("single") if outcome.over_oracle is not None]
+    assert sum(ratio <= 1.05 for ratio in ratios) >= WITHIN * len(ratios)
+
+
+def test_of_two_hidden_effects_at_least_one_is_named_first() -> None:
+    assert all(outcome.naming in ("right", "equivalent") for outcome in _shown("double"))
+
+
+def test_what_no_catalogue_has_gets_no_confident_wrong_name() -> None:
+    assert all(right_outside(outcome) or not outcome.recommended for outcome in _shown("outside"))
+
+
+def test_nothing_is_recommended_for_a_clean_arm() -> None:
+    assert [outcome.recommended for outcome in _outcomes() if outcome.kind == "clean"] == [()]
