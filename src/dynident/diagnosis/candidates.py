@@ -87,6 +87,8 @@ def build_pool(
     def add(choice: EffectChoice) -> None:
         numbers = []
         for column in columns_of([choice], signals):
+            if not column.torque.nnz():
+                continue
             if column.key not in index:
                 index[column.key] = len(columns)
                 columns.append(column)

@@ -10,7 +10,7 @@ from dynident.diagnosis.candidates import Pool, build_pool
 from dynident.diagnosis.compare import Comparison, compare
 from dynident.diagnosis.gate import Judged
 from dynident.diagnosis.leads import find_leads
-from dynident.diagnosis.next_experiment import next_experiment
+from dynident.diagnosis.next_experiment import doubts_of, next_experiment
 from dynident.diagnosis.products import Products, products
 from dynident.diagnosis.refine import refined
 from dynident.diagnosis.residuals import failure_map, noise_floor, unknown_patterns
@@ -89,7 +89,9 @@ def diagnose(
         unknown=unknown,
         not_visible=invisible,
         failure_map=failure_map(comparisons),
-        next_experiment=next_experiment(ranked, invisible, model.effects),
+        next_experiment=next_experiment(
+            identification, comparisons, doubts_of(picks, recommended, invisible, model.robot)
+        ),
     )
 
 

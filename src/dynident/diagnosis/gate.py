@@ -13,7 +13,7 @@ from dynident.diagnosis.scoring import Score
 from dynident.robot.model import FloatArray
 
 SMALLEST_DROP = 0.03
-"""Share of the squared held-out error of its joints that an effect must remove."""
+"""Share of a joint's squared held-out error that an effect must remove."""
 
 SMALLEST_T = 3.5
 """t of the drop over the stretches of time; calibrated on columns shifted in time, which explain nothing."""
@@ -31,15 +31,18 @@ errors of the filtered signals at reversals are of that size."""
 
 _ROBOT_DROP, _ROBOT_T, _ROBOT_SHARE = 0.08, 2.0, 0.7
 _CAP = 3.0
+# Share of what the simpler of two candidates leaves that the richer one must remove beyond it.
+_MORE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
     """A candidate with its score in interleaved and contiguous folds.
 
-    `drop` is the share of the squared held-out error on its joints that it removes, the smaller of the two fold
-    kinds; `t` likewise; `gains` (s,) the drop of every stretch in units of the noise, all joints, fold kinds averaged;
-    `measured` (n,) the squared torque; `after_weighted` (s,) what is left on its joints, in units of the noise.
+    `drop` is the share of the squared held-out error that it removes on the joint where that share is largest, the
+    smaller of the two fold kinds; `t`, over all joints, likewise; `gains` (s,) the drop of every stretch in units of
+    the noise, all joints, fold kinds averaged; `measured` (n,) the squared torque; `after_weighted` (s,) what is left
+    on its joints, in units of the noise.
     """
 
     candidate: Candidate
@@ -112,9 +115,9 @@ def judge(scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray) -
         factor = np.minimum(1.0, cap / np.maximum(whole, 1e-300))
         gain = gain * factor
         gains.append(gain)
-        base = float((before[:, index].sum(axis=1) * factor).sum())
-        own = float(((before - after)[:, index].sum(axis=1) * factor).sum())
-        drops.append(own / base if base > 0 else 0.0)
+        base = (before[:, index] * factor[:, None]).sum(axis=0)
+        own = ((before - after)[:, index] * factor[:, None]).sum(axis=0)
+        drops.append(own / np.maximum(base, np.finfo(float).tiny))
         ts.append(t_of(gain))
     mean_gain = np.mean(gains, axis=0)
     before = np.mean([score.before for score in scores], axis=0)
@@ -124,7 +127,7 @@ def judge(scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray) -
         joints=joints,
         before=before,
         after=after,
-        drop=min(drops),
+        drop=float(np.min(drops, axis=0).max()),
         t=min(ts),
         gains=mean_gain,
         separability=scores[0].separability,
@@ -175,4 +178,4 @@ def _beats(best: Judged, simpler: Judged) -> bool:
         return True
     difference = best.gains - simpler.gains
     left = float(simpler.after_weighted.sum())
-    return float(difference.sum()) >= SMALLEST_DROP * left and t_of(difference) >= 2.0
+    return float(difference.sum()) >= _MORE * left and t_of(difference) >= 2.0

@@ -78,8 +78,8 @@ def search(
             break
         chosen, equal = choice
         chosen = _without_idle_joints(data, pool, state, chosen)
-        finding = Finding(chosen, equal, p_value(chosen, len(remaining)))
-        base = state.base + chosen.candidate.columns
+        finding = Finding(chosen, equal, p_value(chosen, len(remaining)), _around(pool, chosen.candidate, state.base))
+        base = state.base + finding.columns
         state = State(base, noise_left(data, base), state.floor, (*state.picks, finding))
         remaining = [c for c in remaining if not _superseded(c, chosen.candidate)]
         if not remaining:
@@ -114,7 +114,7 @@ def _choose(
     passing = [item for item in judged if _acceptable(state, data.counts, item, len(judged))]
     while passing:
         chosen, equal = simplest(passing)
-        if not effect_by_id(chosen.candidate.effect).is_friction or _passive(data, pool, state, chosen):
+        if _plausible(data, pool, state, chosen):
             return chosen, equal
         passing = [item for item in passing if item is not chosen]
     return None
@@ -125,6 +125,41 @@ def _acceptable(state: State, counts: FloatArray, item: Judged, n_tried: int) ->
     if item.separability < VISIBLE or not item.passes(effect.scope == "robot", n_tried):
         return False
     return item.gain_over(state.floor, counts, whole_robot=effect.scope == "robot") >= SMALLEST_GAIN_OVER_NOISE
+
+
+def _around(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, ...]:
+    """Columns of the nearest other shape constants, one constant changed at a time."""
+    specs = [spec.name for spec in effect_by_id(chosen.effect).shapes if spec.refined is not None]
+    mine = dict(chosen.shape)
+    kin = [c for c in pool.candidates if c.effect == chosen.effect and set(chosen.joints) <= set(c.joints)]
+    found: list[int] = []
+    for name in specs:
+        rest = {key: value for key, value in mine.items() if key != name}
+        others = [(dict(c.shape)[name], c) for c in kin if {k: v for k, v in c.shape if k != name} == rest]
+        above = min((value for value, _ in others if value > mine[name]), default=None)
+        below = max((value for value, _ in others if value < mine[name]), default=None)
+        near = [c for value, c in others if value in (above, below)]
+        found += [k for neighbour in near for k in neighbour.columns if _on(pool, k, chosen)]
+    return tuple(k for k in dict.fromkeys(found) if k not in base and k not in chosen.columns)
+
+
+def _on(pool: Pool, column: int, candidate: Candidate) -> bool:
+    return not candidate.joints or pool.observation.columns[column].link in candidate.joints
+
+
+def _plausible(data: Products, pool: Pool, state: State, item: Judged) -> bool:
+    """Whether nature can be so: friction takes energy, and what a robot carries has a mass."""
+    effect = effect_by_id(item.candidate.effect)
+    if effect.is_friction:
+        return _passive(data, pool, state, item)
+    if effect.in_some_runs:
+        masses = [
+            value
+            for value, k in zip(item.amplitudes, item.candidate.columns, strict=True)
+            if pool.observation.columns[k].parameter == "Mp"
+        ]
+        return all(value > 0 for value in masses)
+    return True
 
 
 def _passive(data: Products, pool: Pool, state: State, item: Judged) -> bool:
@@ -192,7 +227,7 @@ def pruned(data: Products, pool: Pool, state: State) -> tuple[Finding, ...]:
         candidate = finding.judged.candidate
         if candidate.effect == CONTACT:  # it happened once and cannot be held out
             continue
-        base = tuple(k for k in state.base if k not in candidate.columns)
+        base = tuple(k for k in state.base if k not in finding.columns)
         again = judge_all(data, pool, base, [candidate], state.noise)[0]
         if again.drop < _PRUNE_DROP or again.t < _PRUNE_T:
             picks.remove(finding)

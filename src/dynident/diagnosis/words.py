@@ -16,11 +16,21 @@ from dynident.robot.model import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """An effect that was picked, what the data cannot tell it from, and its corrected p."""
+    """An effect that was picked, what the data cannot tell it from, and its corrected p.
+
+    `around` are columns of the same effect with neighbouring shape constants: until the constants are refined they
+    say what the coarse ones cannot, so that it is not taken for something else.
+    """
 
     judged: Judged
     equal: tuple[Judged, ...]
     p: float
+    around: tuple[int, ...] = ()
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """All columns that come with the pick."""
+        return self.judged.candidate.columns + self.around
 
 
 def rank_all(

@@ -62,8 +62,10 @@ class TorqueDelay(Effect):
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Minus the rate of the predicted torque, without what jumps at reversals."""
-        return [self._robot_column(self.parameters[0], -signals.predicted.smooth_rate)]
+        """Minus the rate of the predicted torque, that of Coulomb friction's jumps among it."""
+        predicted = signals.predicted
+        rate = predicted.smooth_rate + predicted.drive("Fc") * signals.sign_rate
+        return [self._robot_column(self.parameters[0], -rate)]
 
 
 class RotorCoupling(Effect):

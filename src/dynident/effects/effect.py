@@ -56,6 +56,7 @@ class ShapeSpec:
     is far above the rest. A constant is above zero unless it is `signed`; it is
     not searched for below `least`. `resolved_by` names what a filtered position must still resolve for the constant to
     show: the displacement or the speed around a reversal. `refined`: how a first value is improved; None: it is not.
+    `natural` values are kept where they are as good.
     """
 
     name: str
@@ -68,6 +69,7 @@ class ShapeSpec:
     least: float = 0.0
     resolved_by: Literal["displacement", "speed"] | None = None
     refined: Refinement | None = None
+    natural: tuple[float, ...] = ()
 
     def admits(self, value: float) -> bool:
         """Whether a value makes sense for this constant."""

@@ -60,6 +60,8 @@ class Signals:
         self.dddq = ca.SX.sym("dddq", n)
         self.ddddq = ca.SX.sym("ddddq", n)
         self.time = ca.SX.sym("t")
+        # The sampling period: what jumps does so within one of it.
+        self.period = ca.SX.sym("T")
         self.temperature = ca.SX.sym("temperature", n)
         # Parameters of the model so far: they carry the *predicted* torque, since a load taken from the measured torque
         # would put the measurement's noise into W.
@@ -77,6 +79,12 @@ class Signals:
     def sign_of(self, velocity: ca.SX) -> ca.SX:
         """The sign of a velocity, smoothed where this set of signals is."""
         return ca.tanh(velocity / self._smooth_sign) if self._smooth_sign > 0 else ca.sign(velocity)
+
+    @cached_property
+    def sign_rate(self) -> ca.SX:
+        """SX (n, 1): the central difference of sign(q̇) over the sampling period: its time derivative, once filtered."""
+        step = self.ddq * self.period
+        return (self.sign_of(self.dq + step) - self.sign_of(self.dq - step)) / (2 * self.period)
 
     @cached_property
     def predicted(self) -> Prediction:

@@ -18,6 +18,8 @@ from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray, Robot
 
+# Share of the squared error that a natural value may cost: what noise alone would give a free one, three times over.
+_AS_GOOD = 0.002
 # Steps around a coarse value, down and up.
 _DOWN, _UP = 6, 8
 
@@ -216,6 +218,9 @@ def _vertex(group: Sequence[EffectChoice], picked: int, errors: FloatArray, numb
     curvature = before - 2 * here + after
     shift = float(0.5 * (before - after) / curvature) if curvature > 0 else 0.0
     spec = _refinable(choice)[number]
+    natural = [k for k, other in enumerate(group) if other.shape_values[spec.name] in spec.natural]
+    if natural and errors[natural[0]] <= (1 + _AS_GOOD) * here:
+        return group[natural[0]]
     return _with(choice, spec.name, _moved(spec, choice.shape_values[spec.name], shift))
 
 

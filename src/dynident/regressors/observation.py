@@ -46,6 +46,7 @@ class Observation:
                 signals.dddq,
                 signals.ddddq,
                 signals.time,
+                signals.period,
                 signals.temperature,
                 ca.vertcat(*(signals.memory(item) for item in memory)) if memory else ca.SX(0, 1),
                 ca.vertcat(*(signals.in_runs(item) for item in runs)) if runs else ca.SX(0, 1),
@@ -86,6 +87,7 @@ class Observation:
         time: FloatArray | None = None,
         temperature: FloatArray | None = None,
         runs: FloatArray | None = None,
+        period: float = 1e-3,
         out: FloatArray | None = None,
     ) -> FloatArray:
         """Entries (m, number of entries) at m samples.
@@ -104,6 +106,8 @@ class Observation:
             Celsius.
         runs : (number of run signals,) or (m, number of run signals), optional
             1 where the samples' run is one of the signal's; 0 where they are left out.
+        period : float
+            Sampling period in s, for columns that jump.
         out : (m, number of entries), optional
             Where to put the result.
         """
@@ -120,6 +124,7 @@ class Observation:
             nothing if dddq is None else dddq,
             nothing if ddddq is None else ddddq,
             clock,
+            np.array([period]),
             heat,
             memory,
             np.zeros(len(self.runs)) if runs is None else runs,

@@ -67,6 +67,7 @@ class SampleFunction:
                 time=block.t[part],
                 temperature=None if block.temperature is None else block.temperature[part],
                 runs=np.array([self._present(signal, block.segment) for signal in self._observation.runs]),
+                period=self._recording.period,
                 out=out[part],
             )
 
