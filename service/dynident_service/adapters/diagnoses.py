@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from dynident.diagnosis import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
-from dynident.diagnosis.result import Invisible
+from dynident.diagnosis.result import Invisible, Separation
+from dynident_service.adapters.designs import design_request, show_request
 from dynident_service.adapters.effects import choices_of, show_choice
 from dynident_service.adapters.identifications import finite, numbers
 from dynident_service.models import diagnoses as wire
@@ -65,12 +66,27 @@ def describe_diagnosis(found: Diagnosis, robot_id: str) -> wire.DiagnosisResult:
 
 
 def _next(advice: NextExperiment, robot_id: str) -> wire.NextExperiment:
-    design: dict[str, Any] = {
-        "robot_id": robot_id,
-        "kind": advice.kind,
-        "effects": [show_choice(one).model_dump() for one in advice.effects],
-    }
-    return wire.NextExperiment(reason=advice.reason, design=design)
+    body = show_request(advice.design, robot_id).model_dump(mode="json", exclude_defaults=True)
+    return wire.NextExperiment(
+        reason=advice.reason,
+        # The kind is a default, but nobody should have to know that.
+        design={"robot_id": robot_id, "kind": advice.design.kind, **body},
+        present_separation=_separation(advice.present_separation),
+        expected_separation=_separation(advice.expected_separation),
+        instructions=list(advice.instructions),
+    )
+
+
+def _separation(found: Separation | None) -> wire.Separation | None:
+    if found is None:
+        return None
+    return wire.Separation(
+        parameter=found.parameter,
+        unit=found.unit,
+        share=found.share,
+        standard_deviation=finite(found.standard_deviation),
+        t_value=None if found.t_value is None else finite(found.t_value),
+    )
 
 
 def diagnosis_of(stored: Mapping[str, Any]) -> Diagnosis:
@@ -113,11 +129,20 @@ def _ranked(one: wire.Candidate) -> RankedEffect:
 
 
 def _advice(one: wire.NextExperiment) -> NextExperiment:
-    body = DesignRequest.model_validate(one.design)
-    kind: Literal["optimized", "constant_velocity"] = (
-        "constant_velocity" if body.kind == "constant_velocity" else "optimized"
+    return NextExperiment(
+        reason=one.reason,
+        design=design_request(DesignRequest.model_validate(one.design)),
+        present_separation=_stored_separation(one.present_separation),
+        expected_separation=_stored_separation(one.expected_separation),
+        instructions=tuple(one.instructions),
     )
-    return NextExperiment(reason=one.reason, kind=kind, effects=choices_of(body.effects or ()))
+
+
+def _stored_separation(one: wire.Separation | None) -> Separation | None:
+    if one is None:
+        return None
+    deviation = float("inf") if one.standard_deviation is None else one.standard_deviation
+    return Separation(one.parameter, one.unit, one.share, deviation, one.t_value)
 
 
 def _number(value: float | None) -> float:

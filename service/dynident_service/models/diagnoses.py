@@ -67,11 +67,26 @@ class FailureSpot(Shown):
     ratio: float | None
 
 
+class Separation(Shown):
+    """How well an effect can be told from all else that may explain the same residual."""
+
+    parameter: str = Field(description="The one that comes out best")
+    unit: str
+    share: float = Field(description="What is left of its column beside the model and the rival")
+    standard_deviation: float | None = Field(description="null where nothing determines it")
+    t_value: float | None = Field(description="The amplitude found so far over it; null where none is known")
+
+
 class NextExperiment(Shown):
     """The experiment that would tell more."""
 
     reason: str
     design: dict[str, Any] = Field(description="A body for POST /v1/designs")
+    present_separation: Separation | None = Field(default=None, description="By the data at hand")
+    expected_separation: Separation | None = Field(
+        default=None, description="By the data at hand and this experiment; null where it is not in the motion alone"
+    )
+    instructions: list[str] = Field(default=[], description="What people have to do beside running it")
 
 
 class DiagnosisResult(Shown):

@@ -1,30 +1,276 @@
-"""The experiment that would tell apart what the data could not."""
+"""The experiment that would decide what the data could not."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from dynident.diagnosis.result import Invisible, NextExperiment, RankedEffect
-from dynident.effects import EffectChoice
+import numpy as np
 
-_SLOW = ("stribeck", "presliding", "viscous_nonlinear", "coulomb")
+from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.experiments import ALONE, EXPERIMENTS, Experiment, Question, experiment_for
+from dynident.diagnosis.result import Invisible, NextExperiment, Separation
+from dynident.diagnosis.separation import Information, amplitudes, of_data, of_proposal, separation
+from dynident.diagnosis.words import Finding
+from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
+from dynident.effects.catalogue import joints_of
+from dynident.errors import DynidentError
+from dynident.excitation import CriterionChoice, DesignRequest
+from dynident.excitation.deciding import parameters_of
+from dynident.excitation.limits import Bounds, bounds_of
+from dynident.excitation.model import DesignModel, design_model
+from dynident.identification import Identification
+from dynident.robot.model import FloatArray, Robot
+
+_MOST_RIVALS = 3
+_CLEARLY_BETTER = 0.8
+"""Of the present standard deviation: a motion that does not get below it decides nothing."""
+# Of what most arms have, most often missed first.
+_COMMON = ("presliding", "load_dependent_friction", "stribeck", "torque_ripple", "viscous_nonlinear", "torque_delay")
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """An effect that was found, or that could not be seen, and what else it may be: its rivals, hardest first.
+
+    `beside` are the other effects that the data asks for.
+    """
+
+    suspect: EffectChoice
+    rivals: tuple[EffectChoice, ...] = ()
+    beside: tuple[EffectChoice, ...] = ()
 
 
 def next_experiment(
-    ranked: Sequence[RankedEffect], invisible: Sequence[Invisible], effects: tuple[EffectChoice, ...]
+    identification: Identification, comparisons: Sequence[Comparison], doubts: Sequence[Doubt]
 ) -> NextExperiment | None:
-    """The motion that would tell apart what this data could not."""
-    for item in ranked:
-        if item.significant and item.equivalent:
-            pair = " from ".join([item.effect, " or ".join(item.equivalent)])
-            slow = item.effect in _SLOW
-            how = "Constant speeds both ways, slow and fast," if slow else "A motion over the whole range"
-            return NextExperiment(
-                f"{how} would tell {pair}.",
-                "constant_velocity" if slow else "optimized",
-                (*effects, EffectChoice(item.effect, item.joints, item.shape)),
-            )
-    if invisible:
-        names = ", ".join(sorted({item.effect for item in invisible}))
-        return NextExperiment(f"A larger motion would show whether {names} is there.", "optimized", effects)
+    """Propose the motion that decides the first doubt that a motion can decide.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model in question.
+    comparisons : sequence of Comparison
+        It beside the data at hand.
+    doubts : sequence of Doubt
+        What is open, most important first.
+    """
+    for doubt in doubts:
+        found = _answer(identification, comparisons, doubt)
+        if found is not None:
+            return found
     return None
+
+
+def doubts_of(
+    picks: Sequence[Finding], recommended: Sequence[EffectChoice], invisible: Sequence[Invisible], robot: Robot
+) -> tuple[Doubt, ...]:
+    """What a diagnosis leaves open: picks that have equals, then effects that the data could not have shown."""
+    doubts = []
+    for finding, choice in zip(picks, recommended, strict=True):
+        same = {choice.effect, *effect_by_id(choice.effect).same_function}
+        rivals: dict[str, EffectChoice] = {}
+        for judged in finding.equal:
+            if judged.candidate.effect not in same:
+                rivals.setdefault(judged.candidate.effect, judged.candidate.choice)
+        if rivals:
+            beside = tuple(other for other in recommended if other is not choice)
+            doubts.append(Doubt(choice, tuple(rivals.values())[:_MOST_RIVALS], beside))
+    hidden: dict[str, list[str]] = {}
+    for item in invisible:
+        hidden.setdefault(item.effect, []).extend(item.joints)
+    order = [*(name for name in _COMMON if name in hidden), *(name for name in hidden if name not in _COMMON)]
+    doubts += [Doubt(_unseen(name, hidden[name], robot), (), tuple(recommended)) for name in order]
+    return tuple(doubts)
+
+
+def _unseen(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:
+    """An effect that could not be seen, with the shape constants in the middle of those worth trying."""
+    names = tuple(dict.fromkeys(joints))
+    first = robot.joint_names.index(names[0]) if names else 0
+    grid = CATALOGUE[effect].grid(robot, first)
+    shape = grid[len(grid) // 2] if grid else {}
+    return EffectChoice(effect, names, tuple(sorted((name, float(value)) for name, value in shape.items())))
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairing:
+    """The suspect's rival that is hardest to tell from it, and how well the data at hand do.
+
+    `deciding` is the parameter of the suspect that comes out best, `size` its amplitude, None where nobody knows it;
+    `others` are the parameters of the other rivals.
+    """
+
+    rival: EffectChoice | None
+    others: tuple[int, ...]
+    deciding: int | None
+    size: float | None
+    present: Separation | None
+
+    def judged(self, model: DesignModel, known: Information) -> Separation | None:
+        """The separation from this rival alone."""
+        if self.deciding is None:
+            return None
+        matrix = known.matrix.copy()
+        matrix[list(self.others), :] = 0.0
+        matrix[:, list(self.others)] = 0.0
+        return separation(model, Information(matrix, known.right), self.deciding, self.size)
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """One doubt, with the model [others | suspect | rivals], what the data at hand say about it, and how hard it is."""
+
+    question: Question
+    model: DesignModel
+    known: Information
+    row_weights: FloatArray
+    rate: float
+    pairing: _Pairing
+
+    def after(self, request: DesignRequest) -> Separation | None:
+        """The separation that the data at hand and a design like this reach together."""
+        if self.pairing.deciding is None:
+            return None
+        more = of_proposal(self.model, request, self.question.bounds, self.row_weights, self.rate)
+        return self.pairing.judged(self.model, self.known + more)
+
+
+def _answer(identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt) -> NextExperiment | None:
+    try:
+        bounds = bounds_of(identification.model.robot, {}).tightened()
+        case = _case_of(identification, comparisons, doubt, bounds)
+    except DynidentError:
+        # Limits that are not known: no motion can be proposed.
+        return None
+    question = case.question
+    best: tuple[Experiment, DesignRequest, Separation | None] | None = None
+    for experiment in _worth_trying(question):
+        request = _within_the_motion(case.model, experiment.design(question), identification.model.effects)
+        try:
+            reached = case.after(request) if experiment.predictable else None
+        except DynidentError:
+            continue
+        if best is None or (reached and best[2] and reached.standard_deviation < best[2].standard_deviation):
+            best = experiment, request, reached
+        if reached is None or case.pairing.present is None:
+            break
+        if reached.standard_deviation < _CLEARLY_BETTER * case.pairing.present.standard_deviation:
+            break
+    if best is None:
+        return None
+    experiment, request, reached = best
+    present = case.pairing.present if reached else None
+    return NextExperiment(
+        reason=_reason(experiment, question, doubt, present, reached),
+        design=request,
+        present_separation=present,
+        expected_separation=reached,
+        instructions=experiment.instructions,
+    )
+
+
+def _worth_trying(question: Question) -> list[Experiment]:
+    """The experiment of the pair, then those that show one of the two alone."""
+    names = [choice.effect for choice in question.rivals]
+    offered = [experiment_for(names[0], names[1] if len(names) > 1 else None)]
+    offered += [EXPERIMENTS[ALONE[name]] for name in names if name in ALONE]
+    return list(dict.fromkeys(offered))
+
+
+def _case_of(identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt, bounds: Bounds) -> _Case:
+    model = identification.model
+    effects = (*model.effects, *doubt.beside)
+    wanted = design_model(
+        model.robot,
+        (*effects, doubt.suspect, *doubt.rivals),
+        signals=model.signals,
+        reference=identification.next_reference(),
+    )
+    weights = _row_weights(identification, comparisons)
+    known = of_data(wanted, comparisons, weights)
+    pairing = _hardest(wanted, known, doubt)
+    rate = _row_rate(comparisons)
+    raw_rate = rate * identification.preprocessing.decimation
+    names = model.robot.joint_names
+    question = Question(
+        effects=effects,
+        suspect=doubt.suspect,
+        rival=pairing.rival,
+        joints=tuple(names[j] for j in joints_of(doubt.suspect, model.robot)),
+        bounds=bounds,
+        noise={name: _short(np.sqrt(raw_rate / rate) / weight) for name, weight in zip(names, weights, strict=True)},
+        rate=_short(raw_rate),
+    )
+    return _Case(question, wanted, known, weights, rate, pairing)
+
+
+def _row_weights(identification: Identification, comparisons: Sequence[Comparison]) -> FloatArray:
+    """(n,): one over the noise that every row would have if rows were independent of each other."""
+    rows = sum(len(one.t) for one in comparisons)
+    independent = np.clip(identification.statistics.effective_rows / max(rows, 1), 1e-3, 1.0)
+    return np.asarray(np.sqrt(independent) / identification.statistics.noise)
+
+
+def _hardest(model: DesignModel, known: Information, doubt: Doubt) -> _Pairing:
+    """The pairing with the rival that leaves the suspect least certain."""
+    suspect = parameters_of(model, doubt.suspect)
+    groups = [set(parameters_of(model, rival)) for rival in doubt.rivals]
+    taken = set().union(*groups)
+    first = doubt.rivals[0] if doubt.rivals else None
+    if not suspect:
+        return _Pairing(first, (), None, None, None)
+    best = _Pairing(first, tuple(sorted(taken)), suspect[0], None, None)
+    if doubt.rivals:
+        sizes = amplitudes(known, suspect, sorted(taken))
+        alone = [replace(best, deciding=k, size=float(size)) for k, size in zip(suspect, sizes, strict=True)]
+        best = max(alone, key=lambda one: _t_of(one.judged(model, known)))
+    pairings = [
+        replace(best, rival=rival, others=tuple(sorted(taken - group)))
+        for rival, group in zip(doubt.rivals, groups, strict=True)
+        if group
+    ]
+    judged = [replace(one, present=one.judged(model, known)) for one in pairings or [best]]
+    return max(judged, key=lambda one: one.present.standard_deviation if one.present else 0.0)
+
+
+def _t_of(found: Separation | None) -> float:
+    return 0.0 if found is None or found.t_value is None else found.t_value
+
+
+def _row_rate(comparisons: Sequence[Comparison]) -> float:
+    """Rows a second of filtered, decimated data."""
+    steps = np.concatenate([np.diff(one.t) for one in comparisons])
+    return 1.0 / float(np.median(steps))
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _within_the_motion(model: DesignModel, request: DesignRequest, effects: tuple[EffectChoice, ...]) -> DesignRequest:
+    """The request with a criterion that a motion can meet: what rests on more than it is left out."""
+    possible = tuple(choice for choice in request.criterion.effects if parameters_of(model, choice))
+    if possible:
+        return replace(request, criterion=replace(request.criterion, effects=possible))
+    return replace(request, effects=effects, criterion=CriterionChoice())
+
+
+def _reason(
+    experiment: Experiment, question: Question, doubt: Doubt, present: Separation | None, reached: Separation | None
+) -> str:
+    suspect = doubt.suspect.effect
+    where = ", ".join(question.joints) if effect_by_id(suspect).scope == "joint" else "the whole robot"
+    if doubt.rivals:
+        what = f"tell {suspect} from {' or '.join(rival.effect for rival in doubt.rivals)}"
+    else:
+        what = f"show whether {suspect} is there"
+    text = f"{experiment.words} would {what} on {where}."
+    if present is None or reached is None:
+        return text
+    unit = "" if reached.unit == "-" else f" {reached.unit}"
+    was = f"now {present.standard_deviation:.2g}" if np.isfinite(present.standard_deviation) else "now not at all"
+    text = f"{text} It should give {reached.parameter} to within {reached.standard_deviation:.2g}{unit} ({was})"
+    if reached.t_value is None or present.t_value is None:
+        return f"{text}."
+    return f"{text}: what was found is {reached.t_value:.1f} times that (now {present.t_value:.1f} times)."

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dynident.effects import EffectChoice
+from dynident.excitation import DesignRequest
 from dynident.robot.model import FloatArray
 
 Verdict = Literal["adequate", "missing_effect", "unexplained"]
@@ -63,12 +64,39 @@ class FailureSpot:
 
 
 @dataclass(frozen=True)
+class Separation:
+    """How well an effect can be told from all else that may explain the same residual.
+
+    `share` is what is left of its column beside the model and its rival; `standard_deviation`, in `unit`, that of the
+    parameter which comes out best, infinite where nothing determines it; `t_value` the amplitude found so far over it,
+    `None` where none is known.
+    """
+
+    parameter: str
+    unit: str
+    share: float
+    standard_deviation: float
+    t_value: float | None
+
+
+@dataclass(frozen=True)
 class NextExperiment:
-    """A motion that would tell more: why, and the kind, joints and duration of the design."""
+    """A motion that would tell more: why, the design, and what people have to do beside running it.
+
+    `present_separation` is that of the data at hand, `expected_separation` that of these data and the motion together;
+    `None` where it rests on more than the motion (a temperature, a touch).
+    """
 
     reason: str
-    kind: Literal["optimized", "constant_velocity"]
-    effects: tuple[EffectChoice, ...]
+    design: DesignRequest
+    present_separation: Separation | None = None
+    expected_separation: Separation | None = None
+    instructions: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """The kind of design."""
+        return self.design.kind
 
 
 @dataclass(frozen=True, eq=False)

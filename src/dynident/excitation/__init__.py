@@ -6,6 +6,7 @@ from dynident.excitation.design import design_experiment
 from dynident.excitation.expected import ExpectedParameter
 from dynident.excitation.export import FORMATS, design_document, design_table, trajectory_document, write_design
 from dynident.excitation.limits import ImpossibleLimitsError, Margin
+from dynident.excitation.quick import quick_motion
 from dynident.excitation.request import KINDS, Design, DesignRequest, TrajectoryRequest
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "design_document",
     "design_experiment",
     "design_table",
+    "quick_motion",
     "trajectory_document",
     "write_design",
 ]

@@ -110,14 +110,19 @@ def _named(model: DesignModel, wanted: Sequence[str]) -> tuple[int, ...]:
     return tuple(k for k, name in enumerate(names) if name in wanted)
 
 
-def _of_effect(model: DesignModel, rival: EffectChoice, index: int) -> tuple[int, ...]:
-    found = tuple(
+def parameters_of(model: DesignModel, choice: EffectChoice) -> tuple[int, ...]:
+    """Indices of the base parameters that an effect of a design model has of its own; none where it is absorbed."""
+    return tuple(
         k
         for k, column in enumerate(model.kept[: model.n_parameters])
-        if column.effect == rival.effect
-        and (not rival.joints or not column.link or column.link in rival.joints)
-        and set(rival.shape) <= set(column.shape)
+        if column.effect == choice.effect
+        and (not choice.joints or not column.link or column.link in choice.joints)
+        and set(choice.shape) <= set(column.shape)
     )
+
+
+def _of_effect(model: DesignModel, rival: EffectChoice, index: int) -> tuple[int, ...]:
+    found = parameters_of(model, rival)
     if not found:
         raise DynidentError(
             f"no motion can tell {rival.effect} from the rest of the model: its columns depend on the others, or on "

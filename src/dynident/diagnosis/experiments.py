@@ -1,0 +1,318 @@
+"""Which kind of motion tells which effects apart: one table of physics, and the design that each kind asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from dynident.effects import EffectChoice
+from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest
+from dynident.excitation.limits import Bounds
+
+_SEARCHED = 2.0
+"""Seconds of optimisation that a proposed design asks for, on top of random trajectories."""
+_MOST_STROKES_SLIP, _SLIP_AMPLITUDES = 0.25, (1.0, 2.0, 4.0, 8.0, 16.0)
+_SLIP, _SLIPS_PER_SECOND = 2e-3, 4.0
+_SLOW_SPEEDS: tuple[float, ...] = (0.02, 0.05, 0.1)
+_PEAK_SPEEDS, _FAST_SPEEDS = (0.25, 0.5, 1.0, 2.0), (0.2, 0.4, 0.7)
+_SLOWEST = 0.002
+_RIPPLE_FREQUENCY, _SWEEP = 2.0, (20.0, 120.0)
+
+
+@dataclass(frozen=True)
+class Question:
+    """What an experiment has to decide.
+
+    `effects` are the model's, with all that was found beside `suspect`; `rival` is what else the suspect may be, None
+    where it could not be seen. `joints` are those that the suspect sits on; `noise` by joint, of a sample at `rate` Hz.
+    """
+
+    effects: tuple[EffectChoice, ...]
+    suspect: EffectChoice
+    rival: EffectChoice | None
+    joints: tuple[str, ...]
+    bounds: Bounds
+    noise: Mapping[str, float]
+    rate: float
+
+    @property
+    def rivals(self) -> tuple[EffectChoice, ...]:
+        """The suspect and its rival."""
+        return (self.suspect,) if self.rival is None else (self.suspect, self.rival)
+
+    def shape(self, name: str, otherwise: float) -> float:
+        """A shape constant of the suspect or its rival."""
+        for choice in self.rivals:
+            if name in choice.shape_values:
+                return choice.shape_values[name]
+        return otherwise
+
+    @property
+    def indices(self) -> list[int]:
+        """Numbers of the joints."""
+        return [self.bounds.names.index(name) for name in self.joints]
+
+    def request(self, kind: str, trajectory: TrajectoryRequest) -> DesignRequest:
+        """A design for the model with both rivals, measured by how well they are told apart."""
+        return DesignRequest(
+            kind=kind,
+            effects=(*self.effects, *self.rivals),
+            criterion=CriterionChoice("separation", effects=self.rivals),
+            trajectory=trajectory,
+            noise=self.noise,
+            time_budget=_SEARCHED if kind == "optimized" else None,
+        )
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A kind of experiment: in words (the subject of a sentence), as a design, and what people have to do."""
+
+    words: str
+    design: Callable[[Question], DesignRequest]
+    instructions: tuple[str, ...] = ()
+    # Where the decision rests on something that is not in the trajectory, nothing can be predicted from it.
+    predictable: bool = True
+
+
+def _constant_speeds(question: Question) -> DesignRequest:
+    """Speeds around a Stribeck peak, where there is one, and up to the limit."""
+    peak = question.shape("vs", 0.0)
+    slow = _SLOW_SPEEDS
+    if peak:
+        limit = float(question.bounds.velocity[question.indices].min())
+        slow = tuple(factor * peak / limit for factor in _PEAK_SPEEDS)
+    speeds = sorted({round(float(np.clip(share, _SLOWEST, 1.0)), 5) for share in (*slow, *_FAST_SPEEDS)})
+    single = len(question.joints) == 1
+    return question.request(
+        "constant_velocity",
+        TrajectoryRequest(
+            duration=4.0,
+            periods=2 if single else 1,
+            sampling_rate=question.rate,
+            speeds=tuple(speeds),
+            joints=question.joints,
+        ),
+    )
+
+
+def _slow_sweep(question: Question) -> DesignRequest:
+    """As slow as the waves of a ripple have to come to stay in the filter's band."""
+    widths = 2 * question.bounds.half_range[question.indices]
+    duration = float(widths.max()) * abs(question.shape("k", 6.0)) / (2 * np.pi * _RIPPLE_FREQUENCY)
+    return question.request(
+        "slow_sweep",
+        TrajectoryRequest(
+            duration=round(float(np.clip(duration, *_SWEEP)), 1),
+            sampling_rate=question.rate,
+            joints=question.joints,
+        ),
+    )
+
+
+def _reversals(question: Question) -> DesignRequest:
+    """Amplitudes from the slip distance on, so slowly that sliding sets in within the filter's band."""
+    slip = question.shape("d0", _SLIP)
+    room = _MOST_STROKES_SLIP * float(question.bounds.half_range[question.indices].min())
+    amplitudes = sorted({round(min(factor * slip, room), 6) for factor in _SLIP_AMPLITUDES})
+    fastest = float(question.bounds.velocity[question.indices].min())
+    speed = float(np.clip(_SLIPS_PER_SECOND * slip / fastest, _SLOWEST, 0.2))
+    return question.request(
+        "reversals",
+        TrajectoryRequest(
+            periods=3,
+            sampling_rate=question.rate,
+            speeds=(round(speed, 5),),
+            amplitudes=tuple(amplitudes),
+            joints=question.joints,
+        ),
+    )
+
+
+def _whole_range(question: Question) -> DesignRequest:
+    return question.request("optimized", TrajectoryRequest(duration=20.0, sampling_rate=question.rate))
+
+
+def _repeated(question: Question) -> DesignRequest:
+    return question.request("optimized", TrajectoryRequest(periods=4, sampling_rate=question.rate))
+
+
+def _paces(question: Question) -> DesignRequest:
+    return question.request("optimized", TrajectoryRequest(sampling_rate=question.rate, paces=(1.0, 0.5, 0.25)))
+
+
+def _session(question: Question) -> DesignRequest:
+    return question.request(
+        "constant_velocity",
+        TrajectoryRequest(duration=4.0, sampling_rate=question.rate, speeds=(0.1, 0.4, 0.7), joints=question.joints),
+    )
+
+
+EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType(
+    {
+        "constant_speeds": Experiment("Constant speeds both ways, slow and fast,", _constant_speeds),
+        "slow_sweep": Experiment("A slow sweep over the whole range, both ways,", _slow_sweep),
+        "reversals": Experiment("Slow motion back and forth by small, growing amplitudes", _reversals),
+        "whole_range": Experiment("A motion of all joints over the whole range, designed for it,", _whole_range),
+        "paces": Experiment("The same path at full speed, at half and at a quarter of it", _paces),
+        "payload": Experiment(
+            "The same motion without and with a payload",
+            _repeated,
+            (
+                "Run the motion as it is, then again with a payload of known mass: half of what the robot may carry.",
+                "Send both runs to the diagnosis, together with the data at hand, and state the payload of the second.",
+            ),
+        ),
+        "cold_and_warm": Experiment(
+            "The same motion with a cold and with a warm robot",
+            _session,
+            (
+                "Run the motion with the robot cold, after a night at rest.",
+                "Let it work for an hour at its usual pace, and run the motion again.",
+                "Pause for half an hour with the drives off, and run it a third time: the temperature has then fallen "
+                "while the time went on.",
+                "Record the temperature of the joints, and keep the time of day running through all three runs.",
+            ),
+            predictable=False,
+        ),
+        "repeated": Experiment(
+            "The same motion four times over, touched by nothing,",
+            _repeated,
+            (
+                "Take care that nothing touches the arm, and that the base stands firm.",
+                "What repeats with the motion belongs to the robot; what does not is a disturbance from outside.",
+            ),
+            predictable=False,
+        ),
+    }
+)
+"""Kinds of experiments by name."""
+
+
+def _pairs(experiment: str, *pairs: tuple[str, str]) -> dict[frozenset[str], str]:
+    return {frozenset(pair): experiment for pair in pairs}
+
+
+PAIRS: Mapping[frozenset[str], str] = MappingProxyType(
+    {
+        # How friction goes with the speed.
+        **_pairs(
+            "constant_speeds",
+            ("stribeck", "viscous_nonlinear"),
+            ("stribeck", "coulomb"),
+            ("stribeck", "viscous"),
+            ("viscous_nonlinear", "viscous"),
+            ("viscous_nonlinear", "coulomb"),
+            ("viscous_asymmetric", "offset"),
+            ("viscous_asymmetric", "coulomb_asymmetric"),
+            ("viscous_asymmetric", "viscous_nonlinear"),
+        ),
+        # What goes with the path travelled since a reversal.
+        **_pairs(
+            "reversals",
+            ("presliding", "stribeck"),
+            ("presliding", "coulomb"),
+            ("presliding", "torque_delay"),
+            ("presliding", "viscous_nonlinear"),
+            ("presliding", "backlash"),
+            ("presliding", "joint_elasticity"),
+        ),
+        # What goes with the position, without inertia and with both directions at every place.
+        **_pairs(
+            "slow_sweep",
+            ("joint_spring", "offset"),
+            ("joint_spring", "coulomb_asymmetric"),
+            ("joint_spring", "torque_ripple"),
+            ("joint_spring", "gravity_compensator"),
+            ("joint_spring", "cable_force"),
+            ("torque_ripple", "offset"),
+            ("torque_ripple", "gravity_compensator"),
+            ("torque_ripple", "position_dependent_friction"),
+            ("torque_ripple", "joint_elasticity"),
+            ("position_dependent_friction", "coulomb"),
+            ("backlash", "joint_elasticity"),
+        ),
+        # What goes with the load.
+        **_pairs(
+            "payload",
+            ("load_dependent_friction", "position_dependent_friction"),
+            ("load_dependent_friction", "drive_gain_saturation"),
+            ("load_dependent_friction", "drive_gain_error"),
+            ("load_dependent_friction", "coulomb"),
+            ("drive_gain_error", "drive_gain_saturation"),
+            ("drive_gain_error", "rigid_body"),
+            ("drive_gain_error", "joint_elasticity"),
+            ("payload", "rigid_body"),
+        ),
+        # What goes with the frequency of one and the same path.
+        **_pairs(
+            "paces",
+            ("torque_delay", "joint_elasticity"),
+            ("torque_delay", "viscous"),
+            ("torque_delay", "viscous_nonlinear"),
+            ("torque_delay", "stribeck"),
+            ("joint_elasticity", "rotor_inertia"),
+            ("joint_elasticity", "encoder_zero_error"),
+            ("rotor_coupling", "rigid_body"),
+        ),
+        **_pairs(
+            "cold_and_warm",
+            ("temperature_friction", "warm_up_friction"),
+            ("temperature_friction", "viscous"),
+            ("warm_up_friction", "viscous"),
+        ),
+        **_pairs(
+            "repeated",
+            ("external_contact", "base_vibration"),
+            ("base_vibration", "torque_ripple"),
+        ),
+    }
+)
+"""The experiment that tells two effects apart; for all other pairs the one that shows the first alone."""
+
+ALONE: Mapping[str, str] = MappingProxyType(
+    {
+        "rigid_body": "whole_range",
+        "rotor_inertia": "whole_range",
+        "coulomb": "constant_speeds",
+        "viscous": "constant_speeds",
+        "offset": "slow_sweep",
+        "coulomb_asymmetric": "slow_sweep",
+        "viscous_asymmetric": "constant_speeds",
+        "stribeck": "constant_speeds",
+        "viscous_nonlinear": "constant_speeds",
+        "load_dependent_friction": "payload",
+        "temperature_friction": "cold_and_warm",
+        "warm_up_friction": "cold_and_warm",
+        "torque_ripple": "slow_sweep",
+        "position_dependent_friction": "slow_sweep",
+        "presliding": "reversals",
+        "backlash": "slow_sweep",
+        "joint_elasticity": "paces",
+        "joint_spring": "slow_sweep",
+        "gravity_compensator": "slow_sweep",
+        "base_tilt": "whole_range",
+        "payload": "payload",
+        "transmission_coupling": "whole_range",
+        "rotor_coupling": "whole_range",
+        "drive_gain_error": "payload",
+        "drive_gain_saturation": "payload",
+        "torque_delay": "paces",
+        "encoder_zero_error": "whole_range",
+        "kinematic_error": "whole_range",
+        "external_contact": "repeated",
+        "base_vibration": "repeated",
+        "cable_force": "whole_range",
+        "unknown": "repeated",
+    }
+)
+"""The experiment that shows an effect; the motion over the whole range for effects that users added."""
+
+
+def experiment_for(suspect: str, rival: str | None) -> Experiment:
+    """The experiment that decides between two effects, or that shows one."""
+    name = None if rival is None else PAIRS.get(frozenset((suspect, rival)))
+    return EXPERIMENTS[name or ALONE.get(suspect, "whole_range")]

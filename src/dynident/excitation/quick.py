@@ -1,0 +1,74 @@
+"""A motion of the kind that a request asks for, made in a fraction of a second: to predict what a design is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.excitation.baseline import Judge, random_candidates
+from dynident.excitation.deciding import yardstick_of
+from dynident.excitation.feasible import static_torque
+from dynident.excitation.fourier import FourierFamily
+from dynident.excitation.home import home_candidates
+from dynident.excitation.limits import Bounds, ImpossibleLimitsError
+from dynident.excitation.model import DesignModel
+from dynident.excitation.motion import Motion, in_sequence, joined
+from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
+from dynident.excitation.strokes import Stroke, course_of, strokes_of
+from dynident.robot.model import FloatArray
+
+_CANDIDATES = 6
+_POSTURES = 30
+
+
+def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float) -> tuple[Motion, float]:
+    """A motion of the kind asked for, and how many samples at `rate` (Hz) the whole experiment has.
+
+    Of a Fourier trajectory one period of the best of a few random ones, at every pace: what is optimised is better. The
+    moves from and to rest are not in it.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        No such motion keeps the limits.
+    """
+    if request.kind in JOINT_BY_JOINT:
+        home = home_candidates(request.home, bounds, model)[0]
+        strokes = strokes_of(request, bounds, home)
+        _check_held(strokes, home, bounds, model)
+        # One look at all strokes is enough here; every single move is checked when it is designed.
+        unloaded = replace(bounds, torque=np.full_like(bounds.torque, np.inf))
+        course = course_of(unloaded, model, home, strokes, repeats=request.trajectory.periods, rate=rate)
+        motion = in_sequence(course.pieces, rate)
+        return motion, float(len(motion.t))
+    wanted = request.trajectory
+    family = FourierFamily(wanted.harmonics, wanted.duration)
+    judge = Judge(family, model, yardstick_of(model, request.criterion, request.noise))
+    candidates = random_candidates(family, bounds, model, judge, count=_CANDIDATES, seed=request.seed)
+    if not candidates:
+        raise ImpossibleLimitsError("no trajectory fits into the limits", pointer="/limits")
+    parts, elapsed = [], 0.0
+    for pace in wanted.paces:
+        slow = FourierFamily(wanted.harmonics, wanted.duration / pace)
+        # The same number of samples at every pace would count the slow ones too little.
+        t = np.arange(0.0, slow.period, wanted.duration / judge.n_samples)
+        part = slow.evaluate(candidates[0].x, t)
+        parts.append(Motion(elapsed + part.t, part.q, part.dq, part.ddq, part.dddq))
+        elapsed += slow.period
+    return joined(parts), elapsed * wanted.periods * rate
+
+
+def _check_held(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, model: DesignModel) -> None:
+    """Raise `ImpossibleLimitsError` where the arm cannot be held along the strokes."""
+    if not bounds.checks_torque:
+        return
+    postures = []
+    for joint in sorted({stroke.joint for stroke in strokes}):
+        own = [stroke for stroke in strokes if stroke.joint == joint]
+        along = np.tile(home, (_POSTURES, 1))
+        along[:, joint] = np.linspace(min(one.low for one in own), max(one.high for one in own), _POSTURES)
+        postures.append(along)
+    if (np.abs(static_torque(model, np.concatenate(postures))) > bounds.torque).any():
+        raise ImpossibleLimitsError("the arm cannot be held everywhere on the way", pointer="/home")
