@@ -43,9 +43,18 @@ class Identifications(Collection[Identification]):
         """Add effects: a new identification, whose parent is this one."""
         return self._post({"effects": _effects(effects), "name": name}, f"/{id_of(identification)}/extend")
 
+    def remove(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
+        """Take effects out, off some joints or off all: a new identification, whose parent is this one."""
+        return self._post({"effects": _effects(effects), "name": name}, f"/{id_of(identification)}/remove")
+
     def lineage(self, identification: Record | str) -> list[dict[str, Any]]:
         """Read the ladder of models that led to this one, the first one first."""
         return list(self._transport.get(f"{self.path}/{id_of(identification)}/lineage")["items"])
+
+    def compare_lineages(self, identification: Record | str, against: Record | str) -> dict[str, Any]:
+        """Read two ladders beside each other: items, against, common_ancestor, and the differences rung by rung."""
+        path = f"{self.path}/{id_of(identification)}/lineage"
+        return dict(self._transport.get(path, against=id_of(against)))
 
     def export(self, identification: Record | str, format: Literal["urdf", "json", "mjcf", "c"] = "json") -> bytes:
         """Read the model in a format that other programs read."""

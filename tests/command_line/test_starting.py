@@ -12,7 +12,10 @@ from running_commands import dynident
 from dynident.version import __version__
 from dynident_service.settings import Settings
 
-VERBS = ("serve", "design", "identify", "compare", "diagnose", "extend", "simulate", "report", "effects", "demo")
+VERBS = (
+    *("serve", "design", "identify", "compare", "diagnose", "extend", "remove", "ladder"),
+    *("simulate", "report", "effects", "demo"),
+)
 
 
 def test_the_version_is_told_without_loading_the_science() -> None:

@@ -181,6 +181,29 @@ def test_extend_adds_what_the_diagnosis_recommends_and_the_error_falls(desk: Pat
     assert len(list(better.ladder())) == 2
 
 
+def test_what_was_added_is_removed_and_the_ladders_are_compared(desk: Path, diagnosed: dict) -> None:
+    test_extend_adds_what_the_diagnosis_recommends_and_the_error_falls(desk, diagnosed)
+    joint = ROBOT.joint_names[0]
+    taken = dynident(
+        "remove", desk / "better.npz", "--effects", f"stribeck@{joint}", "--out", desk / "back.npz", "--json"
+    )
+    assert taken.code == 0, taken.err
+    back, first = (from_bytes((desk / f"{name}.npz").read_bytes()) for name in ("back", "model"))
+    assert len(list(back.ladder())) == 3
+    assert back.held_out.relative_total == pytest.approx(first.held_out.relative_total, rel=1e-6)
+    compared = dynident("ladder", desk / "back.npz", "--against", desk / "better.npz", "--json").document
+    assert [rung["id"] for rung in compared["items"]] == ["back/1", "back/2", "back"]
+    assert compared["common_ancestor"] == "back/2"
+    assert compared["differences"][1]["validation_total"] == 0.0
+    assert compared["differences"][2]["against_id"] is None
+    assert compared["same_data"] is True
+    shown = dynident("ladder", desk / "model.npz", "--against", desk / "better.npz").out
+    assert "Stribeck" in shown
+    assert "first model" in shown
+    alone = dynident("ladder", desk / "back.npz").out
+    assert "without Stribeck" in " ".join(alone.split())
+
+
 def test_report_is_one_file_about_the_extended_model(desk: Path, diagnosed: dict) -> None:
     test_extend_adds_what_the_diagnosis_recommends_and_the_error_falls(desk, diagnosed)
     answer = dynident(

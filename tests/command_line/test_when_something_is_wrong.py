@@ -97,6 +97,8 @@ CASES = {
         ["report", "{desk}/model.npz", "{desk}/run1.csv", "--diagnosis", "{desk}/arm.json", "-o", "{desk}/x.html"],
         ["arm.json", "no diagnosis"],
     ),
+    "nothing to remove": (["remove", "{desk}/model.npz"], ["--effects"]),
+    "what is not in the model": (["remove", "{desk}/model.npz", "--effects", "stribeck"], ["has no stribeck"]),
     "nothing to add": (["extend", "{desk}/model.npz", "{desk}/run1.csv"], ["--effects"]),
     "what is in the model already": (
         ["extend", "{desk}/model.npz", "{desk}/run1.csv", "--effects", "coulomb"],

@@ -91,6 +91,29 @@ def test_a_hidden_effect_is_found_added_and_reported(live: Client, tmp_path: Pat
     assert after < 0.7 * before
     assert [rung["id"] for rung in live.identifications.lineage(better)] == [model.id, better.id]
     assert better["parent_id"] == model.id
+    assert not any("survive" in warning for warning in better.result["warnings"])
+
+    back = live.identifications.remove(better, [{"effect": "joint_spring"}]).wait()
+    assert back["parent_id"] == better.id
+    assert [one["effect"] for one in back["removed"]] == ["joint_spring"]
+    assert back.result["validation"]["relative"] == pytest.approx(model.result["validation"]["relative"], rel=1e-6)
+    other = live.identifications.extend(model, [{"effect": "joint_spring", "joints": [robot.joints[1]["name"]]}]).wait()
+    assert "survive" in other.result["warnings"][0]
+    compared = live.identifications.compare_lineages(back, other)
+    assert [rung["id"] for rung in compared["items"]] == [model.id, better.id, back.id]
+    assert [rung["id"] for rung in compared["against"]] == [model.id, other.id]
+    assert (compared["common_ancestor"], compared["same_data"]) == (model.id, True)
+    first, second, third = compared["differences"]
+    assert first["validation_total"] == 0.0
+    assert second["validation"][0] < 0
+    assert (third["against_id"], third["validation"]) == (None, None)
+    for effects, pointer in (([{"effect": "stribeck"}], "/effects/0"), ([{"effect": "magic"}], "/effects/0")):
+        with pytest.raises(ProblemError) as refused:
+            live.identifications.remove(better, effects)
+        assert (refused.value.status, refused.value.errors[0]["pointer"]) == (422, pointer)
+    with pytest.raises(ProblemError) as unknown:
+        live.identifications.compare_lineages(back, "ide_nothing")
+    assert unknown.value.status == 422
     (found,) = [p for p in better.result["parameters"] if p["effect"] == "joint_spring" and p["name"].startswith("ks")]
     assert found["value"] == pytest.approx(12.0, abs=4 * found["standard_deviation"])
 

@@ -16,7 +16,8 @@ def catalogue() -> wire.Catalogue:
 
 def choice_of(asked: common.EffectChoice) -> EffectChoice:
     """Take a chosen effect off the wire."""
-    return EffectChoice(asked.effect, tuple(asked.joints), tuple(sorted(asked.shape_parameters.items())))
+    shape = tuple(sorted(asked.shape_parameters.items()))
+    return EffectChoice(asked.effect, tuple(asked.joints), shape, tuple(asked.runs))
 
 
 def choices_of(asked: Iterable[common.EffectChoice]) -> tuple[EffectChoice, ...]:
@@ -26,7 +27,12 @@ def choices_of(asked: Iterable[common.EffectChoice]) -> tuple[EffectChoice, ...]
 
 def show_choice(choice: EffectChoice) -> common.EffectChoice:
     """Show a chosen effect."""
-    return common.EffectChoice(effect=choice.effect, joints=list(choice.joints), shape_parameters=dict(choice.shape))
+    return common.EffectChoice(
+        effect=choice.effect,
+        joints=list(choice.joints),
+        shape_parameters=dict(choice.shape),
+        runs=list(choice.runs),
+    )
 
 
 def _effect(effect: Effect) -> wire.EffectView:

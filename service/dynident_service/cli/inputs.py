@@ -157,7 +157,14 @@ def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
 
 
 def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
-    """The effects that were asked for; the default ones where none were."""
+    """The effects that were asked for, checked against the robot."""
+    choices = named_effects(given)
+    check_effects(choices, robot)
+    return choices
+
+
+def named_effects(given: Sequence[str]) -> tuple[EffectChoice, ...]:
+    """The effects that were named, as they were written."""
     choices: list[EffectChoice] = []
     for text in parsing.effect_texts(given):
         if text == "default":
@@ -165,7 +172,6 @@ def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
             continue
         name, joints, shape = parsing.effect_parts(text, "--effects")
         choices.append(EffectChoice(name, joints, tuple(sorted(shape.items()))))
-    check_effects(choices, robot)
     return tuple(choices)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 
 from rich.console import Console
 
@@ -49,13 +50,39 @@ def show_ladder(console: Console, found: Identification) -> None:
     rows = []
     for index, model in enumerate(found.ladder()):
         held_out = percent(model.held_out.relative_total) if model.held_out is not None else "–"
-        added = (
-            ", ".join(choice_text(choice, found.model.robot) for choice in model.added)
-            if model.parent is not None
-            else "first model"
-        )
-        rows.append([str(index + 1), added, percent(model.fit.relative_total), held_out])
-    console.print(table("Ladder of models", ("model", "added", "fit", "held out"), rows, right_from=2))
+        rows.append([str(index + 1), change_text(model), percent(model.fit.relative_total), held_out])
+    console.print(table("Ladder of models", ("model", "change", "fit", "held out"), rows, right_from=2))
+
+
+def show_ladders(console: Console, one: tuple[str, Identification], other: tuple[str, Identification]) -> None:
+    """Two ladders beside each other, each with its name: held-out errors, or those of the fit where there are none."""
+    ladders = [list(found.ladder()) for _, found in (one, other)]
+    held_out = all(model.held_out is not None for ladder in ladders for model in ladder)
+    rows = []
+    for index, pair in enumerate(zip_longest(*ladders)):
+        errors = [None if model is None else _total(model, held_out) for model in pair]
+        gap = "" if errors[0] is None or errors[1] is None else f"{100 * (errors[0] - errors[1]):+.2f}"
+        cells = [
+            ("" if m is None else change_text(m), "" if e is None else percent(e))
+            for m, e in zip(pair, errors, strict=True)
+        ]
+        rows.append([str(index + 1), *cells[0], *cells[1], gap])
+    columns = ("model", one[0], "error", other[0], "error", "difference, points")
+    console.print(table(f"Two ladders, {'held out' if held_out else 'fit'}", columns, rows, right_from=5))
+
+
+def change_text(model: Identification) -> str:
+    """What was added to the model before, or taken out of it."""
+    if model.parent is None:
+        return "first model"
+    robot = model.model.robot
+    added = [choice_text(choice, robot) for choice in model.added]
+    return ", ".join(added + [f"without {choice_text(choice, robot)}" for choice in model.removed])
+
+
+def _total(model: Identification, held_out: bool) -> float:
+    errors = model.held_out if held_out and model.held_out is not None else model.fit
+    return errors.relative_total
 
 
 def show_comparison(console: Console, name: str, found: Comparison, judged: Judgement) -> None:

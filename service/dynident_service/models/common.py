@@ -65,6 +65,7 @@ class EffectChoice(Asked):
     effect: str = Field(description="An id of GET /v1/effects")
     joints: list[str] = Field(default=[], description="Names; all that the effect may sit on where none is given.")
     shape_parameters: dict[str, float] = Field(default={}, description="Shape constants; searched where not given.")
+    runs: list[str] = Field(default=[], description="Names of the measurements, or labels of their runs, that it is in")
 
 
 class Limits(Asked):

@@ -49,10 +49,20 @@ class ExtensionRequest(Asked):
     name: Name | None = None
 
 
+class RemovalRequest(Asked):
+    """Effects to be taken out of an identified model."""
+
+    effects: list[EffectChoice] = Field(
+        min_length=1, max_length=200, description="Off the joints named, off all where none is"
+    )
+    name: Name | None = None
+
+
 class StoredIdentification(IdentificationRequest):
-    """A request as it is stored: with what was added to the parent."""
+    """A request as it is stored: with what was added to the parent, or taken out of it."""
 
     added: list[EffectChoice] = Field(default=[])
+    removed: list[EffectChoice] = Field(default=[])
 
 
 class ParameterView(Shown):
@@ -114,6 +124,7 @@ class IdentificationView(Computed[IdentificationRequest, IdentificationResult]):
     robot_id: str
     parent_id: str | None
     added: list[EffectChoice] = Field(description="What was added to the parent.")
+    removed: list[EffectChoice] = Field(description="What was taken out of the parent.")
 
 
 class Rung(Shown):
@@ -124,13 +135,33 @@ class Rung(Shown):
     parent_id: str | None
     status: str
     added: list[EffectChoice]
+    removed: list[EffectChoice]
     effects: list[EffectChoice]
     n_parameters: int | None
     residual: ErrorsView | None
     validation: ErrorsView | None
 
 
+class RungDifference(Shown):
+    """The same rung of two ladders: this ladder's error minus the other's, negative where this one is better."""
+
+    rung: int = Field(description="From 1, the first model")
+    id: str | None = Field(description="null where this ladder has ended")
+    against_id: str | None = Field(description="null where the other ladder has ended")
+    n_parameters: int | None
+    residual: list[float | None] | None = Field(description="Relative error per joint")
+    residual_total: float | None
+    validation: list[float | None] | None = Field(description="Relative held-out error per joint")
+    validation_total: float | None
+
+
 class Lineage(Shown):
-    """The models that led to one, the first one first."""
+    """The models that led to one, the first one first; beside those that led to another, where asked."""
 
     items: list[Rung]
+    against: list[Rung] | None = None
+    common_ancestor: str | None = Field(default=None, description="The last model that is on both ladders")
+    differences: list[RungDifference] | None = None
+    same_data: bool | None = Field(
+        default=None, description="Whether all models of both ladders rest on the same measurements"
+    )

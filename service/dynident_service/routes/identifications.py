@@ -13,14 +13,15 @@ from dynident_service.models.identifications import (
     IdentificationRequest,
     IdentificationView,
     Lineage,
+    RemovalRequest,
     Rung,
     StoredIdentification,
 )
-from dynident_service.problems import ProblemError
+from dynident_service.problems import ProblemError, unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
-from dynident_service.routes.needs import needed_measurements, needed_robot
-from dynident_service.services import ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.routes.needs import needed, needed_measurements, needed_robot
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
 
@@ -29,6 +30,7 @@ EXPORTS: dict[ExportFormat, str] = {"json": "application/json"}
 EXPORTED: dict[str, Any] = {media_type: {} for media_type in EXPORTS.values()}
 JOB = NewJob("identification", "dynident_service.work.identifications:identify_model")
 EXTENSION = NewJob("extension", "dynident_service.work.identifications:extend_model")
+REMOVAL = NewJob("removal", "dynident_service.work.identifications:remove_from_model")
 
 
 @router.post("", status_code=202)
@@ -83,39 +85,50 @@ def extend_identification(
     asked = StoredIdentification.model_validate(parent.request)
     robot = needed_robot(services, parent.one("robot"))
     check_effects(choices_of(body.effects), robot_of(robot.request))
-    grown = asked.model_copy(
-        update={
-            "effects": [*asked.effects, *body.effects],
-            "added": body.effects,
-            "name": body.name or asked.name,
-        }
-    )
-    new = NewResource(
-        "identification",
-        plain(grown),
-        name=grown.name,
-        rests_on=(
-            RestsOn(parent.id, "identification", "parent", "/"),
-            RestsOn(robot.id, "robot", "robot", "/"),
-            *(RestsOn(one, "measurement", "training", "/") for one in asked.measurement_ids),
-            *(RestsOn(one, "measurement", "validation", "/") for one in asked.validation_ids),
-        ),
-        job=EXTENSION,
-        retry=retry.of(body),
-    )
+    grown = {"effects": [*asked.effects, *body.effects], "added": body.effects, "removed": []}
+    new = _next_rung(parent, asked, {**grown, "name": body.name or asked.name}, EXTENSION, retry.of(body))
+    return show(make(services, new, response))
+
+
+@router.post("/{identification_id}/remove", status_code=202)
+def remove_from_identification(
+    identification_id: str, body: RemovalRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
+) -> IdentificationView:
+    """Take effects out of an identified model: a new identification, whose parent is this one."""
+    from dynident.identification.removing import effects_without
+    from dynident_service.adapters.effects import choices_of, show_choice
+    from dynident_service.adapters.robots import robot_of
+
+    parent = succeeded(services.resources.get("identification", identification_id))
+    asked = StoredIdentification.model_validate(parent.request)
+    robot = robot_of(needed_robot(services, parent.one("robot")).request)
+    # Those of the result have the shape constants that were found.
+    has = show(parent).result
+    effects = asked.effects if has is None else has.effects
+    left = effects_without(choices_of(effects), choices_of(body.effects), robot)
+    smaller = {"effects": [show_choice(one) for one in left], "added": [], "removed": body.effects}
+    new = _next_rung(parent, asked, {**smaller, "name": body.name or asked.name}, REMOVAL, retry.of(body))
     return show(make(services, new, response))
 
 
 @router.get("/{identification_id}/lineage")
-def get_lineage(identification_id: str, services: ServicesDep) -> Lineage:
-    """Show the ladder of models that led here, with what was added and the errors at each rung."""
-    rungs = []
-    next_id: str | None = identification_id
-    while next_id is not None:
-        view = show(services.resources.get("identification", next_id))
-        rungs.append(_rung(view))
-        next_id = view.parent_id
-    return Lineage(items=rungs[::-1])
+def get_lineage(
+    identification_id: str,
+    services: ServicesDep,
+    against: Annotated[str | None, Query(description="Another identification, whose ladder is to be compared")] = None,
+) -> Lineage:
+    """Show the ladder of models that led here: what was added or removed, and the errors at each rung."""
+    from dynident_service.adapters.lineages import beside
+
+    own = _ladder(services, identification_id)
+    if against is None:
+        return Lineage(items=[_rung(view) for view in own])
+    other = _ladder(services, needed(services, "identification", against, "against").id)
+    if own[-1].robot_id != other[-1].robot_id:
+        detail = f"{against} is a model of another robot; compare ladders of one robot"
+        raise unusable(detail, "against", title="Another robot")
+    same_data = len({(*v.request.measurement_ids, "-", *v.request.validation_ids) for v in [*own, *other]}) == 1
+    return beside([_rung(view) for view in own], [_rung(view) for view in other], same_data)
 
 
 @router.get("/{identification_id}/export", response_class=Response, responses={200: {"content": EXPORTED}})
@@ -140,11 +153,42 @@ def show(resource: Resource) -> IdentificationView:
     return computed(
         IdentificationView,
         resource,
-        request=stored.model_dump(exclude={"added"}),
+        request=stored.model_dump(exclude={"added", "removed"}),
         robot_id=resource.one("robot"),
         parent_id=parents[0] if parents else None,
         added=stored.added,
+        removed=stored.removed,
     )
+
+
+def _next_rung(
+    parent: Resource, asked: StoredIdentification, changed: dict[str, object], job: NewJob, retry: Retry | None
+) -> NewResource:
+    """What is to be computed from a model: its request with some of it changed."""
+    request = asked.model_copy(update=changed)
+    return NewResource(
+        "identification",
+        plain(request),
+        name=request.name,
+        rests_on=(
+            RestsOn(parent.id, "identification", "parent", "/"),
+            RestsOn(parent.one("robot"), "robot", "robot", "/"),
+            *(RestsOn(one, "measurement", "training", "/") for one in asked.measurement_ids),
+            *(RestsOn(one, "measurement", "validation", "/") for one in asked.validation_ids),
+        ),
+        job=job,
+        retry=retry,
+    )
+
+
+def _ladder(services: Services, identifier: str) -> list[IdentificationView]:
+    """The models that led to one, the first one first."""
+    views = []
+    next_id: str | None = identifier
+    while next_id is not None:
+        views.append(show(services.resources.get("identification", next_id)))
+        next_id = views[-1].parent_id
+    return views[::-1]
 
 
 def _rung(view: IdentificationView) -> Rung:
@@ -155,6 +199,7 @@ def _rung(view: IdentificationView) -> Rung:
         parent_id=view.parent_id,
         status=view.status,
         added=view.added,
+        removed=view.removed,
         effects=view.request.effects,
         n_parameters=None if result is None else len(result.parameters),
         residual=None if result is None else result.residual,

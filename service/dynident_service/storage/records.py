@@ -19,7 +19,7 @@ Kind = Literal[
     "report",
 ]
 JobKind = Literal[
-    "design", "identification", "extension", "comparison", "diagnosis", "validation", "simulation", "report"
+    "design", "identification", "extension", "removal", "comparison", "diagnosis", "validation", "simulation", "report"
 ]
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 

@@ -1,8 +1,8 @@
-"""Jobs that identify a model, or add effects to one."""
+"""Jobs that identify a model, add effects to one, or take them out again."""
 
 from __future__ import annotations
 
-from dynident.identification import Identification, extend, identify, to_bytes
+from dynident.identification import Identification, extend, identify, remove, to_bytes
 from dynident_service.adapters.effects import choices_of
 from dynident_service.adapters.identifications import choices_from_request, describe_identification
 from dynident_service.jobs.work import Outcome, Task
@@ -35,6 +35,13 @@ def extend_model(task: Task) -> Outcome:
         task.progress,
     )
     return _outcome(task, found, parent_id)
+
+
+def remove_from_model(task: Task) -> Outcome:
+    """Take effects out of an identified model."""
+    parent_id = task.subject.one("parent")
+    request = StoredIdentification.model_validate(task.subject.request)
+    return _outcome(task, remove(model_by_id(task, parent_id), choices_of(request.removed)), parent_id)
 
 
 def _outcome(task: Task, found: Identification, parent_id: str | None) -> Outcome:

@@ -9,7 +9,7 @@ import { address } from "./location.js";
 import { problemBox } from "./problem.js";
 
 const PART = 30;
-const MODEL_JOBS = new Set(["identification", "extension"]);
+const MODEL_JOBS = new Set(["identification", "extension", "removal"]);
 
 export class ModelList {
   constructor(target) {

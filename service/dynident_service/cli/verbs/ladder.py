@@ -1,0 +1,42 @@
+"""`dynident ladder`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident_service.cli.options import Json, ModelArgument
+
+
+def ladder(
+    model: ModelArgument,
+    against: Annotated[
+        Path | None, typer.Option("--against", metavar="MODEL", help="Another model, whose ladder is set beside it.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show the models that led to one, and their errors."""
+    from dynident.errors import DynidentError
+    from dynident_service.adapters.lineages import beside, rungs_of
+    from dynident_service.cli import inputs, shown, terminal
+    from dynident_service.models.common import plain
+    from dynident_service.models.identifications import Lineage
+
+    found = inputs.model_of(model)
+    other = None if against is None else inputs.model_of(against)
+    if other is not None and other.model.robot.joint_names != found.model.robot.joint_names:
+        raise DynidentError(f"{against} is a model of another robot", pointer="--against", title="Another robot")
+    if as_json:
+        own = rungs_of(found, model.stem)
+        if other is None or against is None:
+            terminal.print_json(plain(Lineage(items=own)))
+            return
+        data = {(one.measurement_names, one.validation_names) for top in (found, other) for one in top.ladder()}
+        terminal.print_json(plain(beside(own, rungs_of(other, against.stem, (found, model.stem)), len(data) == 1)))
+        return
+    if other is None or against is None:
+        shown.show_ladder(terminal.out(), found)
+    else:
+        shown.show_ladders(terminal.out(), (model.stem, found), (against.stem, other))
