@@ -94,7 +94,7 @@ def _controller(arm: Arm, motion: Motion) -> tuple[FloatArray, FloatArray, Float
         mujoco.mj_mulM(model, data, column, np.eye(n)[dof[j]])
         inertia[j] = column[dof[j]]
     friction = drives.coulomb + drives.viscous * np.abs(motion.dq).max(axis=0)
-    rate = np.maximum(2 * np.pi * 15.0, np.sqrt(friction / 1.5e-3 / inertia))
+    rate = np.maximum(2 * np.pi * 15.0, np.sqrt(friction / arm.lag / inertia))
     samples = np.append(np.arange(0, len(motion.t) - 1, _FEEDFORWARD_EVERY), len(motion.t) - 1)
     torques = np.empty((len(samples), n))
     for row, k in enumerate(samples):

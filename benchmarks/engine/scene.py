@@ -29,11 +29,16 @@ _SMALLEST_LOSS = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A robot with drives and hidden effects. `step` is the engine's, in s."""
+    """A robot with drives and hidden effects.
+
+    `lag`: how far friction makes a joint stay behind its reference (rad or m); the stiffer the controller, the shorter
+    a joint sticks at a reversal. `step` is the engine's, in s.
+    """
 
     robot: Robot
     drives: Drives
     hidden: tuple[Hidden, ...] = ()
+    lag: float = 1.5e-3
     step: float = 0.5e-3
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from engine import Hidden, Instruments
@@ -13,10 +13,14 @@ Size = Literal["full", "quarter"]
 
 @dataclass(frozen=True)
 class Truth:
-    """A parameter of an effect as it is in the arm: the norm of the parameters `names` of the catalogue's effect."""
+    """A parameter of an effect as it is in the arm: the norm of the parameters `names` of the catalogue's effect.
+
+    One parameter counts with its sign where it is `signed`: some have theirs by convention.
+    """
 
     names: tuple[str, ...]
     value: float
+    signed: bool = True
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ USUAL_SESSION = (Take(0.0, 24.0), Take(60.0, 24.0), Take(120.0, 24.0, held_out=T
 
 @dataclass(frozen=True)
 class Case:
-    """`hidden` empty: a clean arm. `motion` and `noise` are seeds, `slope` is the motion's."""
+    """`hidden` empty: a clean arm. `motion` and `noise` are seeds, `slope` is the motion's, `lag` the controller's."""
 
     name: str
     arm: str
@@ -74,6 +78,7 @@ class Case:
     motion: int
     noise: int
     slope: float = 1.0
+    lag: float = 1.0e-3
     session: tuple[Take, ...] = USUAL_SESSION
 
     @property
@@ -88,13 +93,12 @@ class Case:
     @property
     def clean(self) -> Case:
         """The same arm, motions and instruments with nothing hidden."""
-        return Case("clean", self.arm, (), "full", self.instruments, self.motion, self.noise, self.slope, self.session)
+        return replace(self, name="clean", hidden=(), size="full")
 
     @property
     def key(self) -> str:
         """Tells the simulated runs of cases apart."""
         physics = tuple(placed.physics for placed in self.hidden)
-        text = repr(
-            (self.arm, physics, self.instruments.counts, self.instruments.rate, self.motion, self.slope, self.session)
-        )
+        seen = (self.instruments.counts, self.instruments.rate)
+        text = repr((self.arm, physics, seen, self.motion, self.slope, self.lag, self.session))
         return hashlib.sha256(text.encode()).hexdigest()[:20]

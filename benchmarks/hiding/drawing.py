@@ -18,8 +18,9 @@ from hiding.outside import OUTSIDE
 _COUNTS, _RATES = (2**17, 2**18, 2**19), (1000.0, 1000.0, 500.0, 250.0)
 # Motions are shared between cases, so that a clean arm need not be simulated for every one of them.
 _MOTIONS = 2
-# Quick and wide.
+# Quick and wide; with a stiff and a soft controller.
 _SLOPES = (0.7, 1.3)
+_LAGS = (0.5e-3, 1.5e-3)
 _AFRESH = (Take(0.0, 24.0), Take(0.0, 24.0), Take(0.0, 24.0, held_out=True))
 # Families that never stand beside one another in a double case: both are the same function of the motion.
 PAIRS = (
@@ -105,6 +106,7 @@ def _case(names: tuple[str, ...], size: Size, arm: str, seed: int, number: int) 
         100 * seed + 10 * motion,
         int(rng.integers(2**31)),
         _SLOPES[motion],
+        _LAGS[motion],
         _session(hidden, rng),
     )
 

@@ -168,7 +168,7 @@ def presliding(site: Site) -> Placed:
 def backlash(site: Site) -> Placed:
     j, gap = site.loaded(), site.sized(1.5e-3, 3e-3)
     damping = 0.1 * _f(site.drives.viscous[j])
-    return Placed("backlash", (j,), structure.Backlash(j, gap, damping), (Truth(("bl",), gap),))
+    return Placed("backlash", (j,), structure.Backlash(j, gap, damping), (Truth(("bl",), gap, signed=False),))
 
 
 def joint_elasticity(site: Site) -> Placed:
@@ -176,7 +176,10 @@ def joint_elasticity(site: Site) -> Placed:
     stiffness = site.between(50.0, 80.0) / site.scale * _f(site.effort[j])
     damping = 0.002 * stiffness
     return Placed(
-        "joint_elasticity", (j,), structure.SoftJoint(j, stiffness, damping), (Truth(("Ce",), 1 / stiffness),)
+        "joint_elasticity",
+        (j,),
+        structure.SoftJoint(j, stiffness, damping),
+        (Truth(("Ce",), 1 / stiffness, signed=False),),
     )
 
 
@@ -200,7 +203,7 @@ def gravity_compensator(site: Site) -> Placed:
         "gravity_compensator",
         (1,),
         structure.Compensator(1, stiffness, a, b, length, opposite),
-        (Truth(("kab",), -stiffness * a * b),),
+        (Truth(("kab",), stiffness * a * b, signed=False),),
         shape=(("phi", opposite), ("r", min(a, b) / max(a, b))),
     )
 
@@ -233,10 +236,9 @@ def transmission_coupling(site: Site) -> Placed:
 
 
 def rotor_coupling(site: Site) -> Placed:
-    j = int(site.rng.choice([1, 2]))
-    if not site._turns(j):
-        j = 1
-    ratio = site.between(10.0, 20.0) / site.scale
+    # Where the axis is not at right angles to all that carry it; belts rather than gears.
+    j = int(site.rng.choice([j for j in (2, 3) if site._turns(j)]))
+    ratio = site.between(6.0, 12.0) / site.scale
     return Placed(
         "rotor_coupling", (j,), structure.Rotor(j, ratio), (Truth(("NJ",), _f(site.drives.rotor[j]) / ratio),)
     )
@@ -262,7 +264,10 @@ def torque_delay(site: Site) -> Placed:
 def encoder_zero_error(site: Site) -> Placed:
     j, angle = site.loaded(before_last=2), site.sign() * np.radians(site.sized(1.5, 3.0))
     return Placed(
-        "encoder_zero_error", (j,), disturbances.ZeroError(j, float(angle)), (Truth(("dq0",), -float(angle)),)
+        "encoder_zero_error",
+        (j,),
+        disturbances.ZeroError(j, float(angle)),
+        (Truth(("dq0",), -float(angle), signed=False),),
     )
 
 

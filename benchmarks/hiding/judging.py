@@ -84,7 +84,7 @@ def parameter_errors(case: Case, robot: Robot, found: Identification) -> tuple[t
                 if p.effect in placed.names and (p.link in links or not placed.joints) and _stem(p.name) in truth.names
             ]
             if len(values) == len(truth.names):
-                value = values[0] if len(values) == 1 else float(np.linalg.norm(values))
+                value = values[0] if len(values) == 1 and truth.signed else float(np.linalg.norm(values))
                 errors.append(("+".join(truth.names), abs(value - truth.value) / abs(truth.value)))
     return tuple(errors)
 
@@ -161,7 +161,7 @@ def _named(case: Case, robot: Robot, diagnosis: Diagnosis) -> Outcome:
         in_three=bool(three & names),
         joint=None if first is None or meant is None else _on_its_joint(meant, first.joints, robot),
         complete=bool(case.hidden) and all(_found(p, diagnosis, robot) for p in case.hidden),
-        beside=tuple(sorted({c.effect for c in recommended} - names - _twins(case, diagnosis))),
+        beside=_beside(case, diagnosis, robot),
         unknown_right=right_unknown,
         recommended=tuple(_told(choice) for choice in recommended),
         unknown=tuple(f"{u.joint} over {u.variable} ({u.share:.0%})" for u in diagnosis.unknown),
@@ -169,6 +169,20 @@ def _named(case: Case, robot: Robot, diagnosis: Diagnosis) -> Outcome:
             Hint(c.effect, c.joints, c.significant, c.equivalent, c.evidence) for c in diagnosis.candidates[:4]
         ),
     )
+
+
+def _beside(case: Case, diagnosis: Diagnosis, robot: Robot) -> tuple[str, ...]:
+    """Recommended effects that are not hidden, and joints on which a hidden effect is not."""
+    found: set[str] = set()
+    twins = _twins(case, diagnosis)
+    for choice in diagnosis.recommended:
+        meant = [placed for placed in case.hidden if choice.effect in placed.names]
+        if not meant and choice.effect not in twins:
+            found.add(choice.effect)
+        elsewhere = set(choice.joints) - {robot.joint_names[j] for placed in meant for j in placed.joints}
+        if meant and all(placed.joints for placed in meant):
+            found |= {f"{choice.effect} on {name}" for name in elsewhere}
+    return tuple(sorted(found))
 
 
 def _twins(case: Case, diagnosis: Diagnosis) -> set[str]:

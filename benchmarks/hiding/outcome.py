@@ -29,7 +29,7 @@ class Outcome:
     `naming`: what stands first among the findings, or that there is none. `in_three`: the name is among the first
     three candidates. `joint`: the first finding is on the right joint (None where nothing is found or the effect has
     no joint). `complete`: every hidden effect is among the recommended, on its joint. `beside`: recommended names
-    that are not hidden. `unknown_right`: the joint and the variable of what nobody can name.
+    that are not hidden, and joints where one is not. `unknown_right`: the joint and the variable of what has no name.
 
     `oracle_gain`: share by which the true structure lowers the held-out error. `plain`, `after`, `oracle`: held-out
     errors over the sensor's noise in the band; `oracle` None where the product lacks the effect.

@@ -81,7 +81,7 @@ def recorded(case: Case, folder: Path | None = None) -> Recorded:
     if kept and kept.exists():
         with np.load(kept) as stored:
             return Recorded(case, tuple(_stored(case, stored, k) for k in range(len(case.session))))
-    arm = Arm(robot, usual_drives(robot), tuple(placed.physics for placed in case.hidden))
+    arm = Arm(robot, usual_drives(robot), tuple(placed.physics for placed in case.hidden), case.lag)
     exact = Instruments(case.instruments.counts, 0.0, case.instruments.rate)
     runs = []
     for k, take in enumerate(case.session):
