@@ -61,11 +61,12 @@ def describe_diagnosis(found: Diagnosis, robot_id: str) -> wire.DiagnosisResult:
             )
             for one in found.failure_map
         ],
-        next_experiment=None if found.next_experiment is None else _next(found.next_experiment, robot_id),
+        next_experiment=None if found.next_experiment is None else show_next(found.next_experiment, robot_id),
     )
 
 
-def _next(advice: NextExperiment, robot_id: str) -> wire.NextExperiment:
+def show_next(advice: NextExperiment, robot_id: str) -> wire.NextExperiment:
+    """Show a proposed experiment, its design ready to be posted."""
     body = show_request(advice.design, robot_id).model_dump(mode="json", exclude_defaults=True)
     return wire.NextExperiment(
         reason=advice.reason,
@@ -106,7 +107,7 @@ def diagnosis_of(stored: Mapping[str, Any]) -> Diagnosis:
         failure_map=tuple(
             FailureSpot(**{**one.model_dump(), "ratio": _number(one.ratio)}) for one in result.failure_map
         ),
-        next_experiment=None if result.next_experiment is None else _advice(result.next_experiment),
+        next_experiment=None if result.next_experiment is None else advice_of(result.next_experiment),
     )
 
 
@@ -128,7 +129,8 @@ def _ranked(one: wire.Candidate) -> RankedEffect:
     )
 
 
-def _advice(one: wire.NextExperiment) -> NextExperiment:
+def advice_of(one: wire.NextExperiment) -> NextExperiment:
+    """Make the proposed experiment of a stored result."""
     return NextExperiment(
         reason=one.reason,
         design=design_request(DesignRequest.model_validate(one.design)),

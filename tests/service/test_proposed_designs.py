@@ -1,0 +1,94 @@
+"""The design that a diagnosis proposes is one that the service accepts, as it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from dynident.diagnosis import NextExperiment
+from dynident.diagnosis.experiments import EXPERIMENTS, Question
+from dynident.diagnosis.result import Separation
+from dynident.effects import EffectChoice
+from dynident.excitation.limits import bounds_of
+from dynident.robot import library_table
+from dynident_service.adapters.designs import design_request, request_of
+from dynident_service.adapters.diagnoses import advice_of, show_next
+from dynident_service.adapters.robots import robot_of
+from dynident_service.models.designs import DesignRequest
+from dynident_service.models.diagnoses import NextExperiment as Shown
+from dynident_service.models.robots import RobotRequest
+
+PLAIN = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous"))
+PAIRS = {
+    "constant_speeds": (("stribeck", {"vs": 0.1}), ("viscous_nonlinear", {"p": 2.0})),
+    "reversals": (("presliding", {"d0": 0.004}), ("stribeck", {"vs": 0.05})),
+    "slow_sweep": (("torque_ripple", {"k": 20.0}), ("joint_spring", {})),
+    "payload": (("load_dependent_friction", {}), ("drive_gain_saturation", {})),
+    "paces": (("torque_delay", {}), ("joint_elasticity", {})),
+    "whole_range": (("base_tilt", {}), ("offset", {})),
+}
+
+
+@pytest.fixture(scope="module")
+def scara(client: TestClient) -> dict[str, Any]:
+    body = {"name": "scara", "description": {"format": "modified_dh", "content": library_table("scara")}}
+    return {"asked": body, **client.post("/v1/robots", json=body).json()}
+
+
+def advice(robot: dict[str, Any], name: str) -> NextExperiment:
+    machine = robot_of(RobotRequest.model_validate(robot["asked"]).model_dump(mode="json"))
+    joint = machine.joint_names[1]
+    whole = ("base_tilt", "torque_delay")
+    suspect, rival = (
+        EffectChoice(effect, () if effect in whole else (joint,), tuple(shape.items())) for effect, shape in PAIRS[name]
+    )
+    noise = dict.fromkeys(machine.joint_names, 0.1)
+    question = Question(PLAIN, suspect, rival, (joint,), bounds_of(machine, {}), noise, 200.0)
+    known = Separation("Fst2", "N m", 0.1, float("inf"), None)
+    return NextExperiment("It tells.", EXPERIMENTS[name].design(question), known, known, ("Do it.",))
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_a_proposed_design_is_accepted_as_it_is(client: TestClient, scara: dict[str, Any], name: str) -> None:
+    proposed = show_next(advice(scara, name), scara["id"])
+    assert {"robot_id", "kind", "effects", "criterion", "trajectory"} <= set(proposed.design)
+    answer = client.post("/v1/designs", json=proposed.design)
+    assert answer.status_code == 202, answer.text
+    client.post(f"/v1/jobs/{answer.json()['job_id']}/cancel")
+    # Nothing of the wish is lost on the wire.
+    robot = robot_of(RobotRequest.model_validate(scara["asked"]).model_dump(mode="json"))
+    assert request_of(DesignRequest.model_validate(proposed.design), robot) == advice(scara, name).design
+
+
+def test_a_proposed_experiment_is_stored_and_read_back(scara: dict[str, Any]) -> None:
+    found = advice(scara, "reversals")
+    stored = show_next(found, scara["id"]).model_dump(mode="json")
+    assert stored["present_separation"]["standard_deviation"] is None
+    assert advice_of(Shown.model_validate(stored)) == found
+
+
+def test_what_older_diagnoses_proposed_can_still_be_read() -> None:
+    old = {"reason": "It tells.", "design": {"robot_id": "rob_1", "kind": "constant_velocity"}}
+    found = advice_of(Shown.model_validate(old))
+    assert found.design == design_request(DesignRequest.model_validate(old["design"]))
+    assert found.expected_separation is None
+
+
+@pytest.mark.parametrize(
+    ("change", "pointer"),
+    [
+        ({"criterion": {"name": "separation", "effects": [{"effect": "magic"}]}}, "/criterion/effects/0"),
+        ({"criterion": {"name": "separation"}}, "/criterion/effects"),
+        ({"criterion": {"name": "parameters"}}, "/criterion/parameters"),
+        ({"trajectory": {"paces": [2.0]}}, "/trajectory/paces"),
+        ({"kind": "reversals", "trajectory": {"amplitudes": [-1.0]}}, "/trajectory/amplitudes"),
+    ],
+)
+def test_a_wish_that_cannot_be_met_is_refused_by_its_place(
+    client: TestClient, scara: dict[str, Any], change: dict[str, Any], pointer: str
+) -> None:
+    answer = client.post("/v1/designs", json={"robot_id": scara["id"], **change})
+    assert answer.status_code == 422
+    assert pointer in [one["pointer"] for one in answer.json()["errors"]]
