@@ -19,13 +19,18 @@ from dynident.simulation import (
     SimulationRequest,
     TrueEffect,
     VirtualRobot,
+    Warming,
     on_each_joint,
     simulate,
     standard_parameters,
     typical_drive,
     typical_effect,
+    warmed,
     write_measurement,
 )
+
+# Effects that are below the noise of most arms' sensors even where they are as large as usual.
+FAINT = {"backlash", "kinematic_error", "rotor_coupling"}
 
 
 @pytest.fixture(scope="module")
@@ -214,12 +219,13 @@ def test_a_request_gives_the_measurement_of_its_robot(robot: Robot) -> None:
 @pytest.mark.parametrize("effect", sorted(set(CATALOGUE) - {"rigid_body", "rotor_inertia", "coulomb", "viscous"}))
 def test_every_effect_of_the_catalogue_has_a_typical_size_that_shows_in_the_torque(robot: Robot, effect: str) -> None:
     exact = Sensors(sampling_rate=200.0, encoder_counts=None, torque_noise=0.0)
-    reference = fourier(robot, 3.0)
-    joint = "" if CATALOGUE[effect].scope == "robot" else robot.joint_names[1]
+    warm = warmed(fourier(robot, 4.0), Warming())
+    # The motor of joint 4 is carried along by joints whose axes are not across its own.
+    joint = "" if CATALOGUE[effect].scope == "robot" else robot.joint_names[3 if effect == "rotor_coupling" else 1]
     hidden = typical_effect(robot, effect, joint)
     without, with_it = (
-        VirtualRobot(robot, effects).measure(reference, exact).truth.tau
+        VirtualRobot(robot, effects).measure(warm, exact).tau
         for effects in (typical_drive(robot), (*typical_drive(robot), hidden))
     )
-    difference = np.sqrt(np.mean((with_it - without) ** 2, axis=0))[1] / effort(robot)[1]
-    assert 0.002 < difference < 0.08
+    difference = np.sqrt(np.mean((with_it - without) ** 2, axis=0) / effort(robot) ** 2).max()
+    assert (5e-5 if effect in FAINT else 0.002) < difference < 0.12

@@ -1,8 +1,8 @@
 """A virtual robot with any chosen effects, sensors and noise."""
 
 from dynident.simulation.control import Controller
-from dynident.simulation.measurement import Measurement, Truth, measurement_table, write_measurement
-from dynident.simulation.reference import Reference
+from dynident.simulation.measurement import Measurement, Truth, joined, measurement_table, write_measurement
+from dynident.simulation.reference import Reference, Warming, warmed
 from dynident.simulation.request import SimulationRequest, StandardParameters, simulate, standard_parameters
 from dynident.simulation.sensors import Sensors
 from dynident.simulation.truth import TrueEffect, on_each_joint
@@ -19,11 +19,14 @@ __all__ = [
     "TrueEffect",
     "Truth",
     "VirtualRobot",
+    "Warming",
+    "joined",
     "measurement_table",
     "on_each_joint",
     "simulate",
     "standard_parameters",
     "typical_drive",
     "typical_effect",
+    "warmed",
     "write_measurement",
 ]

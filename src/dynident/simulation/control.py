@@ -54,7 +54,8 @@ def joint_gains(controller: Controller, dynamics: Dynamics, path: ReferencePath,
     heat = path.temperature_at(some)
     memory = np.ones((states, len(dynamics.signals.memory_signals)))
     still = np.zeros_like(q)
-    resistance = np.abs(_map(dynamics.rest, q, dq, still, load, memory, some[:, None], heat)).max(axis=0)
+    runs = np.ones((states, len(dynamics.runs)))
+    resistance = np.abs(_map(dynamics.rest, q, dq, still, load, memory, some[:, None], heat, runs)).max(axis=0)
     wanted = 2 * np.pi * controller.bandwidth
     frequency = np.clip(np.sqrt(resistance / controller.largest_lag / inertia), wanted, max(wanted, _FASTEST))
     return Gains(inertia * frequency**2, 2 * controller.damping_ratio * inertia * frequency)

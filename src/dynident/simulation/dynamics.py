@@ -10,26 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 
-from dynident.effects import MemorySignal, Signals
+from dynident.effects import MemorySignal, RunSignal
 from dynident.robot.model import FloatArray, Robot
-from dynident.simulation.truth import TrueColumns, TrueEffect, true_columns
+from dynident.simulation.signals import SimulatedSignals
+from dynident.simulation.truth import TrueColumns, TrueEffect, true_columns, true_reference
 
 NEWTON_ITERATIONS = 6
 # Powers of the velocity have no derivative at exactly zero.
 _NOT_ZERO = 1e-12
-
-
-class SimulatedSignals(Signals):
-    """Signals whose load torque is an input: inside a step it is known from the mass matrix at no further cost."""
-
-    @cached_property
-    def load(self) -> ca.SX:
-        """SX (n, 1): symbol of the load torque."""
-        return ca.SX.sym("load", self.robot.n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +41,13 @@ class Dynamics:
 
     rigid : Function (q, dq, ddq) -> torque of the links
     mass_diagonal : Function q -> diagonal of the mass matrix with all that turns with acceleration
-    rest : Function (q, dq, ddq, load, z, time, temperature) -> torque of all effects other than the links
+    rest : Function (q, dq, ddq, load, z, time, temperature, runs) -> torque of all effects other than the links
+    runs : the run signals among its inputs, each 1 in its runs and 0 in all others
     """
 
     robot: Robot
     signals: SimulatedSignals
+    runs: tuple[RunSignal, ...]
     parts: _Expressions
     rigid: ca.Function
     mass_diagonal: ca.Function
@@ -68,7 +61,7 @@ class Dynamics:
     @property
     def n_inputs(self) -> int:
         """Length of a step's inputs."""
-        return 4 * self.robot.n + 1
+        return 4 * self.robot.n + 1 + len(self.runs)
 
 
 def build_dynamics(
@@ -80,30 +73,43 @@ def build_dynamics(
     ----------
     robot : Robot
     effects : sequence of TrueEffect
-        What acts besides the links.
+        What acts besides the links; what is a matter of the sensors alone is left out.
     inertias : (n, 10)
     smooth_sign : float
         Velocity (rad/s or m/s) over which the sign of friction changes.
     """
     signals = SimulatedSignals(robot, smooth_sign=smooth_sign)
     truth = true_columns(effects, signals)
-    parts = _expressions(signals, truth, inertias)
+    parts = _expressions(signals, truth, inertias, true_reference(robot, effects, inertias))
+    runs = signals.runs_in(parts.rest)
     links = ca.mtimes(parts.mass, signals.ddq) + parts.bias
     # What turns with acceleration does so whatever the velocity, load and history.
-    anything = [signals.load, signals.memory_symbols, signals.dq, signals.time, signals.temperature]
+    anything = [
+        signals.load,
+        signals.memory_symbols,
+        signals.dq,
+        signals.time,
+        signals.temperature,
+        _run_symbols(signals, runs),
+    ]
     still = [ca.SX.zeros(item.numel(), 1) for item in anything]
     inertia = ca.substitute([parts.mass + parts.rest_mass], anything, still)[0]
     return Dynamics(
         robot=robot,
         signals=signals,
+        runs=runs,
         parts=parts,
         rigid=ca.Function("rigid", [signals.q, signals.dq, signals.ddq], [ca.cse(links)]),
         mass_diagonal=ca.Function("mass_diagonal", [signals.q], [ca.cse(ca.densify(ca.diag(inertia)))]),
-        rest=ca.Function("rest", _rest_inputs(signals), [ca.cse(ca.densify(parts.rest + parts.position_torque))]),
+        rest=ca.Function("rest", _rest_inputs(signals, runs), [ca.cse(ca.densify(parts.rest + parts.position_torque))]),
     )
 
 
-def _rest_inputs(signals: Signals) -> list[ca.SX]:
+def _run_symbols(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> ca.SX:
+    return ca.vertcat(*(signals.in_runs(run) for run in runs)) if runs else ca.SX(0, 1)
+
+
+def _rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca.SX]:
     return [
         signals.q,
         signals.dq,
@@ -112,25 +118,27 @@ def _rest_inputs(signals: Signals) -> list[ca.SX]:
         signals.memory_symbols,
         signals.time,
         signals.temperature,
+        _run_symbols(signals, runs),
     ]
 
 
-def _expressions(signals: SimulatedSignals, truth: TrueColumns, inertias: FloatArray) -> _Expressions:
+def _expressions(
+    signals: SimulatedSignals, truth: TrueColumns, inertias: FloatArray, reference: FloatArray
+) -> _Expressions:
     """Sort the torque into what the mass matrix, the position, and the velocity or memory determine."""
     n = signals.robot.n
     standard = ca.DM(inertias.reshape(-1))
     links = ca.mtimes(signals.mechanics.rows, standard)
     kinetic, _ = signals.mechanics.energies
-    changing = ca.vertcat(
-        signals.dq, signals.ddq, signals.load, signals.memory_symbols, signals.time, signals.temperature
-    )
     position_torque, rest = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
     for column, value in zip(truth.columns, truth.parameters, strict=True):
-        torque = ca.substitute(column.torque, signals.reference, ca.SX(standard)) * float(value)
-        if ca.depends_on(torque, changing):
-            rest += torque
-        else:
+        if not signals.moves(column.torque):
+            continue
+        torque = ca.substitute(column.torque, signals.reference, ca.SX(ca.DM(reference))) * float(value)
+        if {symbol.name() for symbol in ca.symvar(torque)} <= {symbol.name() for symbol in ca.symvar(signals.q)}:
             position_torque += torque
+        else:
+            rest += torque
     return _Expressions(
         # From the kinetic energy: 2.6 times fewer operations than the derivative of the rows by the acceleration.
         mass=ca.hessian(ca.mtimes(kinetic, standard), signals.dq)[0],
@@ -157,8 +165,8 @@ def build_step(dynamics: Dynamics, time_step: float, stiffness: FloatArray, damp
     -------
     casadi.Function
         state = [q, v, a, q_last, z]: position at the step; velocity half a step before it; acceleration and position
-        of the last step; hysteresis states there. inputs = [q_r, dq_r, feed-forward torque, time, temperature (n)].
-        sample = [q, dq, ddq, tau] at the step.
+        of the last step; hysteresis states there. inputs = [q_r, dq_r, feed-forward torque, time, temperature (n),
+        runs]. sample = [q, dq, ddq, tau] at the step.
     """
     signals, parts, h = dynamics.signals, dynamics.parts, time_step
     robot, n = dynamics.robot, dynamics.robot.n
@@ -174,14 +182,16 @@ def build_step(dynamics: Dynamics, time_step: float, stiffness: FloatArray, damp
     states = _moved(signals.memory_signals, memory, signals.q - last)
     rigid = ca.Function("rigid", [signals.q, signals.dq], [parts.mass, parts.bias, parts.position_torque])
     mass, bias, position_torque = rigid(signals.q, predicted)
-    friction = ca.Function("friction", _rest_inputs(signals), [parts.rest, parts.rest_mass, parts.rest_slope])
+    inputs_of_rest = _rest_inputs(signals, dynamics.runs)
+    runs = inputs_of_rest[-1]
+    friction = ca.Function("friction", inputs_of_rest, [parts.rest, parts.rest_mass, parts.rest_slope])
 
     middle = predicted
     for _ in range(NEWTON_ITERATIONS):
         ddq = 2 * (middle - velocity) / h
         load = ca.mtimes(mass, ddq) + bias
         torque, inertia, slope = friction(
-            signals.q, middle + _NOT_ZERO, ddq, load, states, signals.time, signals.temperature
+            signals.q, middle + _NOT_ZERO, ddq, load, states, signals.time, signals.temperature, runs
         )
         residual = load + position_torque + torque - tau
         update = middle - ca.ldl_solve(residual, *ca.ldl(ca.densify(2 / h * (mass + inertia) + slope), False))
@@ -191,7 +201,7 @@ def build_step(dynamics: Dynamics, time_step: float, stiffness: FloatArray, damp
     ddq = 2 * (middle - velocity) / h
     after = velocity + h * ddq
     state = ca.vertcat(signals.q, velocity, before, last, memory)
-    inputs = ca.vertcat(reference, reference_rate, feed_forward, signals.time, signals.temperature)
+    inputs = ca.vertcat(reference, reference_rate, feed_forward, signals.time, signals.temperature, runs)
     following = ca.vertcat(signals.q + h * after, after, ddq, signals.q, states)
     sample = ca.vertcat(signals.q, middle, ddq, tau)
     following, sample = ca.cse([ca.densify(following), ca.densify(sample)])

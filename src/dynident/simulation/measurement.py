@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -10,13 +11,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from dynident.robot.model import FloatArray, Robot
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What really happened at the samples: q, dq, ddq, tau (m, n), without quantisation and noise."""
+    """What really happened at the samples: q, dq, ddq, tau (m, n), without quantisation and noise.
+
+    tau is the torque that the motors gave; gains that are off, or a delay, come in where it is measured.
+    """
 
     q: FloatArray
     dq: FloatArray
@@ -31,7 +36,8 @@ class Measurement:
     t (m,) in s; q (m, n) as the encoders give it; `tau` (m, n) measured motor torque in N m or N, referred to the
     joint, with noise; `current` (m, n) instead of it in the file where the robot records currents; `truth` behind
     them; `noise` (n,) standard deviation of the torque noise: no model can predict better than this;
-    `tracking_error` (n,) largest distance from the reference.
+    `tracking_error` (n,) largest distance from the reference; `segment` (m,) number of the run, from 1 on, where
+    there is more than one.
     """
 
     robot: Robot
@@ -43,6 +49,7 @@ class Measurement:
     truth: Truth
     noise: FloatArray
     tracking_error: FloatArray
+    segment: NDArray[np.int64] | None = None
 
     @property
     def n_samples(self) -> int:
@@ -50,9 +57,37 @@ class Measurement:
         return len(self.t)
 
 
+def joined(runs: Sequence[Measurement]) -> Measurement:
+    """Runs of one robot, one after another, as one measurement with a segment for each."""
+    if len(runs) == 1:
+        return runs[0]
+    first = runs[0]
+    return replace(
+        first,
+        t=np.concatenate([run.t for run in runs]),
+        q=np.concatenate([run.q for run in runs]),
+        tau=np.concatenate([run.tau for run in runs]),
+        current=_stacked([run.current for run in runs]),
+        temperature=_stacked([run.temperature for run in runs]),
+        truth=Truth(*(np.concatenate(part) for part in zip(*(_parts(run.truth) for run in runs), strict=True))),
+        noise=np.max([run.noise for run in runs], axis=0),
+        tracking_error=np.max([run.tracking_error for run in runs], axis=0),
+        segment=np.repeat(np.arange(1, len(runs) + 1), [run.n_samples for run in runs]),
+    )
+
+
+def _parts(truth: Truth) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    return truth.q, truth.dq, truth.ddq, truth.tau
+
+
+def _stacked(parts: Sequence[FloatArray | None]) -> FloatArray | None:
+    there = [item for item in parts if item is not None]
+    return np.concatenate(there) if there else None
+
+
 def measurement_table(measurement: Measurement) -> pa.Table:
-    """The columns of a measurement file: t, q1 …, tau1 … or current1 …, temperature1 … where there is any."""
-    columns: dict[str, FloatArray] = {"t": measurement.t}
+    """The columns of a measurement file: t, q1 …, tau1 … or current1 …; temperature1 … and segment if there is any."""
+    columns: dict[str, FloatArray | NDArray[np.int64]] = {"t": measurement.t}
     signals = {
         "q": measurement.q,
         **({"tau": measurement.tau} if measurement.current is None else {"current": measurement.current}),
@@ -60,6 +95,8 @@ def measurement_table(measurement: Measurement) -> pa.Table:
     }
     for name, values in signals.items():
         columns |= {f"{name}{j + 1}": np.ascontiguousarray(values[:, j]) for j in range(values.shape[1])}
+    if measurement.segment is not None:
+        columns["segment"] = measurement.segment
     return pa.table(columns)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -30,6 +30,38 @@ class Reference:
     def duration(self) -> float:
         """From the first to the last sample, in s."""
         return float(self.t[-1] - self.t[0])
+
+
+@dataclass(frozen=True)
+class Warming:
+    """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant), degC, s."""
+
+    start: float = 20.0
+    end: float = 45.0
+    time_constant: float = 1200.0
+
+    def at(self, t: FloatArray) -> FloatArray:
+        """Temperature (m,) in degC at times t (m,)."""
+        return self.end + (self.start - self.end) * np.exp(-t / self.time_constant)
+
+
+def warmed(reference: Reference, warming: Warming) -> Reference:
+    """The same trajectory, along which all joints warm up.
+
+    Raises
+    ------
+    DynidentError
+        Where temperatures or time constant make no sense.
+    """
+    if not (np.isfinite([warming.start, warming.end]).all() and 0 < warming.time_constant < np.inf):
+        raise DynidentError(
+            f"warming from {warming.start} to {warming.end} degC with a time constant of {warming.time_constant} s; "
+            "temperatures have to be finite and the time constant above 0",
+            pointer="/warming",
+            title=_TITLE,
+        )
+    n = reference.q.shape[1]
+    return replace(reference, temperature=np.repeat(warming.at(reference.t)[:, None], n, axis=1))
 
 
 class ReferencePath:

@@ -5,18 +5,22 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.progress import Progress, part, silent
 from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
 from dynident.simulation.control import Controller
-from dynident.simulation.measurement import Measurement
-from dynident.simulation.reference import Reference
+from dynident.simulation.measurement import Measurement, joined
+from dynident.simulation.reference import Reference, Warming, warmed
 from dynident.simulation.sensors import Sensors
 from dynident.simulation.truth import TrueEffect, true_inertias
 from dynident.simulation.virtual_robot import VirtualRobot
 
+_TITLE = "Unusable simulation"
 _NUMBERED = re.compile(r"^([A-Z][A-Za-z]*?)(\d+)$")
 _FRICTION = {"Ia": "rotor_inertia", "Fc": "coulomb", "Fv": "viscous"}
 
@@ -25,7 +29,10 @@ _FRICTION = {"Ia": "rotor_inertia", "Fc": "coulomb", "Fv": "viscous"}
 class SimulationRequest:
     """A virtual robot, the motion it makes and the sensors it is measured with.
 
-    `inertias` (n, 10) None: those of the robot's description.
+    `inertias` (n, 10) None: those of the robot's description. The motion is made in `runs` runs with `pause` seconds
+    between them, while the time of the session goes on; an effect that is in some of the runs alone names them "1",
+    "2" and so on. `warming`: how warm the joints become, where the reference does not say; a usual one where an effect
+    needs it.
     """
 
     reference: Reference
@@ -34,6 +41,9 @@ class SimulationRequest:
     sensors: Sensors = field(default_factory=Sensors)
     controller: Controller = field(default_factory=Controller)
     seed: int = 0
+    runs: int = 1
+    pause: float = 60.0
+    warming: Warming | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +62,44 @@ def simulate(robot: Robot, request: SimulationRequest, progress: Progress = sile
     DynidentError
         Where the request does not fit the robot, or the robot cannot follow the trajectory.
     """
+    _check_runs(request)
     progress(0.0, "building the equation of motion")
     virtual = VirtualRobot(robot, request.effects, inertias=request.inertias, controller=request.controller)
-    return virtual.measure(request.reference, request.sensors, seed=request.seed, progress=part(progress, 0.05, 1.0))
+    found = []
+    for k in range(request.runs):
+        share = part(progress, 0.05 + 0.95 * k / request.runs, 0.05 + 0.95 * (k + 1) / request.runs)
+        reference, seed = _reference_of_run(request, k), _seed_of_run(request.seed, k)
+        found.append(virtual.measure(reference, request.sensors, run=str(k + 1), seed=seed, progress=share))
+    return joined(found)
+
+
+def _reference_of_run(request: SimulationRequest, k: int) -> Reference:
+    later = k * (request.reference.duration + request.pause)
+    reference = replace(request.reference, t=request.reference.t + later)
+    heated = any(effect_by_id(one.effect).needs_temperature for one in request.effects)
+    if reference.temperature is None and (heated or request.warming is not None):
+        return warmed(reference, request.warming or Warming())
+    return reference
+
+
+def _seed_of_run(seed: int, k: int) -> int:
+    return seed if k == 0 else int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
+
+
+def _check_runs(request: SimulationRequest) -> None:
+    if request.runs < 1:
+        raise DynidentError(f"{request.runs} runs; at least one is needed", pointer="/runs", title=_TITLE)
+    if not (math.isfinite(request.pause) and request.pause >= 0):
+        raise DynidentError(f"a pause of {request.pause} s; expected 0 or more", pointer="/pause", title=_TITLE)
+    labels = [str(k + 1) for k in range(request.runs)]
+    for index, effect in enumerate(request.effects):
+        unknown = [run for run in effect.runs if run not in labels]
+        if unknown:
+            raise DynidentError(
+                f"{effect.effect} is in run {unknown[0]}; there are the runs {', '.join(labels)}",
+                pointer=f"/effects/{index}/runs",
+                title=_TITLE,
+            )
 
 
 def standard_parameters(robot: Robot, values: Mapping[str, float]) -> StandardParameters:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynident.effects import Column, EffectChoice, Signals, columns_of, effect_by_id
+from dynident.effects import DRIVE_PARAMETERS, Column, EffectChoice, Signals, columns_of, effect_by_id
 from dynident.errors import DynidentError
 from dynident.robot.model import FloatArray, Robot
 
@@ -21,18 +21,24 @@ _NEVER_NEGATIVE = frozenset({("coulomb", "Fc"), ("viscous", "Fv"), ("rotor_inert
 class TrueEffect:
     """One effect on one joint ("" where it belongs to the whole robot), with its parameters and shape constants.
 
-    Parameters that are not named are zero; shape constants that are not named have their defaults.
+    Parameters that are not named are zero; shape constants that are not named have their defaults. `runs` are the
+    labels of the runs that it is in; it is in all of them where there are none.
     """
 
     effect: str
     joint: str
     values: tuple[tuple[str, float], ...]
     shape: tuple[tuple[str, float], ...] = field(default=())
+    runs: tuple[str, ...] = field(default=())
 
     @property
     def choice(self) -> EffectChoice:
         """The same effect as one chooses it for an identification."""
-        return EffectChoice(self.effect, (self.joint,) if self.joint else (), self.shape)
+        return EffectChoice(self.effect, (self.joint,) if self.joint else (), self.shape, self.runs)
+
+    def is_in(self, run: str) -> bool:
+        """Whether it acts in the run with that label."""
+        return not self.runs or run in self.runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +85,18 @@ def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
     return chosen
 
 
+def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> FloatArray:
+    """What the torque of motors is predicted with (14 n,): inertial parameters, then Ia, Fc, Fv and b of all joints."""
+    drives = np.zeros((len(DRIVE_PARAMETERS), robot.n))
+    for effect in effects:
+        for name, value in effect.values:
+            # Hysteresis is Coulomb friction once it slides.
+            pair = ("coulomb", "Fc") if (effect.effect, name) == ("presliding", "Fz") else (effect.effect, name)
+            if pair in DRIVE_PARAMETERS and effect.joint in robot.joint_names:
+                drives[DRIVE_PARAMETERS.index(pair), robot.joint_names.index(effect.joint)] += value
+    return np.concatenate([inertias.reshape(-1), drives.reshape(-1)])
+
+
 def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:
     """Columns of the effects on the robot of `signals`, and the values of their parameters.
 
@@ -90,7 +108,7 @@ def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns
     """
     columns: list[Column] = []
     parameters: list[float] = []
-    seen: set[tuple[str, str, tuple[tuple[str, float], ...]]] = set()
+    seen: set[tuple[object, ...]] = set()
     for index, effect in enumerate(effects):
         pointer = f"/effects/{index}"
         _check(effect, signals.robot, pointer)
@@ -100,7 +118,7 @@ def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns
             error.pointer = pointer
             raise
         # The completed shape constants, so that a default written out is the same effect as one left out.
-        key = (effect.effect, effect.joint, made[0].shape)
+        key = (effect.effect, effect.joint, made[0].shape, effect.runs)
         if key in seen:
             raise DynidentError(
                 f"{effect.effect} stands twice on {effect.joint or 'the robot'}", pointer=pointer, title=_TITLE

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from dynident.effects import effect_by_id
 from dynident.effects.friction import velocity_scale
 from dynident.errors import DynidentError
 from dynident.progress import Progress, silent
@@ -21,6 +22,7 @@ from dynident.simulation.control import (
 from dynident.simulation.dynamics import Dynamics, build_dynamics, build_step
 from dynident.simulation.measurement import Measurement, Truth
 from dynident.simulation.reference import Reference, ReferencePath, check_reference
+from dynident.simulation.sensing import Sensing
 from dynident.simulation.sensors import IntArray, Sensors, check_sensors, noise_deviation, quantised, sampling_steps
 from dynident.simulation.truth import TrueEffect, true_inertias
 
@@ -37,7 +39,8 @@ _LOST = 0.5
 class VirtualRobot:
     """A robot with known parameters and any effects of the catalogue, under joint control.
 
-    The torque that its drives give is that of M(q) ddq + c(q, dq) + all effects; it is what is measured.
+    The torque that its drives give is that of M(q) ddq + c(q, dq) + all effects; it is what is measured, but for the
+    effects that are a matter of the measurement, such as a late torque.
 
     Parameters
     ----------
@@ -72,17 +75,26 @@ class VirtualRobot:
         self.longest_step = longest_step
         sign_width = _SIGN_WIDTH * min(velocity_scale(robot, joint) for joint in range(robot.n))
         self.dynamics: Dynamics = build_dynamics(robot, self.effects, self.inertias, smooth_sign=sign_width)
+        self.sensing = Sensing.of(self.effects, self.inertias, self.dynamics.signals)
 
     def measure(
-        self, reference: Reference, sensors: Sensors | None = None, *, seed: int = 0, progress: Progress = silent
+        self,
+        reference: Reference,
+        sensors: Sensors | None = None,
+        *,
+        run: str = "",
+        seed: int = 0,
+        progress: Progress = silent,
     ) -> Measurement:
         """Let the robot follow a trajectory and record it.
 
         Parameters
         ----------
         reference : Reference
-            It should begin at rest; the robot begins on it.
+            It should begin at rest; the robot begins on it. Its time is that of the session.
         sensors : Sensors
+        run : str
+            Label of this run: effects that are in some runs alone are in it where they name it.
         seed : int
             Of the noise and the jitter.
         progress : Progress
@@ -96,18 +108,20 @@ class VirtualRobot:
         sensors = Sensors() if sensors is None else sensors
         check_reference(reference, self.robot)
         check_sensors(sensors, self.robot)
+        self._check_temperature(reference)
         rng = np.random.default_rng(seed)
         period = 1.0 / sensors.sampling_rate
         steps_per_sample = max(1, int(np.ceil(period / self.longest_step - 1e-9)))
         n_samples = int(np.floor(reference.duration / period + 1e-9)) + 1
         taken = sampling_steps(sensors, steps_per_sample, n_samples, rng)
         path = ReferencePath(reference)
-        samples = self._follow(path, reference, period / steps_per_sample, taken, progress)
+        samples = self._follow(path, reference, period / steps_per_sample, taken, run, progress)
         n = self.robot.n
         truth = Truth(*(np.ascontiguousarray(samples[:, k * n : (k + 1) * n]) for k in range(4)))
         t = reference.t[0] + taken * (period / steps_per_sample)
         noise = noise_deviation(sensors, self.robot, truth.tau)
-        tau = truth.tau + noise * rng.standard_normal(truth.tau.shape)
+        shown = self.sensing.torque(t, truth, path.temperature_at(t), run)
+        tau = shown + noise * rng.standard_normal(shown.shape)
         gains = np.array([drive.gain or np.nan for drive in self.robot.drives])
         return Measurement(
             robot=self.robot,
@@ -122,7 +136,7 @@ class VirtualRobot:
         )
 
     def _follow(
-        self, path: ReferencePath, reference: Reference, h: float, taken: IntArray, progress: Progress
+        self, path: ReferencePath, reference: Reference, h: float, taken: IntArray, run_label: str, progress: Progress
     ) -> FloatArray:
         """Samples [q, dq, ddq, tau] (m, 4 n) at the internal steps `taken` (m,)."""
         start, n_steps = float(reference.t[0]), int(taken[-1]) + 1
@@ -131,13 +145,15 @@ class VirtualRobot:
         feed_forward = feed_forward_torque(self.controller, self.dynamics, path, coarse)
         run = build_step(self.dynamics, h, gains.stiffness, gains.damping).mapaccum("run", _CHUNK)
         state = self._initial_state(path, start, h)
+        present = np.array([float(not one.runs or run_label in one.runs) for one in self.dynamics.runs])
         out = np.empty((len(taken), 4 * self.robot.n))
         done = 0
         for first in range(0, n_steps, _CHUNK):
             t: FloatArray = np.arange(first, first + _CHUNK, dtype=np.float64) * h + start
             q, dq, _ = path.at(t)
             torque = np.column_stack([np.interp(t, coarse, feed_forward[:, j]) for j in range(self.robot.n)])
-            inputs = np.hstack([q, dq, torque, t[:, None], path.temperature_at(t)])
+            runs = np.broadcast_to(present, (_CHUNK, len(present)))
+            inputs = np.hstack([q, dq, torque, t[:, None], path.temperature_at(t), runs])
             states, samples = run(state, inputs.T)
             state = states[:, -1]
             rows = np.asarray(ca.DM(samples), dtype=np.float64).T
@@ -153,6 +169,15 @@ class VirtualRobot:
         q, dq, ddq = (values[0] for values in path.at(np.array([start])))
         memory = np.zeros(len(self.dynamics.signals.memory_signals))
         return ca.DM(np.concatenate([q, dq - 0.5 * h * ddq, ddq, q, memory]))
+
+    def _check_temperature(self, reference: Reference) -> None:
+        heated = [one.effect for one in self.effects if effect_by_id(one.effect).needs_temperature]
+        if heated and reference.temperature is None:
+            raise DynidentError(
+                f"{heated[0]} needs the temperature of the joints: let the robot warm up along the trajectory",
+                pointer="/temperature",
+                title="Temperature needed",
+            )
 
     def _check_followed(self, t: FloatArray, wanted: FloatArray, q: FloatArray) -> None:
         lost = np.argwhere(~(np.abs(q - wanted) < _LOST))

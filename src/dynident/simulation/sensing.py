@@ -1,0 +1,126 @@
+"""Effects that are a matter of what is measured: drive gains, late torque, positions that are not those of the links.
+
+They leave the motion as it is. What a sensor shows at a measured position is the torque of the motors and what these
+effects add to it. Torque that is late is the torque of an earlier instant, jumps and all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy import signal
+
+from dynident.effects.memory import MemoryStates
+from dynident.robot.model import FloatArray, Robot
+from dynident.simulation.measurement import Truth
+from dynident.simulation.signals import SensorSignals, SimulatedSignals
+from dynident.simulation.truth import TrueEffect, true_columns, true_reference
+
+_LATE = "torque_delay"
+# Hz: links behind elastic gears do not follow what is faster.
+_ELASTIC_BAND = 25.0
+_ORDER = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """What sensors make of the motors' torque on one virtual robot.
+
+    `delay` in s; `added` the torque that a sensor shows beside the motors', None where there is nothing of it.
+    """
+
+    robot: Robot
+    effects: tuple[TrueEffect, ...]
+    delay: float
+    added: ca.Function | None
+    signals: SensorSignals
+
+    @classmethod
+    def of(cls, effects: Sequence[TrueEffect], inertias: FloatArray, inside: SimulatedSignals) -> Sensing:
+        """Take those effects out of all that do not take part in the motion.
+
+        Parameters
+        ----------
+        effects : sequence of TrueEffect
+            All that are true of the robot.
+        inertias : (n, 10)
+        inside : SimulatedSignals
+            Signals of the steps, which tell what takes part in the motion.
+        """
+        robot, signals = inside.robot, SensorSignals(inside.robot)
+        mine = tuple(
+            one
+            for one in effects
+            if not all(inside.moves(column.torque) for column in true_columns([one], inside).columns)
+        )
+        late = [one for one in mine if one.effect == _LATE]
+        others = [one for one in mine if one.effect != _LATE]
+        delay = sum(value for one in late for _, value in one.values)
+        reference = true_reference(robot, effects, inertias)
+        added = _added(signals, others, reference) if others else None
+        return cls(robot, tuple(others), delay, added, signals)
+
+    def torque(self, t: FloatArray, truth: Truth, temperature: FloatArray, run: str) -> FloatArray:
+        """Torque (m, n) that the sensors show, without noise, at times t (m,) of the run with that label."""
+        shown = truth.tau
+        if self.added is not None:
+            third, fourth = _higher_derivatives(t, truth.ddq)
+            memory = MemoryStates(self.signals.memory_signals).push(truth.q)
+            present = np.tile([float(one.is_in(run)) for one in self.effects], (len(t), 1))
+            inputs = (truth.q, truth.dq, truth.ddq, third, fourth, t[:, None], temperature, memory, truth.tau, present)
+            found = self.added.map(len(t))(*(item.T for item in inputs))
+            shown = shown + np.asarray(ca.DM(found), dtype=np.float64).T
+        if self.delay:
+            shown = np.column_stack([np.interp(t - self.delay, t, column) for column in shown.T])
+        return shown
+
+
+def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: FloatArray) -> ca.Function:
+    """Function (q, dq, ddq, dddq, ddddq, t, temperature, z, motor torque, presence of each effect) -> torque."""
+    n, motor = signals.robot.n, signals.predicted.motor
+    present = ca.SX.sym("present", len(effects))
+    of_motion, of_torque = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
+    for k, effect in enumerate(effects):
+        truth = true_columns([effect], signals)
+        for column, value in zip(truth.columns, truth.parameters, strict=True):
+            torque = _everywhere(column.torque, signals) * float(value) * present[k]
+            if ca.depends_on(torque, motor):
+                of_torque += torque
+            else:
+                of_motion += torque
+    # Motors give the torque that the motion takes, and the gains belong to all of it.
+    of_torque = ca.substitute(of_torque, motor, motor + of_motion)
+    total = ca.substitute(of_motion + of_torque, signals.reference, ca.SX(ca.DM(reference)))
+    inputs = [
+        signals.q,
+        signals.dq,
+        signals.ddq,
+        signals.dddq,
+        signals.ddddq,
+        signals.time,
+        signals.temperature,
+        signals.memory_symbols,
+        motor,
+        present,
+    ]
+    return ca.Function("added", inputs, [ca.cse(ca.densify(total))])
+
+
+def _everywhere(torque: ca.SX, signals: SensorSignals) -> ca.SX:
+    """The torque with all run signals at 1: in which runs an effect is, is said once for all its columns."""
+    runs = [signals.in_runs(run) for run in signals.runs_in(torque)]
+    return ca.substitute(torque, ca.vertcat(*runs), ca.SX.ones(len(runs), 1)) if runs else torque
+
+
+def _higher_derivatives(t: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Third and fourth derivative (m, n) of the positions, of what elastic gears let pass, from ddq (m, n)."""
+    period = float(t[-1] - t[0]) / (len(t) - 1)
+    even: FloatArray = t[0] + period * np.arange(len(t))
+    regular = np.column_stack([np.interp(even, t, column) for column in ddq.T])
+    sections = signal.butter(_ORDER, min(_ELASTIC_BAND, 0.2 / period), fs=1 / period, output="sos")
+    smooth = signal.sosfiltfilt(sections, regular, axis=0, padlen=min(len(t) - 1, 6 * _ORDER))
+    third = np.gradient(smooth, period, axis=0)
+    return third, np.gradient(third, period, axis=0)
