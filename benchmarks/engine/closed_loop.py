@@ -48,7 +48,7 @@ def measured(arm: Arm, motion: Motion, plan: Plan) -> Measured:
     if not np.abs(q - motion.q).max() < _FARTHEST:
         raise RuntimeError(f"the arm did not follow: {np.abs(q - motion.q).max(axis=0)}")
     tau = np.clip(command - stiffness * q - damping * v, -limit, limit)
-    result = Measured(motion.t + plan.start, q, tau)
+    result = Measured(motion.t + plan.start, q, tau, notes=live.notes)
     for effect in arm.hidden:
         effect.measure(result, plan)
     return result

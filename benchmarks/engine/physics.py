@@ -28,7 +28,8 @@ class Live:
     """An arm that moves. `dof` (n,) are the addresses of the motors; `coulomb` (n,) their dry friction.
 
     Effects add to `loss` (dry friction that the engine is to apply) and `applied` (torque on the dof), which are set
-    anew before every step, and read `q`, `v`, `acceleration` of the engine's degrees of freedom.
+    anew before every step, and read `q`, `v`, `acceleration` of the engine's degrees of freedom. What they note of
+    every step under a name of their own in `notes` they find again when it is measured.
     """
 
     arm: Arm
@@ -42,6 +43,7 @@ class Live:
     v: FloatArray
     acceleration: FloatArray
     coulomb: FloatArray
+    notes: dict[str, list[float]]
     _inertial: FloatArray = field(repr=False)
 
     @classmethod
@@ -50,7 +52,7 @@ class Live:
         dof = np.array([dof_of(model, j) for j in range(arm.robot.n)])
         return cls(
             arm, plan, model, data, dof, model.dof_frictionloss, data.qfrc_applied, data.qpos, data.qvel, data.qacc,
-            arm.drives.coulomb, np.zeros(model.nv),
+            arm.drives.coulomb, {}, np.zeros(model.nv),
         )  # fmt: skip
 
     def load(self, joint: int) -> float:
@@ -69,6 +71,7 @@ class Measured:
     q: FloatArray
     tau: FloatArray
     temperature: FloatArray | None = None
+    notes: dict[str, list[float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

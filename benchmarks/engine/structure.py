@@ -156,34 +156,6 @@ class Rotor(Hidden):
 
 
 @dataclass(frozen=True)
-class SoftJoint(Hidden):
-    """The gear is a spring of `stiffness` N m/rad with little `damping`: the encoder is on the motor's side."""
-
-    joint: int
-    stiffness: float
-    damping: float
-
-    def build(self, scene: Scene, plan: Plan) -> None:
-        scene.soft[self.joint] = f'stiffness="{float(self.stiffness)!r}" damping="{float(self.damping)!r}"'
-
-
-@dataclass(frozen=True)
-class Backlash(Hidden):
-    """The link is free to move by `gap` (rad) behind the motor, between hard stops."""
-
-    joint: int
-    gap: float
-    damping: float
-
-    def build(self, scene: Scene, plan: Plan) -> None:
-        half = self.gap / 2
-        scene.soft[self.joint] = (
-            f'limited="true" range="{-float(half)!r} {float(half)!r}" damping="{float(self.damping)!r}" '
-            f'solreflimit="{4 * scene.step!r} 1" solimplimit="0.999 0.9999 1e-5 0.5 2"'
-        )
-
-
-@dataclass(frozen=True)
 class Displaced(Hidden):
     """A joint sits elsewhere than the description says, by `shift` (m) in its antecedent's frame."""
 

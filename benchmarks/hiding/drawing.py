@@ -12,8 +12,9 @@ from engine import Instruments
 from engine.robots import arm_by_name
 
 from hiding.case import USUAL_SESSION, Case, Placed, Size, Take
-from hiding.families import FAMILIES, Site
+from hiding.families import FAMILIES
 from hiding.outside import OUTSIDE
+from hiding.site import Site
 
 _COUNTS, _RATES = (2**17, 2**18, 2**19), (1000.0, 1000.0, 500.0, 250.0)
 # Motions are shared between cases, so that a clean arm need not be simulated for every one of them.

@@ -6,101 +6,37 @@ size. Full sizes are drawn from the upper half of what is usual.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
-
 import numpy as np
-from engine import disturbances, friction, structure
-from engine.closed_loop import typical_torque
-from engine.drives import Drives, effort_limits, speed_limits, usual_drives
-from engine.scene import FloatArray
+from engine import Hidden, disturbances, friction, gears, structure
 from engine.temperature import Warming
 
-from dynident.robot import Robot
 from hiding.case import Placed, Truth
-
-
-@dataclass(frozen=True, eq=False)
-class Site:
-    """An arm in which something is to be hidden, and the chance by which it is drawn."""
-
-    robot: Robot
-    rng: np.random.Generator
-    scale: float
-
-    @property
-    def drives(self) -> Drives:
-        return usual_drives(self.robot)
-
-    @property
-    def effort(self) -> FloatArray:
-        return effort_limits(self.robot)
-
-    @property
-    def speed(self) -> FloatArray:
-        return speed_limits(self.robot)
-
-    @property
-    def load(self) -> FloatArray:
-        """(n,): what the links ask of each joint."""
-        return _load(self.robot)
-
-    def between(self, low: float, high: float) -> float:
-        return float(self.rng.uniform(low, high))
-
-    def sized(self, low: float, high: float) -> float:
-        """A size from the range, at the case's scale."""
-        return self.scale * self.between(low, high)
-
-    def sign(self) -> float:
-        return float(self.rng.choice([-1.0, 1.0]))
-
-    def joint(self, *, turning: bool = False) -> int:
-        """Any joint, or any that turns."""
-        return int(self.rng.choice([j for j in range(self.robot.n) if not turning or self._turns(j)]))
-
-    def loaded(self, *, before_last: int = 0) -> int:
-        """One of the two turning joints that carry the most of what they are built for."""
-        joints = [j for j in range(self.robot.n - before_last) if self._turns(j)]
-        return int(self.rng.choice(sorted(joints, key=lambda j: -self.load[j] / self.effort[j])[:2]))
-
-    def _turns(self, j: int) -> bool:
-        return self.robot.joints[j].kind == "revolute"
-
-
-@cache
-def _load(robot: Robot) -> FloatArray:
-    return typical_torque(robot, seed=5)
-
-
-def _f(value: float | np.floating) -> float:
-    return float(value)
+from hiding.site import Family, Site, as_float
 
 
 def offset(site: Site) -> Placed:
     j = site.joint()
-    size = site.sign() * site.sized(0.015, 0.03) * _f(site.effort[j])
+    size = site.sign() * site.sized(0.015, 0.03) * as_float(site.effort[j])
     return Placed("offset", (j,), disturbances.Offset(j, size), (Truth(("b",), size),), equals=("coulomb_asymmetric",))
 
 
 def coulomb_asymmetric(site: Site) -> Placed:
     j = site.joint()
-    size = site.sign() * site.sized(0.15, 0.3) * _f(site.drives.coulomb[j])
+    size = site.sign() * site.sized(0.15, 0.3) * as_float(site.drives.coulomb[j])
     physics = friction.AsymmetricCoulomb(j, size)
     return Placed("coulomb_asymmetric", (j,), physics, (Truth(("b",), size),), equals=("offset",))
 
 
 def viscous_asymmetric(site: Site) -> Placed:
     j = site.joint()
-    size = site.sign() * site.sized(0.15, 0.3) * _f(site.drives.viscous[j])
+    size = site.sign() * site.sized(0.15, 0.3) * as_float(site.drives.viscous[j])
     return Placed("viscous_asymmetric", (j,), friction.AsymmetricViscous(j, size), (Truth(("Fva",), size),))
 
 
 def stribeck(site: Site) -> Placed:
     j = site.joint()
-    size = site.sized(0.5, 0.9) * _f(site.drives.coulomb[j])
-    speed = float(np.exp(site.between(np.log(0.02), np.log(0.15)))) * _f(site.speed[j]) / 2.5
+    size = site.sized(0.5, 0.9) * as_float(site.drives.coulomb[j])
+    speed = float(np.exp(site.between(np.log(0.02), np.log(0.15)))) * as_float(site.speed[j]) / 2.5
     exponent = float(site.rng.choice([1.0, 2.0, 2.0]))
     shape = (("delta", exponent), ("vs", speed))
     return Placed("stribeck", (j,), friction.Stribeck(j, size, speed, exponent), (Truth(("Fst",), size),), shape=shape)
@@ -109,7 +45,7 @@ def stribeck(site: Site) -> Placed:
 def viscous_nonlinear(site: Site) -> Placed:
     j = site.joint()
     power = float(site.rng.choice([2.0, 3.0, 0.5]))
-    size = site.sized(0.05, 0.10) * _f(site.effort[j]) / _f(0.7 * site.speed[j]) ** power
+    size = site.sized(0.05, 0.10) * as_float(site.effort[j]) / as_float(0.7 * site.speed[j]) ** power
     physics = friction.PowerViscous(j, size, power)
     return Placed("viscous_nonlinear", (j,), physics, (Truth(("Fvn",), size),), shape=(("p", power),))
 
@@ -117,7 +53,7 @@ def viscous_nonlinear(site: Site) -> Placed:
 def load_dependent_friction(site: Site) -> Placed:
     j, share = site.loaded(), site.sized(0.06, 0.12)
     # Mostly dry; sometimes a part that grows with the speed.
-    viscous = 0.5 * share / _f(site.speed[j]) if site.rng.random() < 0.25 else 0.0
+    viscous = 0.5 * share / as_float(site.speed[j]) if site.rng.random() < 0.25 else 0.0
     truths = (Truth(("cl",), share),) if viscous == 0.0 else ()
     return Placed("load_dependent_friction", (j,), friction.LoadFriction(j, share, viscous), truths)
 
@@ -125,14 +61,14 @@ def load_dependent_friction(site: Site) -> Placed:
 def temperature_friction(site: Site) -> Placed:
     j, share = site.joint(), -site.sized(0.02, 0.04)
     warming = Warming(site.between(18, 26), site.between(15, 25), 900.0, (0.05, 0.85, 0.4))
-    viscous, coulomb = share * _f(site.drives.viscous[j]), 0.3 * share * _f(site.drives.coulomb[j])
+    viscous, coulomb = share * as_float(site.drives.viscous[j]), 0.3 * share * as_float(site.drives.coulomb[j])
     physics = friction.TemperatureFriction(j, viscous, coulomb, warming)
     return Placed("temperature_friction", (j,), physics, (Truth(("Fvt",), viscous), Truth(("Fct",), coulomb)))
 
 
 def warm_up_friction(site: Site) -> Placed:
     j, share = site.joint(), site.sized(0.4, 0.8)
-    viscous, coulomb = share * _f(site.drives.viscous[j]), 0.3 * share * _f(site.drives.coulomb[j])
+    viscous, coulomb = share * as_float(site.drives.viscous[j]), 0.3 * share * as_float(site.drives.coulomb[j])
     time = site.between(1800.0, 3600.0)
     physics = friction.WarmUpFriction(j, viscous, coulomb, time)
     truths = (Truth(("Fvw",), viscous), Truth(("Fcw",), coulomb))
@@ -141,7 +77,7 @@ def warm_up_friction(site: Site) -> Placed:
 
 def torque_ripple(site: Site) -> Placed:
     j = site.joint(turning=True)
-    size = site.sized(0.01, 0.02) * _f(site.effort[j])
+    size = site.sized(0.01, 0.02) * as_float(site.effort[j])
     cycles = float(np.exp(site.between(np.log(5.0), np.log(40.0))))
     physics = structure.Ripple(j, (size,), (cycles,), (site.between(0, 6.28),))
     return Placed("torque_ripple", (j,), physics, (Truth(("Ac", "As"), size),), shape=(("k", cycles),))
@@ -149,7 +85,7 @@ def torque_ripple(site: Site) -> Placed:
 
 def position_dependent_friction(site: Site) -> Placed:
     j, share, cycles = site.joint(turning=True), site.sized(0.25, 0.5), float(site.rng.choice([1.0, 2.0]))
-    size = share * _f(site.drives.coulomb[j])
+    size = share * as_float(site.drives.coulomb[j])
     physics = friction.PositionFriction(j, share, cycles, site.between(0, 6.28))
     return Placed("position_dependent_friction", (j,), physics, (Truth(("Fpc", "Fps"), size),), shape=(("k", cycles),))
 
@@ -158,7 +94,7 @@ def presliding(site: Site) -> Placed:
     j = site.joint(turning=True)
     slip = site.scale * float(np.exp(site.between(np.log(4e-3), np.log(3e-2))))
     if site.rng.random() < 0.5:
-        size = _f(site.drives.coulomb[j])
+        size = as_float(site.drives.coulomb[j])
         shape = (("d0", slip), ("law", -1.0))
         return Placed("presliding", (j,), friction.Dahl(j, slip), (Truth(("Fz",), size),), shape=shape)
     slips, shares = (0.3 * slip, slip, 2.5 * slip), (0.3, 0.45, 0.25)
@@ -167,25 +103,23 @@ def presliding(site: Site) -> Placed:
 
 def backlash(site: Site) -> Placed:
     j, gap = site.loaded(), site.sized(1.5e-3, 3e-3)
-    damping = 0.1 * _f(site.drives.viscous[j])
-    return Placed("backlash", (j,), structure.Backlash(j, gap, damping), (Truth(("bl",), gap, signed=False),))
+    width = 0.02 * as_float(site.effort[j])
+    physics: Hidden = gears.Backlash(j, gap, 0.1 * as_float(site.drives.viscous[j]))
+    if site.rng.random() < 0.5:
+        physics = gears.Sag(j, gap=gap, width=width)
+    return Placed("backlash", (j,), physics, (Truth(("bl",), gap, signed=False),))
 
 
 def joint_elasticity(site: Site) -> Placed:
     j = site.loaded()
-    stiffness = site.between(50.0, 80.0) / site.scale * _f(site.effort[j])
-    damping = 0.002 * stiffness
-    return Placed(
-        "joint_elasticity",
-        (j,),
-        structure.SoftJoint(j, stiffness, damping),
-        (Truth(("Ce",), 1 / stiffness, signed=False),),
-    )
+    stiffness = site.between(50.0, 80.0) / site.scale * as_float(site.effort[j])
+    physics = gears.SoftJoint(j, stiffness, 0.002 * stiffness)
+    return Placed("joint_elasticity", (j,), physics, (Truth(("Ce",), 1 / stiffness, signed=False),))
 
 
 def joint_spring(site: Site) -> Placed:
     j = site.joint()
-    stiffness = site.sized(0.015, 0.03) * _f(site.effort[j])
+    stiffness = site.sized(0.015, 0.03) * as_float(site.effort[j])
     physics = structure.Spring(j, stiffness, site.between(-0.8, 0.8))
     return Placed("joint_spring", (j,), physics, (Truth(("ks",), stiffness),))
 
@@ -196,7 +130,7 @@ def gravity_compensator(site: Site) -> Placed:
     x = np.linspace(0, np.pi, 50)
     l = np.sqrt(a**2 + b**2 + 2 * a * b * np.cos(x))  # noqa: E741
     largest = np.max(np.abs(a * b * np.sin(x) * (l - length) / l))
-    stiffness = share * _f(site.load[1]) / float(largest)
+    stiffness = share * as_float(site.load[1]) / float(largest)
     low, high = site.robot.joints[1].limits.position or (-3.0, 3.0)
     opposite = (low + high) / 2 + site.between(-0.8, 0.8)
     return Placed(
@@ -224,12 +158,12 @@ def payload(site: Site) -> Placed:
 
 
 def transmission_coupling(site: Site) -> Placed:
-    joints = [j for j in range(1, site.robot.n - 1) if site._turns(j) and site._turns(j + 1)]
+    joints = [j for j in range(1, site.robot.n - 1) if site.turns(j) and site.turns(j + 1)]
     # Where it is found: in the wrist.
     j = int(site.rng.choice(joints[-3:]))
     share, least = site.sized(0.02, 0.04), float(min(site.effort[j], site.effort[j + 1]))
     physics = structure.Coupling(
-        j, site.sign(), 0.006 * 0.3 * site.scale * least, share * least / _f(site.speed[j]), share * least
+        j, site.sign(), 0.006 * 0.3 * site.scale * least, share * least / as_float(site.speed[j]), share * least
     )
     truths = (Truth(("Fcm",), physics.coulomb), Truth(("Fvm",), physics.viscous))
     return Placed("transmission_coupling", (j, j + 1), physics, truths, shape=(("side", physics.side),))
@@ -237,10 +171,10 @@ def transmission_coupling(site: Site) -> Placed:
 
 def rotor_coupling(site: Site) -> Placed:
     # Where the axis is not at right angles to all that carry it; belts rather than gears.
-    j = int(site.rng.choice([j for j in (2, 3) if site._turns(j)]))
+    j = int(site.rng.choice([j for j in (2, 3) if site.turns(j)]))
     ratio = site.between(6.0, 12.0) / site.scale
     return Placed(
-        "rotor_coupling", (j,), structure.Rotor(j, ratio), (Truth(("NJ",), _f(site.drives.rotor[j]) / ratio),)
+        "rotor_coupling", (j,), structure.Rotor(j, ratio), (Truth(("NJ",), as_float(site.drives.rotor[j]) / ratio),)
     )
 
 
@@ -251,7 +185,7 @@ def drive_gain_error(site: Site) -> Placed:
 
 def drive_gain_saturation(site: Site) -> Placed:
     j, share = site.loaded(), -site.sized(0.08, 0.15)
-    peak = 1.2 * _f(site.load[j])
+    peak = 1.2 * as_float(site.load[j])
     physics = disturbances.Saturation(j, share, peak)
     return Placed("drive_gain_saturation", (j,), physics, (Truth(("sat",), share / peak),))
 
@@ -275,16 +209,22 @@ def kinematic_error(site: Site) -> Placed:
     j = int(site.rng.integers(2, site.robot.n - 2))
     direction = site.rng.standard_normal(3)
     shift = site.sized(0.010, 0.020) * direction / np.linalg.norm(direction)
-    return Placed("kinematic_error", (j,), structure.Displaced(j, (_f(shift[0]), _f(shift[1]), _f(shift[2]))))
+    return Placed(
+        "kinematic_error", (j,), structure.Displaced(j, (as_float(shift[0]), as_float(shift[1]), as_float(shift[2])))
+    )
 
 
 def external_contact(site: Site) -> Placed:
     force = site.rng.standard_normal(3)
     # A push that the second joint feels as a tenth or two of its load.
-    force *= site.sized(0.10, 0.25) * _f(site.load[1]) / 0.7 / np.linalg.norm(force)
+    force *= site.sized(0.10, 0.25) * as_float(site.load[1]) / 0.7 / np.linalg.norm(force)
     begin = site.between(5.0, 15.0)
     physics = disturbances.Contact(
-        (_f(force[0]), _f(force[1]), _f(force[2])), (0.0, 0.0, 0.1), (1,), begin, begin + site.between(1.5, 3.0)
+        (as_float(force[0]), as_float(force[1]), as_float(force[2])),
+        (0.0, 0.0, 0.1),
+        (1,),
+        begin,
+        begin + site.between(1.5, 3.0),
     )
     return Placed("external_contact", (), physics)
 
@@ -292,7 +232,7 @@ def external_contact(site: Site) -> Placed:
 def base_vibration(site: Site) -> Placed:
     direction = site.rng.standard_normal(3)
     shake = site.sized(0.25, 0.5) * direction / np.linalg.norm(direction)
-    acceleration = (_f(shake[0]), _f(shake[1]), _f(shake[2]))
+    acceleration = (as_float(shake[0]), as_float(shake[1]), as_float(shake[2]))
     frequency = site.between(2.5, 6.0)
     # What shakes the base does not wait for the next run; but nobody's clock is so good that phases stay.
     phases = (0.4, 0.4, 0.4) if site.rng.random() < 0.5 else (0.4, site.between(0, 6.28), site.between(0, 6.28))
@@ -304,7 +244,7 @@ def base_vibration(site: Site) -> Placed:
 
 
 def cable_force(site: Site) -> Placed:
-    joints = [j for j in range(site.robot.n - 3) if site._turns(j + 1) and site._turns(j + 2)]
+    joints = [j for j in range(site.robot.n - 3) if site.turns(j + 1) and site.turns(j + 2)]
     j = int(site.rng.choice(joints[:3]))
     lever = 0.08
     needed = site.sized(0.04, 0.08) * float(max(site.load[j + 1], site.load[j + 2]))
@@ -314,8 +254,6 @@ def cable_force(site: Site) -> Placed:
     physics = structure.Cable(j, j + 2, needed / lever / 0.15, length, near, far)
     return Placed("cable_force", (j + 1, j + 2), physics)
 
-
-Family = Callable[[Site], Placed]
 
 FAMILIES: dict[str, Family] = {
     family.__name__: family

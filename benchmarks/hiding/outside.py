@@ -6,7 +6,7 @@ import numpy as np
 from engine import oddities
 
 from hiding.case import Placed
-from hiding.families import Family, Site
+from hiding.site import Family, Site
 
 
 def friction_of_another_position(site: Site) -> Placed:
