@@ -9,21 +9,41 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, Signals
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Errors, Reduction, Solution, Statistics
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.result import Identification
 from dynident.recordings import Preprocessing
+from dynident.regressors.base_parameters import BaseParameters
 from dynident.regressors.model import build_model
+from dynident.robot import Robot
 from dynident.robot.document import robot_document, robot_from_document
+from dynident.robot.model import FloatArray
 
-_FORMAT = "dynident identification 1"
+_FORMAT = "dynident identification 2"
 
 
 def to_bytes(identification: Identification) -> bytes:
-    """The identification, with all its ancestors, as the bytes of an .npz file."""
+    """The identification, with all its ancestors, as the bytes of an .npz file.
+
+    Not compressed: the factors are all but a few of the bytes, and their digits do not shrink.
+    """
+    arrays: dict[str, Any] = {}
+    ladder = list(identification.ladder())
+    for number, model in enumerate(ladder):
+        arrays |= {f"{number}/{name}": array for name, array in _arrays(model).items()}
+    arrays["header"] = _text({"format": _FORMAT, "rungs": len(ladder)})
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+def _arrays(identification: Identification) -> dict[str, Any]:
+    """One model without its ancestors."""
+    base = identification.model.base
     arrays: dict[str, Any] = {
         "reference": identification.reference,
         "values": identification.solution.values,
@@ -32,32 +52,37 @@ def to_bytes(identification: Identification) -> bytes:
         "covariance": identification.statistics.covariance,
         "effective_rows": identification.statistics.effective_rows,
         "noise": identification.statistics.noise,
+        "base_kept": np.array(base.kept, dtype=np.int64),
+        "base_grouping": base.grouping,
+        "base_written": base.written,
+        "base_without_effect": np.array(base.without_effect, dtype=np.int64),
     }
     _put_errors(arrays, "fit", identification.fit)
     _put_reduction(arrays, "training", identification.training)
     if identification.held_out is not None and identification.held_out_data is not None:
         _put_errors(arrays, "held_out", identification.held_out)
         _put_reduction(arrays, "held_out_data", identification.held_out_data)
-    header = {
-        "format": _FORMAT,
-        "robot": robot_document(identification.model.robot),
-        "choices": asdict(identification.choices),
-        "preprocessing": asdict(identification.preprocessing),
-        "condition_number": identification.condition_number,
-        "worst_inertia_eigenvalue": identification.worst_inertia_eigenvalue,
-        "warnings": identification.warnings,
-        "measurement_names": identification.measurement_names,
-        "validation_names": identification.validation_names,
-        "added": [asdict(choice) for choice in identification.added],
-        "removed": [asdict(choice) for choice in identification.removed],
-    }
-    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-    if identification.parent is not None:
-        arrays["parent"] = np.frombuffer(to_bytes(identification.parent), dtype=np.uint8)
-    file = io.BytesIO()
-    # Compressed, so that a parent's file inside is not taken for the whole where the end is missing.
-    np.savez_compressed(file, **arrays)
-    return file.getvalue()
+    arrays["header"] = _text(
+        {
+            "robot": robot_document(identification.model.robot),
+            "choices": asdict(identification.choices),
+            "preprocessing": asdict(identification.preprocessing),
+            "base_names": base.names,
+            "base_rank": base.rank,
+            "condition_number": identification.condition_number,
+            "worst_inertia_eigenvalue": identification.worst_inertia_eigenvalue,
+            "warnings": identification.warnings,
+            "measurement_names": identification.measurement_names,
+            "validation_names": identification.validation_names,
+            "added": [asdict(choice) for choice in identification.added],
+            "removed": [asdict(choice) for choice in identification.removed],
+        }
+    )
+    return arrays
+
+
+def _text(document: Mapping[str, Any]) -> NDArray[np.uint8]:
+    return np.frombuffer(json.dumps(document).encode(), dtype=np.uint8)
 
 
 def from_bytes(content: bytes) -> Identification:
@@ -83,8 +108,32 @@ def _identification(content: bytes) -> Identification:
     header = json.loads(arrays["header"].tobytes())
     if header["format"] != _FORMAT:
         raise ValueError(header["format"])
+    found: Identification | None = None
+    for number in range(int(header["rungs"])):
+        prefix = f"{number}/"
+        own = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+        found = _rung(own, found)
+    if found is None:
+        raise ValueError("no model")
+    return found
+
+
+def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identification:
+    """One model on top of the one before it."""
+    header = json.loads(arrays["header"].tobytes())
     choices = _choices(header["choices"])
-    model = build_model(robot_from_document(header["robot"]), choices.effects, tolerance=choices.tolerance)
+    base = BaseParameters(
+        names=tuple(header["base_names"]),
+        kept=tuple(arrays["base_kept"].tolist()),
+        grouping=arrays["base_grouping"],
+        written=arrays["base_written"],
+        without_effect=tuple(arrays["base_without_effect"].tolist()),
+        rank=int(header["base_rank"]),
+    )
+    robot, signals = (robot_from_document(header["robot"]), None) if parent is None else _of(parent)
+    model = build_model(robot, choices.effects, tolerance=choices.tolerance, signals=signals, base=base)
+    if tuple(column.name for column in model.columns) != base.names:
+        raise ValueError("the catalogue has other columns for these effects")
     held_out = "held_out_squares" in arrays
     smallest = float(header["worst_inertia_eigenvalue"])
     return Identification(
@@ -104,10 +153,15 @@ def _identification(content: bytes) -> Identification:
         warnings=tuple(header["warnings"]),
         measurement_names=tuple(header["measurement_names"]),
         validation_names=tuple(header["validation_names"]),
-        parent=from_bytes(arrays["parent"].tobytes()) if "parent" in arrays else None,
+        parent=parent,
         added=tuple(_effect(item) for item in header["added"]),
-        removed=tuple(_effect(item) for item in header.get("removed", ())),
+        removed=tuple(_effect(item) for item in header["removed"]),
     )
+
+
+def _of(parent: Identification) -> tuple[Robot, Signals]:
+    # A ladder is one of one robot: its mechanics are derived once.
+    return parent.model.robot, parent.model.signals
 
 
 def _effect(document: Mapping[str, Any]) -> EffectChoice:
@@ -145,14 +199,26 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
     arrays[f"{name}_size"] = np.array([reduction.n_columns, len(reduction.equations)])
     for j, equation in enumerate(reduction.equations):
         arrays[f"{name}_{j}_columns"] = equation.columns
-        arrays[f"{name}_{j}_factors"] = equation.factors
+        size = equation.factors.shape[-1]
+        arrays[f"{name}_{j}_factors"] = equation.factors[:, *np.triu_indices(size)]
         arrays[f"{name}_{j}_counts"] = equation.counts
 
 
 def _reduction(arrays: Mapping[str, Any], name: str) -> Reduction:
     n_columns, n_equations = (int(value) for value in arrays[f"{name}_size"])
     equations = tuple(
-        EquationFactors(arrays[f"{name}_{j}_columns"], arrays[f"{name}_{j}_factors"], arrays[f"{name}_{j}_counts"])
+        EquationFactors(
+            arrays[f"{name}_{j}_columns"],
+            _triangles(arrays[f"{name}_{j}_factors"], len(arrays[f"{name}_{j}_columns"]) + 1),
+            arrays[f"{name}_{j}_counts"],
+        )
         for j in range(n_equations)
     )
     return Reduction(n_columns, equations, arrays[f"{name}_spans"])
+
+
+def _triangles(packed: FloatArray, size: int) -> FloatArray:
+    """(s, k, k) upper triangles from their k (k + 1) / 2 values each."""
+    factors = np.zeros((len(packed), size, size))
+    factors[:, *np.triu_indices(size)] = packed
+    return factors

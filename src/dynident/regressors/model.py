@@ -125,6 +125,7 @@ def build_model(
     *,
     tolerance: float = DEFAULT_TOLERANCE,
     signals: Signals | None = None,
+    base: BaseParameters | None = None,
 ) -> Model:
     """Build the model of effects on a robot.
 
@@ -136,6 +137,8 @@ def build_model(
         Share of a column that may be left beside the others for it to count as dependent on them.
     signals : Signals, optional
         Those of another model of the same robot: its mechanics need not be derived again.
+    base : BaseParameters, optional
+        Those of the same effects on the same robot, where they are known.
 
     Raises
     ------
@@ -153,7 +156,7 @@ def build_model(
                 f"{column.effect} is chosen twice for {column.link or 'the robot'}; name it once", pointer="/effects"
             )
         seen.add(column.key)
-    base = base_parameters(robot, columns, signals, tolerance=tolerance)
+    base = base or base_parameters(robot, columns, signals, tolerance=tolerance)
     observation = Observation.of(robot, [columns[k] for k in base.kept], signals)
     return Model(robot, tuple(effects), signals, tuple(columns), base, observation)
 
