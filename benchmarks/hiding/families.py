@@ -11,7 +11,7 @@ from engine import Hidden, disturbances, friction, gears, structure
 from engine.temperature import Warming
 
 from hiding.case import Placed, Truth
-from hiding.site import Family, Site, as_float
+from hiding.site import Family, Site, as_float, as_vector
 
 
 def offset(site: Site) -> Placed:
@@ -232,11 +232,10 @@ def external_contact(site: Site) -> Placed:
 def base_vibration(site: Site) -> Placed:
     direction = site.rng.standard_normal(3)
     shake = site.sized(0.25, 0.5) * direction / np.linalg.norm(direction)
-    acceleration = (as_float(shake[0]), as_float(shake[1]), as_float(shake[2]))
     frequency = site.between(2.5, 6.0)
     # What shakes the base does not wait for the next run; but nobody's clock is so good that phases stay.
     phases = (0.4, 0.4, 0.4) if site.rng.random() < 0.5 else (0.4, site.between(0, 6.28), site.between(0, 6.28))
-    physics = disturbances.Vibration(acceleration, frequency, phases)
+    physics = disturbances.Vibration(as_vector(shake), frequency, phases)
     amplitude = float(np.linalg.norm(shake))
     names = ("axc", "axs", "ayc", "ays", "azc", "azs")
     truths = (Truth(names, amplitude),) if len(set(phases)) == 1 else ()

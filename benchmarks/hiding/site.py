@@ -74,5 +74,11 @@ def as_float(value: float | np.floating) -> float:
     return float(value)
 
 
+def as_vector(values: FloatArray) -> tuple[float, float, float]:
+    """Three plain numbers."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
 Family = Callable[[Site], Placed]
 """Draws the place and the size of one kind of effect."""
