@@ -20,13 +20,13 @@ _CRANK_RATIOS = (0.25, 0.6)
 class GravityCompensator(Effect):
     """A spring between a point of the antecedent link and a crank on the link.
 
-    With x = q - φ, the crank ratio r and the length l = √(1 + r² + 2 r cos x) in units of the longer arm, the torque is
-    k a b sin x (1 - l0 / l): linear in k a b and k a l0.
+    With x = q - φ, the crank ratio r and the length l = √(1 + r² + 2 r cos x) in units of the longer arm, the motor has
+    to give -k a b sin x (1 - l0 / l), the slope of the stored energy: linear in k a b and k a l0.
     """
 
     id = "gravity_compensator"
     title = "Gravity compensating spring"
-    formula = r"k a b \sin x\,(l - l_0)/l,\qquad l^2 = a^2 + b^2 + 2ab\cos x,\quad x = q - \varphi"
+    formula = r"-k a b \sin x\,(l - l_0)/l,\qquad l^2 = a^2 + b^2 + 2ab\cos x,\quad x = q - \varphi"
     parameters = (
         ParameterSpec("kab", "N m", "stiffness times both arms, k a b"),
         ParameterSpec("kal", "N m", "stiffness times crank and free length, -k a l0"),
@@ -38,6 +38,7 @@ class GravityCompensator(Effect):
             "angle of the joint where spring and crank are in line",
             0.1,
             signed=True,
+            may_be_zero=True,
             refined=Refinement(0.065),
         ),
         ShapeSpec("r", "-", "crank over the distance of the spring's foot", 0.25, refined=RATIO),
@@ -54,8 +55,8 @@ class GravityCompensator(Effect):
         for j in joints:
             x = signals.q[j] - constants["phi"]
             length = ca.sqrt(1 + r * r + 2 * r * ca.cos(x))
-            waves = (ca.sin(x), ca.sin(x) / length)
-            stored = (partial(ca.SX, -ca.cos(x)), partial(ca.SX, -length / r))
+            waves = (-ca.sin(x), -ca.sin(x) / length)
+            stored = (partial(ca.SX, ca.cos(x)), partial(ca.SX, length / r))
             for spec, wave, energy in zip(self.parameters, waves, stored, strict=True):
                 made.append(self._column(signals, spec, j, wave, constants, energy))
         return made
