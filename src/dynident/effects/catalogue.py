@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from dynident.effects.disturbances import BaseVibration, ExternalContact, Payload
 from dynident.effects.drive import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
-from dynident.effects.effect import Column, Effect, EffectChoice
+from dynident.effects.effect import Column, Effect, EffectChoice, ShapeSpec
 from dynident.effects.friction import (
     Coulomb,
     CoulombAsymmetric,
@@ -124,11 +124,17 @@ def check_shape(choice: EffectChoice, pointer: str = "") -> None:
             )
         if not known[name].admits(value):
             raise UnknownEffectError(
-                f"{name} of {choice.effect} is {value}; its {known[name].description} has to be a finite number "
-                f"{'other than' if known[name].signed else 'above'} zero",
+                f"{name} of {choice.effect} is {value}; its {known[name].description} has to be a finite number"
+                f"{_besides(known[name])}",
                 pointer=f"{pointer}/shape/{name}",
                 title="Impossible shape constant",
             )
+
+
+def _besides(spec: ShapeSpec) -> str:
+    if spec.signed:
+        return "" if spec.may_be_zero else " other than zero"
+    return ", zero or above" if spec.may_be_zero else " above zero"
 
 
 def columns_of(choices: Iterable[EffectChoice], signals: Signals) -> list[Column]:

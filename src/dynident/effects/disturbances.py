@@ -50,8 +50,8 @@ class ExternalContact(Effect):
         for axis in "xyz"
     )
     shapes = (
-        ShapeSpec("t0", "s", "time when the contact begins", 0.0, proposal="burst", signed=True),
-        ShapeSpec("t1", "s", "time when the contact ends", 1.0, proposal="burst", signed=True),
+        ShapeSpec("t0", "s", "time when the contact begins", 0.0, proposal="burst", signed=True, may_be_zero=True),
+        ShapeSpec("t1", "s", "time when the contact ends", 1.0, proposal="burst", signed=True, may_be_zero=True),
     )
     signature = "one stretch of time far above the rest"
     confused_with = ("payload",)

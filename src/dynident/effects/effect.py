@@ -53,10 +53,10 @@ class ShapeSpec:
 
     `default` is used where nobody chose a value. `proposal` says where candidates come from: a fixed grid (`grid`), or
     lines in the spectrum of the residual over the joint's angle or over time, or the stretch of time where the residual
-    is far above the rest. A constant is above zero unless it is `signed`; it is
-    not searched for below `least`. `resolved_by` names what a filtered position must still resolve for the constant to
-    show: the displacement or the speed around a reversal. `refined`: how a first value is improved; None: it is not.
-    `natural` values are kept where they are as good.
+    is far above the rest. A constant is above zero unless it is `signed`, and zero only where it
+    `may_be_zero`; it is not searched for below `least`. `resolved_by` names what a filtered position must still resolve
+    for the constant to show: the displacement or the speed around a reversal. `refined`: how a first value is improved;
+    None: it is not. `natural` values are kept where they are as good.
     """
 
     name: str
@@ -66,6 +66,7 @@ class ShapeSpec:
     proposal: Proposal = "grid"
     relative_to_velocity: bool = False
     signed: bool = False
+    may_be_zero: bool = False
     least: float = 0.0
     resolved_by: Literal["displacement", "speed"] | None = None
     refined: Refinement | None = None
@@ -73,7 +74,9 @@ class ShapeSpec:
 
     def admits(self, value: float) -> bool:
         """Whether a value makes sense for this constant."""
-        return math.isfinite(value) and (value != 0 if self.signed else value > 0)
+        if value == 0:
+            return self.may_be_zero
+        return math.isfinite(value) and (self.signed or value > 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -135,7 +135,8 @@ def _finer(choice: EffectChoice, number: int) -> list[EffectChoice]:
     spec = specs[number]
     value = choice.shape_values[spec.name]
     moved = [_moved(spec, value, step) for step in range(-_DOWN, _UP + 1)]
-    return [_with(choice, spec.name, item) for item in moved if spec.admits(item) and item >= min(spec.least, value)]
+    least = -np.inf if spec.signed else min(spec.least, value)
+    return [_with(choice, spec.name, item) for item in moved if spec.admits(item) and item >= least]
 
 
 def _moved(spec: ShapeSpec, value: float, steps: float) -> float:
