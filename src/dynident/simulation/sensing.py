@@ -70,7 +70,9 @@ class Sensing:
             third, fourth = _higher_derivatives(t, truth.ddq)
             memory = MemoryStates(self.signals.memory_signals).push(truth.q)
             present = np.tile([float(one.is_in(run)) for one in self.effects], (len(t), 1))
-            inputs = (truth.q, truth.dq, truth.ddq, third, fourth, t[:, None], temperature, memory, truth.tau, present)
+            clock, period = t[:, None], np.full((len(t), 1), _period(t))
+            state = (truth.q, truth.dq, truth.ddq, third, fourth)
+            inputs = (*state, clock, period, temperature, memory, truth.tau, present)
             found = self.added.map(len(t))(*(item.T for item in inputs))
             shown = shown + np.asarray(ca.DM(found), dtype=np.float64).T
         if self.delay:
@@ -79,7 +81,7 @@ class Sensing:
 
 
 def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: FloatArray) -> ca.Function:
-    """Function (q, dq, ddq, dddq, ddddq, t, temperature, z, motor torque, presence of each effect) -> torque."""
+    """Function (q, dq, ddq, dddq, ddddq, t, T, temperature, z, motor torque, presence of each effect) -> torque."""
     n, motor = signals.robot.n, signals.predicted.motor
     present = ca.SX.sym("present", len(effects))
     of_motion, of_torque = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
@@ -101,6 +103,7 @@ def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: Flo
         signals.dddq,
         signals.ddddq,
         signals.time,
+        signals.period,
         signals.temperature,
         signals.memory_symbols,
         motor,
@@ -117,10 +120,14 @@ def _everywhere(torque: ca.SX, signals: SensorSignals) -> ca.SX:
 
 def _higher_derivatives(t: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Third and fourth derivative (m, n) of the positions, of what elastic gears let pass, from ddq (m, n)."""
-    period = float(t[-1] - t[0]) / (len(t) - 1)
+    period = _period(t)
     even: FloatArray = t[0] + period * np.arange(len(t))
     regular = np.column_stack([np.interp(even, t, column) for column in ddq.T])
     sections = signal.butter(_ORDER, min(_ELASTIC_BAND, 0.2 / period), fs=1 / period, output="sos")
     smooth = signal.sosfiltfilt(sections, regular, axis=0, padlen=min(len(t) - 1, 6 * _ORDER))
     third = np.gradient(smooth, period, axis=0)
     return third, np.gradient(third, period, axis=0)
+
+
+def _period(t: FloatArray) -> float:
+    return float(t[-1] - t[0]) / (len(t) - 1)
