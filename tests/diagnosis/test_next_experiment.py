@@ -102,6 +102,10 @@ def test_nothing_is_proposed_where_nothing_is_open():
     assert proposed() is None
 
 
+def test_no_motion_is_proposed_for_what_no_motion_can_tell():
+    assert proposed(Doubt(on(0, "coulomb_asymmetric"), (on(0, "offset"),))) is None
+
+
 def test_the_table_knows_every_effect_of_the_catalogue():
     assert set(CATALOGUE) <= set(ALONE)
     assert set(ALONE.values()) | set(PAIRS.values()) == set(EXPERIMENTS)
@@ -125,6 +129,8 @@ def test_every_effect_gets_a_design_that_can_be_made(effect):
     shape = tuple(sorted((name, float(value) or 0.5) for name, value in grid[0].items())) if grid else ()
     joints = () if CATALOGUE[effect].scope == "robot" else (NAMES[possible[-1]],)
     found = proposed(Doubt(EffectChoice(effect, joints, shape)))
+    if effect in ("offset", "coulomb_asymmetric", "rotor_coupling", "encoder_zero_error"):
+        return  # In the model, or the same function of every motion as something that is.
     assert found is not None
     quick = found.design.kind not in ("optimized", "random")
     if quick:

@@ -23,8 +23,8 @@ from dynident.identification import Identification
 from dynident.robot.model import FloatArray, Robot
 
 _MOST_RIVALS = 3
-_CLEARLY_BETTER = 0.8
-"""Of the present standard deviation: a motion that does not get below it decides nothing."""
+# Of the present standard deviation: below it no other motion is looked for, above it none is proposed.
+_CLEARLY_BETTER, _HARDLY_BETTER = 0.8, 0.95
 # Of what most arms have, most often missed first.
 _COMMON = ("presliding", "load_dependent_friction", "stribeck", "torque_ripple", "viscous_nonlinear", "torque_delay")
 
@@ -143,6 +143,8 @@ def _answer(identification: Identification, comparisons: Sequence[Comparison], d
     except DynidentError:
         # Limits that are not known: no motion can be proposed.
         return None
+    if _absorbed(case.model, doubt.suspect):
+        return None
     question = case.question
     best: tuple[Experiment, DesignRequest, Separation | None] | None = None
     for experiment in _worth_trying(question):
@@ -161,6 +163,8 @@ def _answer(identification: Identification, comparisons: Sequence[Comparison], d
         return None
     experiment, request, reached = best
     present = case.pairing.present if reached else None
+    if present and reached and not reached.standard_deviation < _HARDLY_BETTER * present.standard_deviation:
+        return None
     return NextExperiment(
         reason=_reason(experiment, question, doubt, present, reached),
         design=request,
@@ -168,6 +172,12 @@ def _answer(identification: Identification, comparisons: Sequence[Comparison], d
         expected_separation=reached,
         instructions=experiment.instructions,
     )
+
+
+def _absorbed(model: DesignModel, suspect: EffectChoice) -> bool:
+    """Whether an effect is, for every motion, the same function as others of the model."""
+    own = any(column.effect == suspect.effect for column in model.columns)
+    return own and not parameters_of(model, suspect)
 
 
 def _worth_trying(question: Question) -> list[Experiment]:

@@ -1,0 +1,73 @@
+"""A fast motion leaves two effects open; the motion that is proposed is made, measured, and decides between them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, on_joint, recorded
+from oracles import Motion, fourier_motion
+
+from dynident.diagnosis import Diagnosis, RankedEffect, diagnose
+from dynident.excitation import Design, design_experiment
+from dynident.identification import IdentificationChoices, identify
+from dynident.recordings import Recording, recording_from_arrays
+from dynident.simulation import Reference, Sensors, SimulationRequest, TrueEffect, simulate, typical_drive
+
+pytestmark = pytest.mark.slow
+
+JOINT = NAMES[0]
+
+
+def diagnosed(*runs: Recording) -> Diagnosis:
+    identification = identify(ROBOT, runs, [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    return diagnose(identification, runs)
+
+
+def significant(found: Diagnosis) -> list[RankedEffect]:
+    return [item for item in found.candidates if item.significant]
+
+
+def made(found: Diagnosis) -> Design:
+    """The design that a diagnosis with an open pair proposes."""
+    first = significant(found)[0]
+    assert first.joints == (JOINT,)
+    assert {first.effect, *first.equivalent} >= {"stribeck", "viscous_nonlinear"}
+    assert found.next_experiment is not None
+    assert found.next_experiment.kind == "constant_velocity"
+    now, then = found.next_experiment.present_separation, found.next_experiment.expected_separation
+    assert now.t_value < 2 < 3 < then.t_value
+    return design_experiment(ROBOT, found.next_experiment.design)
+
+
+def simulated(motion: Motion | Design, hidden: TrueEffect, seed: int, name: str) -> Recording:
+    """What the virtual robot measures, under control and with the noise of its sensors."""
+    request = SimulationRequest(
+        Reference(motion.t, motion.q, motion.dq, motion.ddq),
+        (*typical_drive(ROBOT), hidden),
+        sensors=Sensors(sampling_rate=200.0),
+        seed=seed,
+    )
+    run = simulate(ROBOT, request)
+    return recording_from_arrays(run.t, run.q, run.tau, joint_names=NAMES, name=name)
+
+
+def test_the_virtual_robot_makes_the_proposed_motion_and_the_right_effect_alone_is_named():
+    bend = TrueEffect("viscous_nonlinear", JOINT, (("Fvn", 0.03 * ROBOT.joints[0].limits.effort),), (("p", 0.5),))
+    motion = fourier_motion(ROBOT, 10.0, 200.0, 7, harmonics=2, fastest=0.9, base_frequency=0.2)
+    fast = simulated(motion, bend, 1, "fast")
+    second = simulated(made(diagnosed(fast)), bend, 2, "proposed")
+    (only,) = significant(diagnosed(fast, second))
+    assert (only.effect, only.joints, only.equivalent) == ("viscous_nonlinear", (JOINT,), ())
+    assert dict(only.shape)["p"] == pytest.approx(0.5, abs=0.1)
+
+
+def test_an_effect_that_took_another_ones_name_gets_its_own():
+    peak = on_joint(0, lambda q, v, load: 6.0 * np.exp(-np.abs(v / 0.25)) * np.sign(v))
+    fast = recorded(fourier_motion(ROBOT, 20.0, 200.0, 7, harmonics=3, fastest=0.9), peak, 3, "fast")
+    before = diagnosed(fast)
+    assert significant(before)[0].effect == "viscous_nonlinear"
+    design = made(before)
+    second = recorded(Motion(design.t, design.q, design.dq, design.ddq), peak, 4, "proposed")
+    first = significant(diagnosed(fast, second))[0]
+    assert (first.effect, first.joints, first.equivalent) == ("stribeck", (JOINT,), ())
+    assert dict(first.shape)["vs"] == pytest.approx(0.25, rel=0.2)
