@@ -16,7 +16,8 @@ from dynident.robot.model import FloatArray, Robot
 _MOST_ROWS = 20_000
 _LINE_RATIO = 12.0
 _LINES_A_JOINT = 2
-_HIGHEST_LINE = 250.0
+_LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
+_BINS = 200
 _LEAST_ANGLE = 0.2
 # Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
 _SURROUNDINGS = 181
@@ -90,10 +91,38 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[i
         sums = np.bincount(place, weights=residual - residual.mean(), minlength=n_bins)
         size = fft.next_fast_len(9 * n_bins, real=True)
         k = 2 * np.pi * fft.rfftfreq(size, span / n_bins)
-        shown = (k >= max(2.0, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
+        shown = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
         k, power = k[shown], np.abs(fft.rfft(sums, size)[shown]) ** 2
         lines += [(j, value) for value in _peaks(k, power, _LINE_RATIO)[:_LINES_A_JOINT]]
+        slow = _slow_wave(q, residual, low, span)
+        lines += [] if slow is None else [(j, slow)]
     return lines
+
+
+def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> float | None:
+    """The wave of at most two cycles over the joint's range that explains most beside a parabola; None: none does.
+
+    A spectrum cannot tell so few cycles from a trend.
+    """
+    waves = np.arange(_LOWEST_LINE, 4 * np.pi / span, 0.05 / span)
+    place = np.minimum(((q - low) / span * _BINS).astype(np.intp), _BINS - 1)
+    counts = np.bincount(place, minlength=_BINS).astype(np.float64)
+    filled = counts > 0
+    if not len(waves) or filled.sum() < 10:
+        return None
+    weight = np.sqrt(counts[filled])
+    y = weight * np.bincount(place, weights=residual, minlength=_BINS)[filled] / counts[filled]
+    x = (np.flatnonzero(filled) + 0.5) / _BINS
+    trend = np.linalg.qr(weight[:, None] * np.vander(x, 3))[0]
+    y = y - trend @ (trend.T @ y)
+    gains = []
+    for k in waves:
+        angle = k * span * x
+        wave = weight[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        wave = np.linalg.qr(wave - trend @ (trend.T @ wave))[0]
+        gains.append(float(((wave.T @ y) ** 2).sum()))
+    best = int(np.argmax(gains))
+    return float(waves[best]) if gains[best] > 0.5 * float(y @ y) else None
 
 
 def time_lines(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> list[float]:

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.diagnosis.candidates import Candidate, Pool
-from dynident.diagnosis.gate import SMALLEST_GAIN_OVER_NOISE, Judged, judge, p_value, simplest
+from dynident.diagnosis.gate import (
+    SMALLEST_DROP,
+    SMALLEST_DROP_OF_STICKING,
+    SMALLEST_GAIN_AT_REVERSALS,
+    SMALLEST_GAIN_OVER_NOISE,
+    Judged,
+    judge,
+    p_value,
+    simplest,
+)
 from dynident.diagnosis.products import Products
 from dynident.diagnosis.scoring import held_out_errors, score_candidates
 from dynident.diagnosis.stability import consistencies
@@ -22,6 +31,10 @@ from dynident.robot.model import FloatArray
 _KINDS = ("interleaved", "contiguous")
 VISIBLE = 0.02
 _PRUNE_DROP, _PRUNE_T = 0.01, 1.5
+# t that each joint of a group needs for itself.
+_JOINT_T = 2.0
+# So many other names for a finding, and its cause is not certain.
+_TOO_MANY_NAMES = 2
 _WORTH_A_LOOK = 0.02
 BoolArray = NDArray[np.bool_]
 
@@ -81,7 +94,8 @@ def search(
         finding = Finding(chosen, equal, p_value(chosen, len(remaining)), _around(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
         state = State(base, noise_left(data, base), state.floor, (*state.picks, finding))
-        remaining = [c for c in remaining if not _superseded(c, chosen.candidate)]
+        reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
+        remaining = [c for c in remaining if not _superseded(c, chosen.candidate, reached)]
         if not remaining:
             break
         judged = judge_all(data, pool, state.base, remaining, state.noise)
@@ -96,10 +110,15 @@ def noise_left(data: Products, base: tuple[int, ...]) -> FloatArray:
     return np.asarray(np.maximum(sigma, 1e-9 * max(float(sigma.max()), 1e-12)))
 
 
-def _superseded(candidate: Candidate, chosen: Candidate) -> bool:
-    """Whether a candidate is the chosen one in other words: the same family on a joint that it already has."""
+def _superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:
+    """Whether a candidate is the chosen one in other words: the same family on a joint that it already has.
+
+    `reached` are the joints that the chosen one acts on.
+    """
     if candidate.columns == chosen.columns:
         return True
+    if candidate.effect in effect_by_id(chosen.effect).covers:
+        return set(candidate.joints) <= set(reached)
     if candidate.effect != chosen.effect:
         return False
     if effect_by_id(candidate.effect).proposal != "grid":
@@ -114,7 +133,9 @@ def _choose(
     passing = [item for item in judged if _acceptable(state, data.counts, item, len(judged))]
     while passing:
         chosen, equal = simplest(passing)
-        if _plausible(data, pool, state, chosen):
+        names = {item.candidate.effect for item in equal} - {chosen.candidate.effect}
+        certain = len(names) < _TOO_MANY_NAMES or chosen.passes_by_t
+        if certain and _plausible(data, pool, state, chosen):
             return chosen, equal
         passing = [item for item in passing if item is not chosen]
     return None
@@ -124,7 +145,12 @@ def _acceptable(state: State, counts: FloatArray, item: Judged, n_tried: int) ->
     effect = effect_by_id(item.candidate.effect)
     if item.separability < VISIBLE or not item.passes(effect.scope == "robot", n_tried):
         return False
-    return item.gain_over(state.floor, counts, whole_robot=effect.scope == "robot") >= SMALLEST_GAIN_OVER_NOISE
+    resolved = [spec for spec in effect.shapes if spec.resolved_by is not None]
+    least = SMALLEST_GAIN_AT_REVERSALS if resolved else SMALLEST_GAIN_OVER_NOISE
+    if item.gain_over(state.floor, counts, whole_robot=len(item.joints) > 1 and not resolved) < least:
+        return False
+    hardly = any(dict(item.candidate.shape)[spec.name] < 2 * spec.least for spec in resolved)
+    return not hardly or item.total_drop >= SMALLEST_DROP_OF_STICKING
 
 
 def _around(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, ...]:
@@ -209,7 +235,7 @@ def _without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judge
         gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
         spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
         share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)
-        if share >= _PRUNE_DROP and gain.mean() >= _PRUNE_T * spread:
+        if share >= SMALLEST_DROP and gain.mean() >= _JOINT_T * spread:
             keep.append(name)
     if not keep or len(keep) == len(chosen.candidate.joints):
         return chosen

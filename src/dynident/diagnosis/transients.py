@@ -78,6 +78,7 @@ def _tried(
         before=before,
         after=after,
         drop=drop,
+        total_drop=drop,
         t=float(np.sqrt(max(f, 0.0))),
         gains=gains,
         separability=separability,

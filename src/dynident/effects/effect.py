@@ -125,8 +125,9 @@ class Effect(ABC):
     """A physical cause of joint torque, linear in its parameters once its shape constants stand.
 
     `needs_session`: it changes with the time of the session. `in_some_runs`: it is the same function as the model
-    itself unless it is in some of the runs only. `confused_with` names effects that leave much the same residual;
-    `same_function` those that are the same function of the motion, so that no data can tell them apart.
+    itself unless it is in some of the runs only. `confused_with` names effects that leave much the same residual,
+    `same_function` those that are the same function of the motion, so that no data can tell them apart, `covers` those
+    that it is general enough to say as well.
     """
 
     id: ClassVar[str]
@@ -137,6 +138,7 @@ class Effect(ABC):
     sources: ClassVar[tuple[str, ...]]
     confused_with: ClassVar[tuple[str, ...]] = ()
     same_function: ClassVar[tuple[str, ...]] = ()
+    covers: ClassVar[tuple[str, ...]] = ()
     shapes: ClassVar[tuple[ShapeSpec, ...]] = ()
     scope: ClassVar[Literal["joint", "robot"]] = "joint"
     is_friction: ClassVar[bool] = False

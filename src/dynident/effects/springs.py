@@ -98,6 +98,7 @@ class CableForce(Effect):
     )
     signature = "a smooth function of the positions of two neighbouring joints, on both of them"
     confused_with = ("joint_spring",)
+    covers = ("joint_spring", "gravity_compensator", "offset", "coulomb_asymmetric")
     sources = ("Khalil and Dombre 2002, chapter 9",)
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
