@@ -26,7 +26,9 @@ from dynident.identification.shapes import check_shapes_given, complete_shapes, 
 from dynident.identification.warnings import unseen_parameters, warnings_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
+from dynident.regressors.extension import extended_model
 from dynident.regressors.model import Model, build_model
+from dynident.regressors.rows import KeptRows, reduce_and_keep
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray, Robot
 from dynident.threads import single_threaded
@@ -94,8 +96,7 @@ def extend(
         part(progress, 0.0, 0.5),
     )
     choices = replace(identification.choices, effects=identification.choices.effects + new)
-    known = identification.model
-    model = build_model(known.robot, choices.effects, tolerance=choices.tolerance, signals=known.signals)
+    model = extended_model(identification.model, new, tolerance=choices.tolerance)
     if model.n_parameters == identification.model.n_parameters:
         raise DynidentError(
             f"{', '.join(choice.effect for choice in new)} adds nothing: its columns are combinations of those in the "
@@ -103,9 +104,18 @@ def extend(
             pointer="/effects",
             title="Nothing to add",
         )
-    reference = identification.next_reference() if model.needs_load else identification.reference
+    reference = identification.reference
+    if model.needs_load:
+        reference = identification.next_reference()
     grown = identify_model(
-        model, recordings, validation, choices, identification.preprocessing, reference, part(progress, 0.5, 1.0)
+        model,
+        recordings,
+        validation,
+        choices,
+        identification.preprocessing,
+        reference,
+        part(progress, 0.5, 1.0),
+        identification.rows,
     )
     grown = replace(grown, parent=identification, added=new)
     return replace(grown, warnings=warnings_of_addition(grown) + grown.warnings)
@@ -124,6 +134,7 @@ def identify_model(
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress,
+    known: tuple[KeptRows | None, KeptRows | None] = (None, None),
 ) -> Identification:
     """Identify the parameters of a model that is built already, with everything decided.
 
@@ -131,16 +142,19 @@ def identify_model(
     ----------
     reference : (10 n,)
         Standard inertial parameters for load predictions; any where no effect needs the load.
+    known : rows of the recordings and of the validation data, optional
+        Of a model that this one extends.
     """
     share = 0.9 * len(recordings) / (len(recordings) + len(validation))
-    training = reduce_recordings(model.observation, recordings, preprocessing, reference, part(progress, 0.0, share))
-    held_out_data = None
+    training, rows = reduce_and_keep(model, recordings, preprocessing, reference, part(progress, 0.0, share), known[0])
+    held_out_data, held_out_rows = None, None
     if validation:
-        held_out_data = reduce_recordings(
-            model.observation, validation, preprocessing, reference, part(progress, share, 0.9)
+        held_out_data, held_out_rows = reduce_and_keep(
+            model, validation, preprocessing, reference, part(progress, share, 0.9), known[1]
         )
     progress(0.9, "solving")
-    return conclude(model, choices, preprocessing, reference, training, held_out_data, recordings, validation)
+    found = conclude(model, choices, preprocessing, reference, training, held_out_data, recordings, validation)
+    return replace(found, rows=(rows, held_out_rows))
 
 
 def conclude(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from dynident.regressors.model import Model
@@ -22,14 +24,14 @@ def smallest_inertia_eigenvalue(model: Model, values: FloatArray, *, seed: int =
     inertial = [k for k, c in enumerate(model.kept) if c.effect in ("rigid_body", "rotor_inertia")]
     if not inertial:
         return float("nan")
-    q = random_postures(robot, _POSTURES, seed)
-    inertial_values = np.zeros(model.n_parameters)
+    # Models that extend one another have their inertial columns in common.
+    observation = model.observation
+    while observation.parts is not None and inertial[-1] < observation.parts[0].n_columns:
+        observation = observation.parts[0]
+    inertial_values = np.zeros(observation.n_columns)
     inertial_values[inertial] = values[inertial]
-    # Torque at rest, then for a unit acceleration of each joint; what does not depend on acceleration cancels.
-    accelerations = np.repeat(np.vstack([np.zeros(n), np.eye(n)]), len(q), axis=0)
-    torque = _torque(model.observation, np.tile(q, (n + 1, 1)), accelerations, inertial_values)
-    torque = torque.reshape(n + 1, len(q), n)
-    matrix = (torque[1:] - torque[0]).transpose(1, 2, 0)
+    torque = observation.torque(_unit_accelerations(observation, seed), inertial_values)
+    matrix = torque.reshape(n, -1, n).transpose(1, 2, 0)
     matrix = 0.5 * (matrix + matrix.transpose(0, 2, 1))
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
     if np.any(diagonal <= 0):
@@ -50,12 +52,18 @@ def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     return np.asarray(rng.uniform(low, high, (count, robot.n)))
 
 
-def _torque(observation: Observation, q: FloatArray, ddq: FloatArray, values: FloatArray) -> FloatArray:
+@lru_cache(maxsize=4)
+def _unit_accelerations(observation: Observation, seed: int) -> FloatArray:
+    """Entries (n · postures, k) of W for a unit acceleration of each joint in turn, less those at rest."""
+    n = observation.robot.n
+    q = random_postures(observation.robot, _POSTURES, seed)
+    accelerations = np.repeat(np.vstack([np.zeros(n), np.eye(n)]), len(q), axis=0)
     entries = observation.evaluate(
-        q,
-        np.zeros_like(q),
-        ddq,
-        reference=np.zeros(10 * observation.robot.n),
-        memory=np.zeros((len(q), observation.n_memory)),
-    )
-    return observation.torque(entries, values)
+        np.tile(q, (n + 1, 1)),
+        np.zeros_like(accelerations),
+        accelerations,
+        reference=np.zeros(10 * n),
+        memory=np.zeros((len(accelerations), observation.n_memory)),
+    ).reshape(n + 1, len(q), -1)
+    # What does not depend on acceleration cancels.
+    return np.asarray((entries[1:] - entries[0]).reshape(n * len(q), -1))

@@ -12,6 +12,7 @@ from dynident.estimation import Errors, Reduction, Solution, Statistics
 from dynident.identification.choices import IdentificationChoices
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
+from dynident.regressors.rows import KeptRows
 from dynident.robot.model import FloatArray
 
 
@@ -37,7 +38,8 @@ class Identification:
 
     `reference` (10 n,) are the standard inertial parameters that predicted loads were computed with; `training` and
     `held_out_data` the reduced recordings; `fit` and `held_out` the errors on them; `names` of the recordings; `added`
-    and `removed` what was added to the model of `parent` or taken out of it.
+    and `removed` what was added to the model of `parent` or taken out of it; `rows` the filtered rows of both data sets
+    where they are still in memory.
     """
 
     model: Model
@@ -59,6 +61,7 @@ class Identification:
     parent: Identification | None = None
     added: tuple[EffectChoice, ...] = ()
     removed: tuple[EffectChoice, ...] = ()
+    rows: tuple[KeptRows | None, KeptRows | None] = (None, None)
 
     @property
     def values(self) -> FloatArray:

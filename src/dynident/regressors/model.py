@@ -149,6 +149,14 @@ def build_model(
         raise DynidentError("choose at least one effect, for instance rigid_body", pointer="/effects")
     signals = signals or Signals(robot)
     columns = columns_of(effects, signals)
+    check_columns(columns)
+    base = base or base_parameters(robot, columns, signals, tolerance=tolerance)
+    observation = Observation.of(robot, [columns[k] for k in base.kept], signals)
+    return Model(robot, tuple(effects), signals, tuple(columns), base, observation)
+
+
+def check_columns(columns: Sequence[Column]) -> None:
+    """Raise where an effect is chosen twice with the same columns."""
     seen = set()
     for column in columns:
         if column.key in seen:
@@ -156,9 +164,6 @@ def build_model(
                 f"{column.effect} is chosen twice for {column.link or 'the robot'}; name it once", pointer="/effects"
             )
         seen.add(column.key)
-    base = base or base_parameters(robot, columns, signals, tolerance=tolerance)
-    observation = Observation.of(robot, [columns[k] for k in base.kept], signals)
-    return Model(robot, tuple(effects), signals, tuple(columns), base, observation)
 
 
 def inertial_base_parameters(robot: Robot, *, tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:

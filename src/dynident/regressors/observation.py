@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.effects import Column, MemorySignal, RunSignal, Signals, reference_size
-from dynident.regressors.program import BlockProgram
+from dynident.regressors.program import BlockProgram, JoinedPrograms
 from dynident.robot.model import FloatArray, Robot
 
 IntArray = NDArray[np.intp]
+
+# Places of these inputs in a program.
+_MEMORY, _RUNS = 8, 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +24,8 @@ class Observation:
     """W of one robot for `columns`, as the list of its structural non-zeros.
 
     Entry k of an evaluation stands in row (joint) `entry_rows[k]` and column `entry_columns[k]`. `memory` are the
-    hysteresis states that must be supplied, in this order, and `runs` the run signals.
+    hysteresis states that must be supplied, in this order, and `runs` the run signals. `parts`: where it extends another
+    one, that one and what was put behind it.
     """
 
     robot: Robot
@@ -30,30 +34,15 @@ class Observation:
     runs: tuple[RunSignal, ...]
     entry_rows: IntArray
     entry_columns: IntArray
-    program: BlockProgram
+    program: BlockProgram | JoinedPrograms
+    parts: tuple[Observation, Observation] | None = None
 
     @classmethod
     def of(cls, robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
         """Build the observation matrix of columns that were made from `signals`."""
-        matrix = ca.horzcat(*(column.torque for column in columns)) if columns else ca.SX(robot.n, 0)
-        rows, cols = matrix.sparsity().get_triplet()
+        matrix = _matrix(robot, columns)
         memory, runs = signals.memory_in(matrix), signals.runs_in(matrix)
-        program = BlockProgram(
-            [
-                signals.q,
-                signals.dq,
-                signals.ddq,
-                signals.dddq,
-                signals.ddddq,
-                signals.time,
-                signals.period,
-                signals.temperature,
-                ca.vertcat(*(signals.memory(item) for item in memory)) if memory else ca.SX(0, 1),
-                ca.vertcat(*(signals.in_runs(item) for item in runs)) if runs else ca.SX(0, 1),
-                signals.reference,
-            ],
-            matrix,
-        )
+        rows, cols = matrix.sparsity().get_triplet()
         return cls(
             robot=robot,
             columns=tuple(columns),
@@ -61,7 +50,29 @@ class Observation:
             runs=runs,
             entry_rows=np.array(rows, dtype=np.intp),
             entry_columns=np.array(cols, dtype=np.intp),
-            program=program,
+            program=BlockProgram(_inputs(signals, memory, runs), matrix),
+        )
+
+    def extended(self, columns: Sequence[Column], signals: Signals) -> Observation:
+        """The same observation matrix with more columns behind it; what is compiled stays."""
+        if not columns:
+            return self
+        tail = Observation.of(self.robot, columns, signals)
+        memory = self.memory + tuple(item for item in tail.memory if item not in self.memory)
+        runs = self.runs + tuple(item for item in tail.runs if item not in self.runs)
+        widths, picks = list(tail.program.widths), _everything(len(tail.program.widths))
+        for place, together, own in ((_MEMORY, memory, tail.memory), (_RUNS, runs, tail.runs)):
+            widths[place] = len(together)
+            picks[place] = np.array([together.index(item) for item in own], dtype=np.intp)
+        return Observation(
+            robot=self.robot,
+            columns=self.columns + tail.columns,
+            memory=memory,
+            runs=runs,
+            entry_rows=np.concatenate([self.entry_rows, tail.entry_rows]),
+            entry_columns=np.concatenate([self.entry_columns, self.n_columns + tail.entry_columns]),
+            program=JoinedPrograms(self.program, tail.program, widths, picks),
+            parts=(self, tail),
         )
 
     @property
@@ -145,3 +156,27 @@ class Observation:
         for joint in range(self.robot.n):
             out[:, joint] = weighted[:, self.entry_rows == joint].sum(axis=1)
         return out
+
+
+def _matrix(robot: Robot, columns: Sequence[Column]) -> ca.SX:
+    return ca.horzcat(*(column.torque for column in columns)) if columns else ca.SX(robot.n, 0)
+
+
+def _inputs(signals: Signals, memory: Sequence[MemorySignal], runs: Sequence[RunSignal]) -> list[ca.SX]:
+    return [
+        signals.q,
+        signals.dq,
+        signals.ddq,
+        signals.dddq,
+        signals.ddddq,
+        signals.time,
+        signals.period,
+        signals.temperature,
+        ca.vertcat(*(signals.memory(item) for item in memory)) if memory else ca.SX(0, 1),
+        ca.vertcat(*(signals.in_runs(item) for item in runs)) if runs else ca.SX(0, 1),
+        signals.reference,
+    ]
+
+
+def _everything(count: int) -> list[IntArray | slice]:
+    return [slice(None)] * count

@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 
 # Samples evaluated at once: large enough to hide the cost of a ufunc call, small enough for the level-2 cache.
 BLOCK = 2048
+_BOUND_LENGTHS = 3
 
 _Unary = Callable[..., Any]
 
@@ -119,10 +120,10 @@ class BlockProgram:
     """
 
     def __init__(self, inputs: Sequence[ca.SX], outputs: ca.SX) -> None:
-        self._widths = [int(item.numel()) for item in inputs]
+        self.widths = tuple(int(item.numel()) for item in inputs)
         nonzeros = outputs.nz[:] if outputs.nnz() else ca.SX(0, 1)
         function = ca.Function("rows", [ca.vertcat(*inputs)], [ca.cse(nonzeros)])
-        self.n_inputs = sum(self._widths)
+        self.n_inputs = sum(self.widths)
         self.n_outputs = int(nonzeros.numel())
         self._compile(function)
 
@@ -187,32 +188,33 @@ class BlockProgram:
         self._constants = constants
         self._steps = steps + copies
         self._n_scratch = n_scratch
+        sizes = (len(constants), self.n_inputs, n_scratch)
+        offsets = {"constant": 0, "input": sizes[0], "scratch": sum(sizes[:2]), "output": sum(sizes)}
+        self._places = [
+            (s.operation, tuple(offsets[kind] + k for kind, k in s.arguments), offsets[s.target[0]] + s.target[1])
+            for s in self._steps
+        ]
         self._bounds = threading.local()
 
     def _bound_for(self, block: int) -> _Bound:
         """The memory of this thread for blocks of this length; binding costs as much as evaluating a short block."""
         kept: dict[Any, _Bound] = self._bounds.__dict__
         if block not in kept:
-            kept.clear()
+            while len(kept) >= _BOUND_LENGTHS:
+                del kept[next(iter(kept))]
             kept[block] = self._bind(block)
         return kept[block]
 
     def _bind(self, block: int) -> _Bound:
         """Memory for one block length and the calls on it."""
         rows: dict[str, FloatArray] = {
-            "input": np.empty((self.n_inputs, block)),
+            "input": np.zeros((self.n_inputs, block)),
             "scratch": np.empty((self._n_scratch, block)),
             "output": np.empty((self.n_outputs, block)),
         }
-        views = {kind: list(memory) for kind, memory in rows.items()}
-
-        def at(value: _Value) -> Any:
-            kind, index = value
-            return self._constants[index] if kind == "constant" else views[kind][index]
-
-        calls = [
-            (step.operation, tuple(at(value) for value in step.arguments), at(step.target)) for step in self._steps
-        ]
+        table: list[Any] = [*self._constants, *rows["input"], *rows["scratch"], *rows["output"]]
+        at = table.__getitem__
+        calls = [(operation, tuple(map(at, arguments)), at(target)) for operation, arguments, target in self._places]
         return _Bound(rows["input"], rows["output"], calls)
 
     def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
@@ -239,22 +241,65 @@ class BlockProgram:
         m = lengths.pop()
         if out is None:
             out = np.empty((m, self.n_outputs))
-        block = min(BLOCK, m)
-        if block == 0:
+        if m == 0:
             return out
+        # A power of two: few lengths to bind memory for. What lies beyond the samples is computed and not used.
+        block = min(BLOCK, 1 << (m - 1).bit_length())
+        length = min(block, m)
         bound = self._bound_for(block)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for first in range(0, m, block):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+            for first in range(0, m, length):
                 # The last block is taken from the end: a few samples twice rather than a second set of buffers.
-                start = min(first, m - block)
+                start = min(first, m - length)
                 row = 0
-                for item, width in zip(inputs, self._widths, strict=True):
-                    part = item[start : start + block].T if item.ndim == 2 else item[:, None]
-                    bound.inputs[row : row + width] = part
+                for item, width in zip(inputs, self.widths, strict=True):
+                    part = item[start : start + length].T if item.ndim == 2 else item[:, None]
+                    bound.inputs[row : row + width, :length] = part
                     row += width
                 for operation, arguments, target in bound.calls:
                     operation(*arguments, out=target)
-                out[start : start + block] = bound.result.T
+                out[start : start + length] = bound.result[:, :length].T
+        return out
+
+
+class JoinedPrograms:
+    """Two programs side by side: the entries of the first, then those of the second.
+
+    Parameters
+    ----------
+    first, second : programs
+    widths : widths of the inputs of both together
+    picks : one an input
+        Which of its columns the second program reads, in its order; the first reads the leading ones.
+    """
+
+    def __init__(
+        self,
+        first: BlockProgram | JoinedPrograms,
+        second: BlockProgram | JoinedPrograms,
+        widths: Sequence[int],
+        picks: Sequence[NDArray[np.intp] | slice],
+    ) -> None:
+        self._first, self._second = first, second
+        self.widths = tuple(widths)
+        self._picks = tuple(picks)
+        self.n_outputs: int = first.n_outputs + second.n_outputs
+
+    @property
+    def n_instructions(self) -> int:
+        """Number of ufunc calls a block."""
+        return self._first.n_instructions + self._second.n_instructions
+
+    def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
+        """Evaluate on samples, as a `BlockProgram` does."""
+        if out is None:
+            length = next(len(item) for item in inputs if item.ndim == 2)
+            out = np.empty((length, self.n_outputs))
+        border = self._first.n_outputs
+        leading = [item[..., :width] for item, width in zip(inputs, self._first.widths, strict=True)]
+        self._first(*leading, out=out[:, :border])
+        picked = [item[..., pick] for item, pick in zip(inputs, self._picks, strict=True)]
+        self._second(*picked, out=out[:, border:])
         return out
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,6 +143,7 @@ def reduce_recordings(
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress = silent,
+    samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
 ) -> Reduction:
     """Fold all recordings into triangular factors, one a joint and stretch of time; W is never stored.
 
@@ -152,6 +153,8 @@ def reduce_recordings(
         W, whose columns become the reduction's.
     reference : (10 n,)
         Standard inertial parameters of the load prediction.
+    samples_of : function, optional
+        Gives a recording's filtered samples, where they are at hand.
     """
     n = observation.robot.n
     layout = [observation.joint_entries(joint) for joint in range(n)]
@@ -162,7 +165,8 @@ def reduce_recordings(
     for recording in recordings:
         accumulator = FactorAccumulator([columns for _, columns in layout], observation.n_columns, stretch)
         segment = -1
-        for samples in filtered_samples(observation, recording, preprocessing, reference):
+        given = None if samples_of is None else samples_of(recording)
+        for samples in given or filtered_samples(observation, recording, preprocessing, reference):
             if samples.segment != segment:
                 accumulator.end_stretch()
                 segment = samples.segment

@@ -1,0 +1,109 @@
+"""Filtered rows of W kept in memory, so that a model with more columns needs only the new ones to be evaluated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.estimation import Reduction
+from dynident.progress import Progress, silent
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model import Model
+from dynident.regressors.observation import Observation
+from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
+from dynident.robot.model import FloatArray
+
+MOST_VALUES = 2_000_000
+"""Entries that are kept of one data set at most, 16 MB: ten minutes of recording at a usual decimation."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeptRows:
+    """Filtered samples of recordings, as they left the filter, for one observation matrix.
+
+    `reference`: what loads were predicted with; None where no column needs a load.
+    """
+
+    observation: Observation
+    reference: FloatArray | None
+    preprocessing: Preprocessing
+    recordings: tuple[Recording, ...]
+    samples: tuple[tuple[FilteredSamples, ...], ...]
+
+    def of(self, recording: Recording, preprocessing: Preprocessing) -> tuple[FilteredSamples, ...] | None:
+        """What is kept of a recording; None where nothing is."""
+        if preprocessing != self.preprocessing:
+            return None
+        for known, samples in zip(self.recordings, self.samples, strict=True):
+            if _same(known, recording):
+                return samples
+        return None
+
+
+def reduce_and_keep(
+    model: Model,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress = silent,
+    known: KeptRows | None = None,
+) -> tuple[Reduction, KeptRows | None]:
+    """Reduce recordings to a model's columns as `reduce_recordings` does, and keep their rows where they are few.
+
+    Parameters
+    ----------
+    known : KeptRows, optional
+        Of a model that this one extends: only the columns behind it are evaluated, unless loads are predicted anew.
+    """
+    observation = model.observation
+    kept: list[tuple[FilteredSamples, ...]] = []
+    usable = known if known is not None and _extends(observation, reference, known) else None
+    budget = MOST_VALUES
+
+    def samples_of(recording: Recording) -> Iterator[FilteredSamples]:
+        nonlocal budget
+        collected: list[FilteredSamples] = []
+        for samples in _samples(observation, recording, preprocessing, reference, usable):
+            budget -= samples.values.size + samples.tau.size
+            if budget >= 0:
+                collected.append(samples)
+            yield samples
+        kept.append(tuple(collected))
+
+    reduction = reduce_recordings(observation, recordings, preprocessing, reference, progress, samples_of)
+    if budget < 0:
+        return reduction, None
+    used = reference if model.needs_load else None
+    return reduction, KeptRows(observation, used, preprocessing, tuple(recordings), tuple(kept))
+
+
+def _samples(
+    observation: Observation,
+    recording: Recording,
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    known: KeptRows | None,
+) -> Iterator[FilteredSamples]:
+    head = None if known is None else known.of(recording, preprocessing)
+    if head is None or observation.parts is None:
+        yield from filtered_samples(observation, recording, preprocessing, reference)
+        return
+    # The filter cuts a recording into the same pieces whatever the columns.
+    tail = filtered_samples(observation.parts[1], recording, preprocessing, reference)
+    for before, behind in zip(head, tail, strict=True):
+        values = np.hstack([before.values, behind.values])
+        yield FilteredSamples(before.t, values, before.tau, before.segment)
+
+
+def _extends(observation: Observation, reference: FloatArray, known: KeptRows) -> bool:
+    if observation.parts is None or observation.parts[0] is not known.observation:
+        return False
+    return known.reference is None or np.array_equal(reference, known.reference)
+
+
+def _same(one: Recording, other: Recording) -> bool:
+    if (one.windows, one.segments, one.name, one.payload) != (other.windows, other.segments, other.name, other.payload):
+        return False
+    return one.source is other.source or (one.path is not None and one.path == other.path)

@@ -1,0 +1,87 @@
+"""A model that is extended step by step is that which is identified at once, with or without rows in memory."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from oracles import arm, fourier_motion, pinocchio_torque, record
+
+from dynident.effects import EffectChoice
+from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
+from dynident.recordings import Preprocessing
+from dynident.regressors import rows
+from dynident.regressors.extension import extended_model
+from dynident.regressors.model import build_model
+
+ROBOT = arm("ur10")
+NAMES = ROBOT.joint_names
+PLAIN = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
+CHOICES = IdentificationChoices(PLAIN, preprocessing=Preprocessing(10.0, 8.0, 3))
+STEPS = (
+    (EffectChoice("joint_spring", (NAMES[0],)), EffectChoice("coulomb_asymmetric")),
+    (EffectChoice("presliding", (NAMES[1], NAMES[2]), (("d0", 0.01), ("law", -1.0))),),
+    (
+        EffectChoice("load_dependent_friction", (NAMES[2],)),
+        EffectChoice("presliding", (NAMES[1],), (("d0", 0.1), ("law", -1.0))),
+    ),
+)
+
+
+def run(seed: int, seconds: float):
+    motion = fourier_motion(ROBOT, seconds, 100.0, seed)
+    v = motion.dq
+    tau = pinocchio_torque(ROBOT, motion.q, v, motion.ddq) + 4 * np.sign(v) + 3 * v
+    return record(ROBOT, motion, tau + np.random.default_rng(seed).normal(0, 0.5, tau.shape), f"run {seed}")
+
+
+RUNS, HELD_OUT = [run(1, 20.0), run(3, 8.0)], [run(2, 12.0)]
+
+
+def test_base_parameters_grown_step_by_step_are_those_found_at_once():
+    grown = build_model(ROBOT, PLAIN)
+    for step in STEPS:
+        grown = extended_model(grown, step)
+    whole = build_model(ROBOT, grown.effects)
+    assert grown.base.kept == whole.base.kept
+    assert grown.base.names == whole.base.names
+    assert grown.base.rank == whole.base.rank
+    assert grown.base.without_effect == whole.base.without_effect
+    np.testing.assert_allclose(grown.base.grouping, whole.base.grouping, atol=1e-6)
+    assert grown.base.groupings == whole.base.groupings
+    assert [c.key for c in grown.columns] == [c.key for c in whole.columns]
+
+
+@pytest.mark.parametrize("kept", ["kept", "too many to keep", "of a file"])
+def test_extending_gives_what_identifying_at_once_gives(kept, monkeypatch):
+    if kept == "too many to keep":
+        monkeypatch.setattr(rows, "MOST_VALUES", 10)
+    model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
+    for step in STEPS[:2]:
+        if kept == "of a file":
+            model = from_bytes(to_bytes(model))
+        assert (model.rows[0] is not None) == (kept == "kept")
+        model = extend(model, step, RUNS, HELD_OUT)
+    effects = (*PLAIN, *STEPS[0], *STEPS[1])
+    whole = identify(ROBOT, RUNS, HELD_OUT, replace(CHOICES, effects=effects))
+    assert [p.name for p in model.parameters] == [p.name for p in whole.parameters]
+    np.testing.assert_allclose(model.held_out.rms, whole.held_out.rms, rtol=1e-6)
+    assert model.worst_inertia_eigenvalue == pytest.approx(whole.worst_inertia_eigenvalue, rel=1e-5)
+
+
+def test_rows_of_other_recordings_are_not_taken():
+    model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
+    others = [run(5, 20.0), run(6, 8.0)]
+    found = extend(model, STEPS[0], others, HELD_OUT)
+    expected = identify(ROBOT, others, HELD_OUT, replace(CHOICES, effects=(*PLAIN, *STEPS[0])))
+    np.testing.assert_allclose(found.fit.rms, expected.fit.rms, rtol=1e-6)
+
+
+def test_loads_are_predicted_anew_at_every_step():
+    model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
+    load = EffectChoice("load_dependent_friction", (NAMES[2],))
+    once = extend(model, [load], RUNS, HELD_OUT)
+    twice = extend(once, STEPS[0], RUNS, HELD_OUT)
+    again = extend(from_bytes(to_bytes(once)), STEPS[0], RUNS, HELD_OUT)
+    np.testing.assert_allclose(twice.values, again.values, rtol=1e-7, atol=1e-9)
