@@ -150,6 +150,8 @@ def show_diagnosis(console: Console, found: Diagnosis, robot: Robot) -> None:
         console.print(f"  This data could not have shown: {names}", markup=False)
     if found.next_experiment is not None:
         console.print(f"  Next experiment: {found.next_experiment.reason}", markup=False)
+        for step in found.next_experiment.instructions:
+            console.print(f"    - {step}", markup=False)
 
 
 def choice_text(choice: EffectChoice, robot: Robot) -> str:

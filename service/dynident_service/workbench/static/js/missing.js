@@ -139,6 +139,7 @@ function nextExperiment(model, result) {
     "div",
     { class: "box" },
     h("p", {}, h("strong", {}, "Next experiment. "), next.reason),
+    next.instructions?.length ? h("ol", {}, next.instructions.map((step) => h("li", {}, step))) : null,
     h("details", {}, h("summary", {}, "Body for POST /v1/designs"), h("pre", {}, body), h("button", { type: "button", class: "small", onclick: copy }, "Copy"), said),
   );
 }
