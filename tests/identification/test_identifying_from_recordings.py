@@ -113,17 +113,24 @@ def test_parameters_are_flagged_by_ten_times_the_smallest_relative_deviation(ide
 
 def test_standard_inertia_gives_the_torque_of_the_base_parameters(identified):
     q, dq, ddq = (s[:50] for s in (OTHER_MOTION.q, OTHER_MOTION.dq, OTHER_MOTION.ddq))
-    robot = replace(ROBOT, inertias=identified.standard_inertia().reshape(-1, 10))
-    inertial = np.array([c.effect == "rigid_body" for c in identified.model.kept])
+    links, drives = np.split(identified.next_reference(), [60])
+    np.testing.assert_array_equal(links, identified.standard_inertia())
+    robot = replace(ROBOT, inertias=links.reshape(-1, 10))
+    inertial = np.array([c.effect in ("rigid_body", "rotor_inertia") for c in identified.model.kept])
     entries = identified.model.observation.evaluate(q, dq, ddq, reference=np.zeros(60), memory=np.zeros((50, 0)))
     found = identified.model.observation.torque(entries, np.where(inertial, identified.values, 0.0))
-    rotor = np.zeros((50, 6))
-    for parameter in identified.parameters:
-        if parameter.effect == "rotor_inertia":
-            j = ROBOT.joint_names.index(parameter.link)
-            rotor[:, j] = parameter.value * ddq[:, j]
-    # Rotors that regroup into a link's inertia are carried by the link; those that do not are apart.
-    np.testing.assert_allclose(pinocchio_torque(robot, q, dq, ddq), found, atol=2e-3 * np.abs(found).max())
+    # Rotors that regroup into a link's inertia are told apart from it by how far a description is usually off.
+    expected = pinocchio_torque(robot, q, dq, ddq) + drives[:6] * ddq
+    np.testing.assert_allclose(expected, found, atol=2e-3 * np.abs(found).max())
+
+
+def test_motor_torque_is_predicted_with_the_friction_that_was_found(identified):
+    _, _, fc, fv, b = np.split(identified.next_reference(), [60, 66, 72, 78])[0:5]
+    found = {parameter.name: parameter.value for parameter in identified.parameters}
+    for j in range(6):
+        assert fc[j] == found[f"Fc{j + 1}"]
+        assert fv[j] == found[f"Fv{j + 1}"]
+        assert b[j] == found.get(f"b{j + 1}", 0.0)
 
 
 def test_several_recordings_are_identified_together():

@@ -94,6 +94,17 @@ def test_an_exponent_is_found(power):
     assert found.shape_values["p"] == power
 
 
+@pytest.mark.parametrize("angle", [-1.3, 0.02, 2.2])
+def test_an_angle_is_refined_downward_and_through_zero(angle):
+    tau = base_torque(MOTION)
+    x, ratio = MOTION.q[:, 1] - angle, 0.45
+    tau[:, 1] -= 1200.0 * np.sin(x) * (1 - 0.4 / np.sqrt(1 + ratio**2 + 2 * ratio * np.cos(x)))
+    identification, run = plain(tau)
+    choice = EffectChoice("gravity_compensator", (NAMES[1],), (("r", ratio), ("phi", angle + 0.2)))
+    (found,) = refine_shapes(identification.model, [choice], *arguments(identification, run), kept=[("r",)])
+    assert found.shape_values["phi"] == pytest.approx(angle, abs=0.04)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_side_of_a_coupling_is_found(side):
     tau = base_torque(MOTION)
@@ -116,9 +127,17 @@ def test_two_effects_are_sought_beside_each_other():
 
 
 def test_given_shapes_are_kept():
-    given = EffectChoice("stribeck", (NAMES[1],), (("vs", 0.5),))
+    given = EffectChoice("stribeck", (NAMES[1],), (("delta", 2.0), ("vs", 0.5)))
     found = complete_shapes(PLAIN_STRIBECK.model, [given], *arguments(PLAIN_STRIBECK, RUN_STRIBECK))
     assert found == (given,)
+
+
+@pytest.mark.parametrize(("given", "free"), [("vs", "delta"), ("delta", "vs")])
+def test_of_two_shape_constants_the_one_that_was_given_is_kept(given, free):
+    choice = EffectChoice("stribeck", (NAMES[1],), ((given, 0.5),))
+    (found,) = complete_shapes(PLAIN_STRIBECK.model, [choice], *arguments(PLAIN_STRIBECK, RUN_STRIBECK))
+    assert found.shape_values[given] == 0.5
+    assert found.shape_values.keys() == {given, free}
 
 
 def test_a_line_is_refined_by_less_than_its_width():
@@ -134,13 +153,14 @@ def test_an_open_choice_on_all_joints_becomes_one_a_joint():
     (*split,) = one_joint_each([EffectChoice("stribeck")], ROBOT)
     assert [choice.joints for choice in split] == [(name,) for name in NAMES]
     tilt = EffectChoice("base_tilt")
-    given = EffectChoice("stribeck", (), (("vs", 0.1),))
+    given = EffectChoice("stribeck", (), (("vs", 0.1), ("delta", 2.0)))
     assert one_joint_each([tilt, given], ROBOT) == (tilt, given)
 
 
 def test_what_lacks_a_shape_is_known():
     assert lacks_shape(EffectChoice("stribeck"))
-    assert not lacks_shape(EffectChoice("stribeck", (), (("vs", 0.1),)))
+    assert lacks_shape(EffectChoice("stribeck", (), (("vs", 0.1),)))
+    assert not lacks_shape(EffectChoice("stribeck", (), (("vs", 0.1), ("delta", 1.0))))
     assert not lacks_shape(EffectChoice("coulomb"))
     assert not lacks_shape(EffectChoice("torque_ripple"))
 

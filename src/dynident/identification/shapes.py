@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,7 +62,15 @@ def complete_shapes(
     given = tuple(choice for choice in added if not lacks_shape(choice))
     still_open = one_joint_each([choice for choice in added if lacks_shape(choice)], model.robot)
     coarse = find_shapes(model, (*given, *still_open), recordings, preprocessing, reference, part(progress, 0.0, 0.5))
-    fine = refine_shapes(model, coarse[len(given) :], recordings, preprocessing, reference, part(progress, 0.5, 1.0))
+    fine = refine_shapes(
+        model,
+        coarse[len(given) :],
+        recordings,
+        preprocessing,
+        reference,
+        part(progress, 0.5, 1.0),
+        kept=[choice.shape_values for choice in still_open],
+    )
     return given + fine
 
 
@@ -101,15 +109,22 @@ def refine_shapes(
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress = silent,
+    *,
+    kept: Sequence[Collection[str]] = (),
 ) -> tuple[EffectChoice, ...]:
-    """Search around shape constants that came from a coarse grid, one constant of every effect after another."""
+    """Search around shape constants that came from a coarse grid, one constant of every effect after another.
+
+    `kept` names the constants of every choice that stay as they are; none where it is empty.
+    """
     refined = tuple(added)
-    rounds = max((len(_refinable(choice)) for choice in refined), default=0)
+    moving = [_refinable(choice, names) for choice, names in zip(refined, kept or [()] * len(refined), strict=True)]
+    rounds = max((len(specs) for specs in moving), default=0)
     for number in range(rounds):
-        options = [_finer(choice, number) for choice in refined]
+        specs = [of_choice[number] if number < len(of_choice) else None for of_choice in moving]
+        options = [_finer(choice, spec) for choice, spec in zip(refined, specs, strict=True)]
         here = part(progress, number / rounds, (number + 1) / rounds)
         picked, errors = _tabulate(model, options, recordings, preprocessing, reference, here).search()
-        refined = tuple(_vertex(group, k, e, number) for group, k, e in zip(options, picked, errors, strict=True))
+        refined = tuple(_vertex(*found) for found in zip(options, picked, errors, specs, strict=True))
     return refined
 
 
@@ -121,18 +136,17 @@ def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:
     return [replace(choice, shape=_key({**shape, **given})) for shape in effect_by_id(choice.effect).grid(robot, joint)]
 
 
-def _refinable(choice: EffectChoice) -> list[ShapeSpec]:
+def _refinable(choice: EffectChoice, kept: Collection[str]) -> list[ShapeSpec]:
     """The shape constants of a choice that are refined."""
     specs = effect_by_id(choice.effect).shapes
-    return [spec for spec in specs if spec.refined is not None and spec.name in choice.shape_values]
+    present = choice.shape_values
+    return [spec for spec in specs if spec.refined is not None and spec.name in present and spec.name not in kept]
 
 
-def _finer(choice: EffectChoice, number: int) -> list[EffectChoice]:
-    """Neighbours of a choice in even steps of its shape constant of that number; the choice alone where it has none."""
-    specs = _refinable(choice)
-    if number >= len(specs) or specs[number].refined is None:
+def _finer(choice: EffectChoice, spec: ShapeSpec | None) -> list[EffectChoice]:
+    """Neighbours of a choice in even steps of one of its shape constants; the choice alone where there is none."""
+    if spec is None:
         return [choice]
-    spec = specs[number]
     value = choice.shape_values[spec.name]
     moved = [_moved(spec, value, step) for step in range(-_DOWN, _UP + 1)]
     least = -np.inf if spec.signed else min(spec.least, value)
@@ -210,15 +224,14 @@ def _tabulate(
     return _Table(factor, model.n_parameters, numbers)
 
 
-def _vertex(group: Sequence[EffectChoice], picked: int, errors: FloatArray, number: int) -> EffectChoice:
+def _vertex(group: Sequence[EffectChoice], picked: int, errors: FloatArray, spec: ShapeSpec | None) -> EffectChoice:
     """The choice at the minimum of the parabola through the best step and its neighbours."""
     choice = group[picked]
-    if not 0 < picked < len(group) - 1:
+    if spec is None or not 0 < picked < len(group) - 1:
         return choice
     before, here, after = errors[picked - 1 : picked + 2]
     curvature = before - 2 * here + after
     shift = float(0.5 * (before - after) / curvature) if curvature > 0 else 0.0
-    spec = _refinable(choice)[number]
     natural = [k for k, other in enumerate(group) if other.shape_values[spec.name] in spec.natural]
     if natural and errors[natural[0]] <= (1 + _AS_GOOD) * here:
         return group[natural[0]]
