@@ -13,7 +13,9 @@ from dynident_service.cli.options import Effects, Json, RobotArgument, Seed
 def design(
     robot: RobotArgument,
     effects: Effects,
-    kind: Annotated[str, typer.Option("--kind", help="optimized, random, constant_velocity, slow_sweep or reversals.")] = "optimized",
+    kind: Annotated[
+        str, typer.Option("--kind", help="optimized, random, constant_velocity, slow_sweep or reversals.")
+    ] = "optimized",
     criterion: Annotated[
         str,
         typer.Option("--criterion", help="condition_number, d_optimal, a_optimal, e_optimal, … (§12.3.4)."),
