@@ -363,3 +363,26 @@ def test_extending_by_the_same_effect_twice_is_refused(identified):
     spring = EffectChoice("joint_spring", (ROBOT.joint_names[1],))
     with pytest.raises(DynidentError):
         extend(identified, [spring, replace(spring, joints=ROBOT.joint_names[1:3])], [TRAINING])
+
+
+def test_temperature_dependent_friction_is_refused_where_a_recording_has_no_temperature():
+    effect = EffectChoice("temperature_friction", (ROBOT.joint_names[1],))
+    with pytest.raises(DynidentError, match=r"needs the temperature of every joint; training has no columns") as caught:
+        identify(ROBOT, [TRAINING], [], choices(*WITH_OFFSET, effect))
+    assert caught.value.pointer == f"/effects/{len(WITH_OFFSET)}"
+    plain = identify(ROBOT, [TRAINING], [], choices())
+    with pytest.raises(DynidentError, match="warm_up_friction") as caught:
+        extend(plain, [effect], [TRAINING])
+    assert caught.value.pointer == "/effects/0"
+
+
+def test_temperature_dependent_friction_is_found_where_temperature_was_recorded():
+    warm = np.repeat((20.0 + 15.0 * MOTION.t / MOTION.t[-1])[:, None], 6, axis=1)
+    tau = noisy(MOTION, 1)
+    tau[:, 1] += (warm[:, 1] - 25.0) * (-0.4 * MOTION.dq[:, 1] + 0.2 * np.sign(MOTION.dq[:, 1]))
+    run = record(ROBOT, MOTION, tau, temperature=warm)
+    effect = EffectChoice("temperature_friction", (ROBOT.joint_names[1],))
+    found = identify(ROBOT, [run], [], choices(*WITH_OFFSET, effect))
+    named = {parameter.name: parameter for parameter in found.parameters}
+    for name, value in (("Fvt2", -0.4), ("Fct2", 0.2)):
+        assert named[name].value == pytest.approx(value, abs=max(0.03, 3 * named[name].standard_deviation))

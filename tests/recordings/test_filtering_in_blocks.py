@@ -34,15 +34,20 @@ def random_walk(n_rows: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.
 
 def joined(recording: Recording, choice: Preprocessing, **how) -> dict[str, np.ndarray]:
     blocks = list(filtered_blocks(recording, choice, **how))
-    return {name: np.concatenate([getattr(b, name) for b in blocks]) for name in ("t", "q", "dq", "ddq", "tau", "used")}
+    names = ("t", "q", "dq", "ddq", "dddq", "ddddq", "tau", "used")
+    return {name: np.concatenate([getattr(b, name) for b in blocks]) for name in names}
 
 
-def reference(q: np.ndarray, rate: float, cutoff: float, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def reference(q: np.ndarray, rate: float, cutoff: float, order: int) -> tuple[np.ndarray, ...]:
+    """q and its four derivatives; NaN where neighbours are missing."""
     filtered = signal.sosfiltfilt(signal.butter(order, cutoff, fs=rate, output="sos"), q, axis=0)
-    dq, ddq = np.full_like(q, np.nan), np.full_like(q, np.nan)
-    dq[1:-1] = (filtered[2:] - filtered[:-2]) * rate / 2
-    ddq[1:-1] = (filtered[2:] - 2 * filtered[1:-1] + filtered[:-2]) * rate**2
-    return filtered, dq, ddq
+    stencils = ([-0.5, 0, 0.5], [1, -2, 1], [-0.5, 1, 0, -1, 0.5], [1, -4, 6, -4, 1])
+    found = [filtered]
+    for k, stencil in enumerate(stencils, start=1):
+        reach = len(stencil) // 2
+        inner = sum(w * filtered[i : len(q) - 2 * reach + i] for i, w in enumerate(stencil))
+        found.append(np.pad(inner * rate**k, ((reach, reach), (0, 0)), constant_values=np.nan))
+    return tuple(found)
 
 
 @settings(max_examples=25, deadline=None)
@@ -62,8 +67,9 @@ def test_blocks_equal_the_filter_over_the_whole_segment(n_rows, cutoff, order, p
     wanted = reference(q, recording.sampling_rate, cutoff, order)
     assert np.array_equal(got["tau"], tau)
     np.testing.assert_allclose(got["t"], t, atol=1e-9)
-    for derivative, (name, values) in enumerate(zip(("q", "dq", "ddq"), wanted, strict=True)):
-        inner = slice(None) if name == "q" else slice(1, -1)
+    names = ("q", "dq", "ddq", "dddq", "ddddq")
+    for derivative, (name, values) in enumerate(zip(names, wanted, strict=True)):
+        inner = slice(2, -2) if name != "q" else slice(None)
         # Differencing magnifies the rounding errors of scipy's filter itself: some 700 ulp of q for slow, steep ones.
         rounding = 1e-12 * np.abs(q).max() * recording.sampling_rate**derivative
         assert np.abs(got[name][inner] - values[inner]).max() <= 1e-9 * np.abs(values[inner]).max() + rounding
@@ -89,6 +95,21 @@ def test_derivatives_are_those_of_a_known_motion():
     assert np.abs(got["dq"][inner, 0] - w * np.cos(w * t[inner])).max() < 1e-4 * w
     assert np.abs(got["ddq"][inner, 0] + w * w * np.sin(w * t[inner])).max() < 1e-4 * w * w
     assert np.abs(got["ddq"][used, 0] + w * w * np.sin(w * t[used])).max() < 0.05 * w * w
+    assert np.abs(got["dddq"][inner, 0] + w**3 * np.cos(w * t[inner])).max() < 2e-4 * w**3
+    assert np.abs(got["ddddq"][inner, 0] - w**4 * np.sin(w * t[inner])).max() < 2e-3 * w**4
+
+
+@given(borders=st.lists(st.integers(1, 1999), max_size=6))
+@settings(max_examples=15, deadline=None)
+def test_high_derivatives_are_the_same_wherever_blocks_end(borders):
+    t, q, tau = random_walk(2000)
+    recording = recording_from_arrays(t, q, tau, joint_names=("a", "b"))
+    choice = Preprocessing(12.0, None)
+    whole = joined(recording, choice, block_length=5000)
+    for block in {1 + (b % 700) for b in borders}:
+        cut = joined(replace(recording, source=Pieces(q, tau, 3 * block)), choice, block_length=block)
+        for name in ("dddq", "ddddq"):
+            np.testing.assert_allclose(cut[name], whole[name], atol=1e-7 * np.abs(whole[name]).max())
 
 
 def test_runs_in_one_file_are_never_filtered_across():
@@ -148,6 +169,8 @@ def test_without_a_filter_positions_stay_as_they_are():
     got = joined(recording_from_arrays(t, q, tau, joint_names=("a", "b")), Preprocessing(None, None), block_length=7)
     assert np.array_equal(got["q"], q)
     np.testing.assert_allclose(got["dq"][1:-1], (q[2:] - q[:-2]) * 250.0, atol=1e-9)
+    fourth = (q[4:] - 4 * q[3:-1] + 6 * q[2:-2] - 4 * q[1:-3] + q[:-4]) * 500.0**4
+    np.testing.assert_allclose(got["ddddq"][2:-2], fourth, rtol=1e-9, atol=1e-3)
 
 
 def test_a_cutoff_above_the_nyquist_frequency_is_refused_and_the_frequency_named():

@@ -60,6 +60,7 @@ def identify(
     """
     choices = choices or IdentificationChoices()
     _check_recordings(robot, recordings, validation)
+    _check_temperature(choices.effects, recordings, validation)
     preprocessing = choices.preprocessing or choose_preprocessing(recordings)
     check_shapes_given(choices.effects)
     choices, reference = _prepared(robot, recordings, preprocessing, choices, part(progress, 0.0, 0.5))
@@ -87,6 +88,7 @@ def extend(
         raise DynidentError("all of these effects are in the model already", pointer="/effects", title="Nothing to add")
     check_shapes_given(new)
     _check_recordings(identification.model.robot, recordings, validation)
+    _check_temperature(new, recordings, validation)
     new = complete_shapes(
         identification.model,
         new,
@@ -235,6 +237,23 @@ def _check_recordings(robot: Robot, recordings: Sequence[Recording], validation:
                     pointer=f"{pointer}/{index}",
                     title="Another robot's measurement",
                 )
+
+
+def _check_temperature(
+    effects: Sequence[EffectChoice], recordings: Sequence[Recording], validation: Sequence[Recording]
+) -> None:
+    """Raise where an effect needs the joints' temperature and a recording has none: a guess would pass for data."""
+    for index, choice in enumerate(effects):
+        if not effect_by_id(choice.effect, f"/effects/{index}").needs_temperature:
+            continue
+        cold = [recording.name for recording in (*recordings, *validation) if not recording.has_temperature]
+        if cold:
+            raise DynidentError(
+                f"{choice.effect} needs the temperature of every joint; {', '.join(cold)} has no columns temperature1, "
+                f"temperature2, …. Record them, or choose warm_up_friction, which needs the time of the session alone",
+                pointer=f"/effects/{index}",
+                title="Temperature needed",
+            )
 
 
 def _check_reduction(model: Model, reduction: Reduction) -> None:
