@@ -8,7 +8,9 @@ from hidden_effects import BAND, NAMES, NOISE, ROBOT, experiment, motions, recor
 from oracles import Motion, fourier_motion, record
 
 from dynident.diagnosis import compare
-from dynident.diagnosis.residuals import angle_lines, failure_map, noise_floor, unknown_patterns
+from dynident.diagnosis.leads import angle_lines
+from dynident.diagnosis.patterns import unknown_patterns
+from dynident.diagnosis.residuals import failure_map, noise_floor
 from dynident.errors import DynidentError
 from dynident.recordings import Preprocessing, low_pass, recording_from_arrays
 

@@ -59,6 +59,11 @@ class Leads:
     has_temperature: bool = False
     session: float = 0.0
 
+    @property
+    def single_runs(self) -> list[tuple[str, ...]]:
+        """Those groups that are one run each."""
+        return [group for group in self.run_groups if len(group) == 1]
+
 
 def build_pool(
     model: Model,
@@ -139,7 +144,9 @@ def _whole_robot(effect: Effect, model: Model, leads: Leads) -> list[EffectChoic
     if any(choice.effect == effect.id for choice in model.effects) and effect.proposal == "grid":
         return []
     if effect.proposal == "time_spectrum":
-        return [EffectChoice(effect.id, (), ((effect.shapes[0].name, line),)) for line in leads.time_lines]
+        # What shakes goes on from run to run, but a clock that starts anew in each loses its phase.
+        shapes = [((effect.shapes[0].name, line),) for line in leads.time_lines]
+        return [EffectChoice(effect.id, (), shape, runs) for shape in shapes for runs in ((), *leads.single_runs)]
     return [EffectChoice(effect.id, (), _key(shape)) for shape in effect.grid(model.robot, 0)]
 
 

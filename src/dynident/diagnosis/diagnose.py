@@ -11,14 +11,16 @@ from dynident.diagnosis.compare import Comparison, compare
 from dynident.diagnosis.gate import Judged
 from dynident.diagnosis.leads import find_leads
 from dynident.diagnosis.next_experiment import doubts_of, next_experiment
+from dynident.diagnosis.patterns import unknown_patterns
 from dynident.diagnosis.products import Products, products
 from dynident.diagnosis.refine import refined
-from dynident.diagnosis.residuals import failure_map, noise_floor, unknown_patterns
+from dynident.diagnosis.residuals import failure_map, noise_floor
 from dynident.diagnosis.resolution import resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
 from dynident.diagnosis.search import VISIBLE, State, judge_all, noise_left, search
 from dynident.diagnosis.transients import CONTACT, find_contacts
 from dynident.diagnosis.words import Finding, rank_all, summary, verdict_of
+from dynident.diagnosis.wrong_names import misnamed
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification, extend
 from dynident.progress import Progress, part, silent
@@ -74,6 +76,12 @@ def diagnose(
     picks, recommended = refined(identification, picks, recordings, reference, resolved, part(progress, 0.8, 0.9))
     final = _extended_comparisons(identification, recommended, recordings, comparisons, part(progress, 0.9, 1.0))
     unknown = unknown_patterns(final)
+    wrong = misnamed(picks, recommended, unknown, final)
+    if wrong:
+        picks = tuple(pick for k, pick in enumerate(picks) if k not in wrong)
+        recommended = tuple(choice for k, choice in enumerate(recommended) if k not in wrong)
+        final = _extended_comparisons(identification, recommended, recordings, comparisons, silent)
+        unknown = unknown_patterns(final)
     residual = _rms(final)
     ranked = rank_all(picks, first, recommended)
     verdict = verdict_of(recommended, unknown)

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import get_args
 
 import numpy as np
 from scipy import stats
 
 from dynident.diagnosis.compare import Comparison
-from dynident.diagnosis.gate import t_of
-from dynident.diagnosis.result import FailureSpot, UnknownPattern, Variable
+from dynident.diagnosis.result import FailureSpot
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass
 from dynident.robot.model import FloatArray
 
 _BINS = 16
 _FEWEST = 20
-_UNKNOWN_SHARE, _UNKNOWN_T = 0.08, 3.5
-_STRETCHES = 30
 _QUIET = 0.95
 
 
@@ -87,63 +83,3 @@ def _edges(values: FloatArray) -> FloatArray | None:
     if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
         return None
     return np.linspace(low, high, _BINS + 1)
-
-
-def unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern, ...]:
-    """Dependences of the residual that are left: bin means learnt on some stretches and tried on the others."""
-    found = []
-    first = comparisons[0]
-    for j, name in enumerate(first.joint_names):
-        residual = np.concatenate([c.residual[:, j] for c in comparisons])
-        stretch = _stretches(comparisons)
-        best: list[UnknownPattern] = []
-        for variable in get_args(Variable):
-            share, t = 0.0, 0.0
-            for values in _variable(comparisons, variable, j):
-                here, t_here = _explained(residual, values, stretch)
-                if here > share:
-                    share, t = here, t_here
-            if share >= _UNKNOWN_SHARE and t >= _UNKNOWN_T:
-                best.append(UnknownPattern(name, variable, share))
-        found += best
-    return tuple(sorted(found, key=lambda pattern: -pattern.share))
-
-
-def _stretches(comparisons: Sequence[Comparison]) -> FloatArray:
-    """Number of the stretch of time that every row is in."""
-    length = sum(float(c.t[-1] - c.t[0]) for c in comparisons) / _STRETCHES
-    offset, numbers = 0.0, []
-    for c in comparisons:
-        numbers.append(offset + np.floor((c.t - c.t[0]) / max(length, 1e-9)))
-        offset = float(numbers[-1][-1]) + 1
-    return np.concatenate(numbers)
-
-
-def _variable(comparisons: Sequence[Comparison], variable: str, j: int) -> list[FloatArray]:
-    if variable == "time":
-        return [np.concatenate([c.t for c in comparisons])]
-    if variable == "other_joints":
-        n = len(comparisons[0].joint_names)
-        return [np.concatenate([c.q[:, k] for c in comparisons]) for k in range(n) if k != j]
-    attribute = {"position": "q", "velocity": "dq", "acceleration": "ddq", "load": "load"}[variable]
-    return [np.concatenate([getattr(c, attribute)[:, j] for c in comparisons])]
-
-
-def _explained(residual: FloatArray, values: FloatArray, stretch: FloatArray) -> tuple[float, float]:
-    """Held-out share of the residual's variance that its bin means over `values` explain, and its t."""
-    edges = _edges(values)
-    if edges is None:
-        return 0.0, 0.0
-    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-    numbers = np.unique(stretch)
-    gains = np.zeros(len(numbers))
-    for fold in range(5):
-        test = np.isin(stretch, numbers[fold::5])
-        counts = np.bincount(which[~test], minlength=len(edges) - 1)
-        sums = np.bincount(which[~test], weights=residual[~test], minlength=len(edges) - 1)
-        means = np.where(counts >= _FEWEST, sums / np.maximum(counts, 1), 0.0)
-        gain = residual[test] ** 2 - (residual[test] - means[which[test]]) ** 2
-        place = np.searchsorted(numbers, stretch[test])
-        gains += np.bincount(place, weights=gain, minlength=len(numbers))
-    total = float((residual**2).sum())
-    return (float(gains.sum()) / total if total > 0 else 0.0), t_of(gains)

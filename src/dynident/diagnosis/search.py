@@ -19,6 +19,7 @@ from dynident.diagnosis.gate import (
     p_value,
     simplest,
 )
+from dynident.diagnosis.plausible import plausible
 from dynident.diagnosis.products import Products
 from dynident.diagnosis.scoring import held_out_errors, score_candidates
 from dynident.diagnosis.stability import consistencies
@@ -122,7 +123,8 @@ def _superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str])
     if candidate.effect != chosen.effect:
         return False
     if effect_by_id(candidate.effect).proposal != "grid":
-        return candidate.joints == chosen.joints and candidate.shape == chosen.shape
+        same = candidate.joints == chosen.joints and candidate.shape == chosen.shape
+        return same and (not chosen.runs or candidate.runs == chosen.runs)
     return not candidate.joints or bool(set(candidate.joints) & set(chosen.joints))
 
 
@@ -135,7 +137,7 @@ def _choose(
         chosen, equal = simplest(passing)
         names = {item.candidate.effect for item in equal} - {chosen.candidate.effect}
         certain = len(names) < _TOO_MANY_NAMES or chosen.passes_by_t
-        if certain and _plausible(data, pool, state, chosen):
+        if certain and plausible(data, pool, state.base, state.noise, chosen):
             return chosen, equal
         passing = [item for item in passing if item is not chosen]
     return None
@@ -171,57 +173,6 @@ def _around(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, 
 
 def _on(pool: Pool, column: int, candidate: Candidate) -> bool:
     return not candidate.joints or pool.observation.columns[column].link in candidate.joints
-
-
-def _plausible(data: Products, pool: Pool, state: State, item: Judged) -> bool:
-    """Whether nature can be so: friction takes energy, and what a robot carries has a mass."""
-    effect = effect_by_id(item.candidate.effect)
-    if effect.is_friction:
-        return _passive(data, pool, state, item)
-    if effect.in_some_runs:
-        masses = [
-            value
-            for value, k in zip(item.amplitudes, item.candidate.columns, strict=True)
-            if pool.observation.columns[k].parameter == "Mp"
-        ]
-        return all(value > 0 for value in masses)
-    return True
-
-
-def _passive(data: Products, pool: Pool, state: State, item: Judged) -> bool:
-    """Whether friction still takes energy from every joint on the whole, with the candidate's friction among it.
-
-    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
-    """
-    columns = np.array(state.base + item.candidate.columns, dtype=np.intp)
-    chi = _fit(data, columns, state.noise)
-    all_columns = pool.observation.columns
-    for j in item.joints:
-        where = data.position[j]
-        coulomb = [k for k in columns if all_columns[k].effect == "coulomb" and where[k] >= 0]
-        friction = [
-            i for i, k in enumerate(columns) if effect_by_id(all_columns[k].effect).is_friction and where[k] >= 0
-        ]
-        if not coulomb or not friction:
-            continue
-        places = where[columns[friction]]
-        work = data.grams[j][:, where[coulomb[0]], places] @ chi[friction]
-        if float(np.minimum(work, 0.0).sum()) < -0.1 * float(np.abs(work).sum()):
-            return False
-    return True
-
-
-def _fit(data: Products, columns: np.ndarray[tuple[int], np.dtype[np.intp]], noise: FloatArray) -> FloatArray:
-    k = len(columns)
-    normal, right = np.zeros((k, k)), np.zeros(k)
-    for gram, where, sigma in zip(data.grams, data.position, noise, strict=True):
-        have = np.flatnonzero(where[columns] >= 0)
-        places = where[columns[have]]
-        total = gram.sum(axis=0) / sigma**2
-        normal[np.ix_(have, have)] += total[np.ix_(places, places)]
-        right[have] += total[places, -1]
-    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-    return np.asarray(np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-10)[0] / scale)
 
 
 def _without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judged) -> Judged:

@@ -22,7 +22,9 @@ class Payload(Effect):
     title = "Payload in some of the runs"
     formula = r"Y_n(q, \dot q, \ddot q)\,\Delta\varphi"
     parameters = tuple(
-        ParameterSpec(f"{name}p", unit, f"{name} of what is carried, about the last joint's frame")
+        ParameterSpec(
+            f"{name}p", unit, f"{name} of what is carried, about the last joint's frame", positive=name == "M"
+        )
         for name, unit in zip(INERTIAL_NAMES, _UNITS, strict=True)
     )
     signature = "a step between runs: the last link is heavier in some of them"

@@ -16,12 +16,16 @@ from dynident.robot.model import Robot
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """One parameter of an effect. `unit` is for a revolute joint; `prismatic_unit` where it differs."""
+    """One parameter of an effect. `unit` is for a revolute joint; `prismatic_unit` where it differs.
+
+    `positive`: nature allows no other sign.
+    """
 
     name: str
     unit: str
     description: str
     prismatic_unit: str = ""
+    positive: bool = False
 
     def unit_on(self, kind: str) -> str:
         """The parameter's unit on a joint of this kind."""
@@ -124,10 +128,10 @@ class EffectChoice:
 class Effect(ABC):
     """A physical cause of joint torque, linear in its parameters once its shape constants stand.
 
-    `needs_session`: it changes with the time of the session. `in_some_runs`: it is the same function as the model
-    itself unless it is in some of the runs only. `confused_with` names effects that leave much the same residual,
-    `same_function` those that are the same function of the motion, so that no data can tell them apart, `covers` those
-    that it is general enough to say as well.
+    `of_position`: a function of positions alone. `needs_session`: it changes with the time of the session.
+    `in_some_runs`: it is the same function as the model itself unless it is in some of the runs only. `confused_with`
+    names effects that leave much the same residual, `same_function` those that are the same function of the motion, so
+    that no data can tell them apart, `covers` those that it is general enough to say as well.
     """
 
     id: ClassVar[str]
@@ -142,6 +146,7 @@ class Effect(ABC):
     shapes: ClassVar[tuple[ShapeSpec, ...]] = ()
     scope: ClassVar[Literal["joint", "robot"]] = "joint"
     is_friction: ClassVar[bool] = False
+    of_position: ClassVar[bool] = False
     needs_load: ClassVar[bool] = False
     needs_temperature: ClassVar[bool] = False
     needs_session: ClassVar[bool] = False

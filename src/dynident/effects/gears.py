@@ -61,9 +61,9 @@ class JointElasticity(Effect):
         r" + \frac{I_a}{K}\,\ddot{\hat\tau}_l"
     )
     parameters = (
-        ParameterSpec("Ce", "rad/(N m)", "compliance 1/K, from the sag of the posture", "m/N"),
-        ParameterSpec("Cl", "rad/(N m)", "compliance 1/K, from the acceleration of the links", "m/N"),
-        ParameterSpec("Cr", "s²", "rotor inertia times compliance, Ia/K"),
+        ParameterSpec("Ce", "rad/(N m)", "compliance 1/K, from the sag of the posture", "m/N", positive=True),
+        ParameterSpec("Cl", "rad/(N m)", "compliance 1/K, from the acceleration of the links", "m/N", positive=True),
+        ParameterSpec("Cr", "s²", "rotor inertia times compliance, Ia/K", positive=True),
     )
     signature = "grows with the frequency of the motion; the arm sags under its own load"
     confused_with = ("backlash", "encoder_zero_error", "torque_delay")

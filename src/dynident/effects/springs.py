@@ -45,6 +45,7 @@ class GravityCompensator(Effect):
     )
     signature = "smooth over the joint's position, several harmonics of its angle"
     confused_with = ("joint_spring", "torque_ripple")
+    of_position = True
     sources = ("Klimchik, Caro, Wu, Pashkevich, Furet and Caro 2013",)
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
@@ -99,6 +100,7 @@ class CableForce(Effect):
     signature = "a smooth function of the positions of two neighbouring joints, on both of them"
     confused_with = ("joint_spring",)
     covers = ("joint_spring", "gravity_compensator", "offset", "coulomb_asymmetric")
+    of_position = True
     sources = ("Khalil and Dombre 2002, chapter 9",)
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:

@@ -23,6 +23,7 @@ class Offset(Effect):
     signature = "a constant"
     confused_with = ("joint_spring",)
     same_function = ("coulomb_asymmetric",)
+    of_position = True
     sources = ("Khalil and Dombre 2002, chapter 12",)
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
@@ -42,6 +43,7 @@ class JointSpring(Effect):
     )
     signature = "a straight line over the joint's position"
     confused_with = ("offset", "torque_ripple")
+    of_position = True
     sources = ("Khalil and Dombre 2002, chapter 9",)
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
@@ -71,6 +73,7 @@ class TorqueRipple(Effect):
     )
     signature = "a line in the spectrum of the residual over the joint's angle"
     confused_with = ("joint_spring",)
+    of_position = True
     sources = ("Kircanski and Goldenberg 1997",)
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
@@ -124,9 +127,9 @@ class TransmissionCoupling(Effect):
         r" + F_{cm}\,\mathrm{sign}(\dot q_j \pm \dot q_{j+1})\right)"
     )
     parameters = (
-        ParameterSpec("Iam", "kg m²", "inertia of the shared motor, referred to the joints"),
-        ParameterSpec("Fvm", "N m s/rad", "viscous friction of the shared motor"),
-        ParameterSpec("Fcm", "N m", "Coulomb friction of the shared motor"),
+        ParameterSpec("Iam", "kg m²", "inertia of the shared motor, referred to the joints", positive=True),
+        ParameterSpec("Fvm", "N m s/rad", "viscous friction of the shared motor", positive=True),
+        ParameterSpec("Fcm", "N m", "Coulomb friction of the shared motor", positive=True),
     )
     shapes = (
         ShapeSpec(

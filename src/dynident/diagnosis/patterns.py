@@ -1,0 +1,144 @@
+"""What a residual still depends on when no effect of the catalogue is left to explain it.
+
+Bin means over a variable, learnt on some stretches of time and tried on the others; of the residual itself and, since
+friction turns with the direction, of the residual times the sign of the velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.gate import t_of
+from dynident.diagnosis.leads import bursts
+from dynident.diagnosis.result import UnknownPattern, Variable
+from dynident.robot.model import FloatArray
+
+IntArray = NDArray[np.intp]
+
+_BINS, _COARSE_BINS, _FEWEST = 24, 10, 10
+_SHARE, _T = 0.08, 3.5
+_STRETCHES = 30
+# A variable is named beside the best one if it explains so much of what that explains.
+_NEARLY = 0.7
+# Two variables must explain so many times what one of them does alone.
+_MORE_BY_TWO = 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """All recordings in a row: signals (m, n), time (m,), and the stretch that every row is in (m,)."""
+
+    residual: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    load: FloatArray
+    t: FloatArray
+    stretch: IntArray
+
+    @classmethod
+    def of(cls, comparisons: Sequence[Comparison]) -> _Rows:
+        joined = [
+            np.concatenate([getattr(c, name) for c in comparisons])
+            for name in ("residual", "q", "dq", "ddq", "load", "t")
+        ]
+        return cls(*joined, stretch=_stretches(comparisons))
+
+
+def unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern, ...]:
+    """Dependences of the residual that are left, the largest share of the residual's variance first."""
+    rows = _Rows.of(comparisons)
+    found: list[UnknownPattern] = []
+    for j, name in enumerate(comparisons[0].joint_names):
+        best: dict[Variable, float] = {}
+        for variable, which in _partitions(rows, j):
+            share = max(_believed(rows, j, which, target) for target in _targets(rows, j))
+            if variable == "other_joints" and share < _MORE_BY_TWO * best.get("position", 0.0):
+                continue
+            best[variable] = max(best.get(variable, 0.0), share)
+        most = max(best.values(), default=0.0)
+        found += [UnknownPattern(name, v, share) for v, share in best.items() if share >= max(_SHARE, _NEARLY * most)]
+    found += _in_bursts(comparisons, {pattern.joint for pattern in found})
+    return tuple(sorted(found, key=lambda pattern: -pattern.share))
+
+
+def _targets(rows: _Rows, j: int) -> tuple[FloatArray, FloatArray]:
+    """What bin means are taken of: the residual (m,), and the residual against the joint's direction."""
+    return np.ones(len(rows.t)), np.sign(rows.dq[:, j])
+
+
+def _partitions(rows: _Rows, j: int) -> Iterator[tuple[Variable, IntArray]]:
+    """Ways to sort the rows (m,) into bins, each with the variable it stands for; of the joint itself first."""
+    sign = np.sign(rows.dq[:, j])
+    position = _bins(rows.q[:, j], _COARSE_BINS)
+    yield "position", _bins(rows.q[:, j], _BINS)
+    yield "velocity", _bins(rows.dq[:, j], _BINS)
+    yield "acceleration", _bins(rows.ddq[:, j], _BINS)
+    yield "acceleration", _bins(rows.ddq[:, j] * sign, _BINS)
+    yield "load", _bins(rows.load[:, j], _BINS)
+    yield "time", _bins(rows.t, _BINS)
+    for k in range(rows.q.shape[1]):
+        if k != j:
+            other = _bins(rows.q[:, k], _COARSE_BINS)
+            yield "other_joints", _bins(rows.q[:, k], _BINS)
+            yield "other_joints", _bins(rows.dq[:, k], _BINS)
+            yield "other_joints", position * _COARSE_BINS + other
+
+
+def _bins(values: FloatArray, count: int) -> IntArray:
+    """Number of the bin (m,) of every row; all the same where a signal does not move."""
+    low, high = np.quantile(values, [0.005, 0.995])
+    if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
+        return np.zeros(len(values), dtype=np.intp)
+    return np.clip(((values - low) / (high - low) * count).astype(np.intp), 0, count - 1)
+
+
+def _stretches(comparisons: Sequence[Comparison]) -> IntArray:
+    length = sum(float(c.t[-1] - c.t[0]) for c in comparisons) / _STRETCHES
+    offset, numbers = 0, []
+    for c in comparisons:
+        numbers.append(offset + np.floor((c.t - c.t[0]) / max(length, 1e-9)).astype(np.intp))
+        offset = int(numbers[-1][-1]) + 1
+    return np.concatenate(numbers)
+
+
+def _believed(rows: _Rows, j: int, which: IntArray, turn: FloatArray) -> float:
+    """Held-out share of the residual's variance that bin means explain; 0 where it is not even over the stretches."""
+    residual = rows.residual[:, j] * turn
+    total = float((rows.residual[:, j] ** 2).sum())
+    n_bins, n_stretches = int(which.max()) + 1, int(rows.stretch.max()) + 1
+    if n_bins < 2 or total <= 0.0:
+        return 0.0
+    cell = rows.stretch * n_bins + which
+    counts = np.bincount(cell, minlength=n_stretches * n_bins).reshape(n_stretches, n_bins)
+    sums = np.bincount(cell, weights=residual, minlength=n_stretches * n_bins).reshape(n_stretches, n_bins)
+    gains = np.zeros(n_stretches)
+    for fold in range(5):
+        test = np.arange(fold, n_stretches, 5)
+        seen = counts.sum(axis=0) - counts[test].sum(axis=0)
+        means = np.where(seen >= _FEWEST, (sums.sum(axis=0) - sums[test].sum(axis=0)) / np.maximum(seen, 1), 0.0)
+        # Σ r² - (r - m)² over the rows of a bin.
+        gains[test] = (2 * sums[test] * means - counts[test] * means**2).sum(axis=1)
+    share = float(gains.sum()) / total
+    return share if t_of(gains) >= _T else 0.0
+
+
+def _in_bursts(comparisons: Sequence[Comparison], known: set[str]) -> list[UnknownPattern]:
+    """Joints whose residual is large in a few stretches of time, and depends on nothing else."""
+    names = comparisons[0].joint_names
+    inside, whole = np.zeros(len(names)), np.zeros(len(names))
+    for c in comparisons:
+        whole += (c.residual**2).sum(axis=0)
+        for segment, start, end in bursts(c):
+            hot = (c.segment == segment) & (c.t >= start) & (c.t <= end)
+            inside += (c.residual[hot] ** 2).sum(axis=0)
+    share = inside / np.maximum(whole, np.finfo(float).tiny)
+    if not share.any():
+        return []
+    worst = int(np.argmax(share))
+    return [UnknownPattern(names[worst], "time", float(share[worst]))] if names[worst] not in known else []

@@ -1,0 +1,65 @@
+"""Whether nature can be so: friction takes energy, a mass or a compliance is above zero."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.diagnosis.candidates import Pool
+from dynident.diagnosis.gate import Judged
+from dynident.diagnosis.products import IntArray, Products
+from dynident.effects import effect_by_id
+from dynident.robot.model import FloatArray
+
+_GIVEN_BACK = 0.1
+# A parameter of the wrong sign counts from so many standard deviations on; filtered rows are worth a tenth each.
+_DEVIATIONS, _CORRELATION = 2.0, 10.0
+
+
+def plausible(data: Products, pool: Pool, base: tuple[int, ...], noise: FloatArray, item: Judged) -> bool:
+    """Whether a candidate beside the model `base` is physically possible with the amplitudes that the data ask for."""
+    columns = np.array(base + item.candidate.columns, dtype=np.intp)
+    values, deviations = _fit(data, columns, noise)
+    if effect_by_id(item.candidate.effect).is_friction and not _passive(data, pool, columns, values, item):
+        return False
+    positive = {spec.name for spec in effect_by_id(item.candidate.effect).parameters if spec.positive}
+    return not any(
+        pool.observation.columns[k].parameter in positive and value < -_DEVIATIONS * deviation
+        for k, value, deviation in zip(columns[len(base) :], values[len(base) :], deviations[len(base) :], strict=True)
+    )
+
+
+def _passive(data: Products, pool: Pool, columns: IntArray, values: FloatArray, item: Judged) -> bool:
+    """Whether friction still takes energy from every joint on the whole, with the candidate's friction among it.
+
+    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
+    """
+    all_columns = pool.observation.columns
+    for j in item.joints:
+        where = data.position[j]
+        coulomb = [k for k in columns if all_columns[k].effect == "coulomb" and where[k] >= 0]
+        friction = [
+            i for i, k in enumerate(columns) if effect_by_id(all_columns[k].effect).is_friction and where[k] >= 0
+        ]
+        if not coulomb or not friction:
+            continue
+        places = where[columns[friction]]
+        work = data.grams[j][:, where[coulomb[0]], places] @ values[friction]
+        if float(np.minimum(work, 0.0).sum()) < -_GIVEN_BACK * float(np.abs(work).sum()):
+            return False
+    return True
+
+
+def _fit(data: Products, columns: IntArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Parameters (k,) of columns, fitted to all stretches, and their standard deviations (k,)."""
+    k = len(columns)
+    normal, right = np.zeros((k, k)), np.zeros(k)
+    for gram, where, sigma in zip(data.grams, data.position, noise, strict=True):
+        have = np.flatnonzero(where[columns] >= 0)
+        places = where[columns[have]]
+        total = gram.sum(axis=0) / sigma**2
+        normal[np.ix_(have, have)] += total[np.ix_(places, places)]
+        right[have] += total[places, -1]
+    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+    deviations = np.sqrt(_CORRELATION * np.maximum(np.diag(inverse), 0.0)) / scale
+    return np.asarray(inverse @ (right / scale) / scale), np.asarray(deviations)

@@ -1,0 +1,54 @@
+"""Names that do not fit: a function of the position that leaves another function of the position behind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.result import UnknownPattern
+from dynident.diagnosis.words import Finding
+from dynident.effects import EffectChoice, effect_by_id
+
+_LEFT_OVER = 0.12
+"""Share of what an effect removed that may be left as the same kind of function: more, and it is another function."""
+
+
+def misnamed(
+    picks: Sequence[Finding],
+    recommended: Sequence[EffectChoice],
+    unknown: Sequence[UnknownPattern],
+    final: Sequence[Comparison],
+) -> list[int]:
+    """Numbers of the picks whose joint still depends on position in a way that they should have explained.
+
+    Parameters
+    ----------
+    unknown : patterns of the residual that is left once all of them are in the model
+    final : the comparisons of that model
+    """
+    names = final[0].joint_names
+    squares = np.sum([(c.residual**2).sum(axis=0) for c in final], axis=0)
+    wrong = []
+    for number, (finding, choice) in enumerate(zip(picks, recommended, strict=True)):
+        if not effect_by_id(choice.effect).of_position:
+            continue
+        judged = finding.judged
+        for j in judged.joints:
+            removed = float((judged.before - judged.after)[:, j].sum())
+            left = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in _KINDS]
+            if left and max(left) > _LEFT_OVER * removed and names[j] in (*choice.joints, *_next(names, choice)):
+                wrong.append(number)
+                break
+    return wrong
+
+
+_KINDS = ("position", "other_joints")
+
+
+def _next(names: Sequence[str], choice: EffectChoice) -> tuple[str, ...]:
+    """The joint after that of an effect across two joints."""
+    if choice.effect != "cable_force":
+        return ()
+    return tuple(names[names.index(joint) + 1] for joint in choice.joints)
