@@ -43,11 +43,18 @@ class _Rows:
 
     @classmethod
     def of(cls, comparisons: Sequence[Comparison]) -> _Rows:
-        joined = [
-            np.concatenate([getattr(c, name) for c in comparisons])
-            for name in ("residual", "q", "dq", "ddq", "load", "t")
-        ]
-        return cls(*joined, stretch=_stretches(comparisons))
+        def joined(name: str) -> FloatArray:
+            return np.concatenate([getattr(c, name) for c in comparisons])
+
+        return cls(
+            residual=joined("residual"),
+            q=joined("q"),
+            dq=joined("dq"),
+            ddq=joined("ddq"),
+            load=joined("load"),
+            t=joined("t"),
+            stretch=_stretches(comparisons),
+        )
 
 
 def unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern, ...]:
@@ -95,7 +102,8 @@ def _bins(values: FloatArray, count: int) -> IntArray:
     low, high = np.quantile(values, [0.005, 0.995])
     if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
         return np.zeros(len(values), dtype=np.intp)
-    return np.clip(((values - low) / (high - low) * count).astype(np.intp), 0, count - 1)
+    found: IntArray = np.clip(((values - low) / (high - low) * count).astype(np.intp), 0, count - 1)
+    return found
 
 
 def _stretches(comparisons: Sequence[Comparison]) -> IntArray:
