@@ -3,6 +3,7 @@
 from dynident.diagnosis.autocorrelation import Autocorrelation, autocorrelation
 from dynident.diagnosis.compare import Comparison, WorstStretch, compare
 from dynident.diagnosis.diagnose import diagnose
+from dynident.diagnosis.evidence import Evidence, evidence
 from dynident.diagnosis.judging import Judgement, RepeatedMotion, judge
 from dynident.diagnosis.noise import LackOfFit, NoiseFloor, floor_of
 from dynident.diagnosis.result import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
@@ -12,6 +13,7 @@ __all__ = [
     "Autocorrelation",
     "Comparison",
     "Diagnosis",
+    "Evidence",
     "FailureSpot",
     "Judgement",
     "LackOfFit",
@@ -26,6 +28,7 @@ __all__ = [
     "autocorrelation",
     "compare",
     "diagnose",
+    "evidence",
     "floor_of",
     "judge",
     "time_spectrum",

@@ -1,0 +1,263 @@
+"""The figure behind each ranked effect: the residual over what the effect depends on, and the fitted effect with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from dynident.diagnosis.result import RankedEffect
+from dynident.effects import Column, EffectChoice, columns_of
+from dynident.effects.catalogue import joints_of
+from dynident.estimation import Reduction, weighted_factor
+from dynident.identification import Identification
+from dynident.progress import Progress, part, silent
+from dynident.recordings import Recording
+from dynident.regressors.observation import Observation
+from dynident.regressors.stream import FilteredSamples, filtered_samples, parallel_filtered, reduce_recordings
+from dynident.robot import Robot
+from dynident.robot.model import FloatArray
+from dynident.threads import single_threaded
+
+Axis = Literal["position", "velocity", "acceleration", "load", "time", "travel since reversal", "phase"]
+
+MOST = 12
+"""So many of the ranked effects are shown."""
+_BINS = 48
+_FEWEST = 8
+_KEPT_VALUES = 4_000_000
+_AMBIGUOUS = 0.02
+_DEPENDENT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One joint's residual beside an effect, in bins that hold equally many samples.
+
+    `x` (k,) is the mean of `variable` in each bin, in `unit`; `residual` and `spread` (k,) mean and standard deviation
+    of the residual of the model without the effect; `fitted` (k,) the mean of what the effect adds to the prediction
+    once all parameters are fitted anew; `count` (k,). `explained` is the share of the residual's squares that it takes.
+    """
+
+    rank: int
+    effect: str
+    joint: str
+    variable: Axis
+    unit: str
+    x: FloatArray
+    residual: FloatArray
+    spread: FloatArray
+    fitted: FloatArray
+    count: FloatArray
+    explained: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """All rows together: t (m,); q, dq, ddq, load and residual (m, n); and (m, n) for each candidate.
+
+    `fitted` is by how much its fit changes the prediction, `own` its own part of the torque, what the other parameters
+    give up to it included.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    load: FloatArray
+    residual: FloatArray
+    fitted: tuple[FloatArray, ...]
+    own: tuple[FloatArray, ...]
+
+
+@single_threaded
+def evidence(
+    identification: Identification,
+    candidates: Sequence[RankedEffect],
+    recordings: Sequence[Recording],
+    progress: Progress = silent,
+) -> tuple[Evidence, ...]:
+    """Fit each of the first ranked effects beside a model, and show what it explains joint by joint, best rank first."""
+    shown = [candidate for candidate in candidates if candidate.rank <= MOST]
+    if not shown:
+        return ()
+    robot = identification.model.robot
+    choices = [EffectChoice(one.effect, one.joints, one.shape) for one in shown]
+    rows = _rows(identification, choices, recordings, progress)
+    found = []
+    for number, (one, choice) in enumerate(zip(shown, choices, strict=True)):
+        for joint in joints_of(choice, robot):
+            made = _of_joint(one, number, joint, robot, rows)
+            if made is not None:
+                found.append(made)
+    return tuple(found)
+
+
+def _of_joint(one: RankedEffect, number: int, joint: int, robot: Robot, rows: _Rows) -> Evidence | None:
+    effort = robot.joints[joint].effort_unit
+    residual, curve, own = rows.residual[:, joint], rows.fitted[number][:, joint], rows.own[number][:, joint]
+    total = float((residual**2).sum())
+    if not total > 0 or not curve.any():
+        return None
+    angle = "rad" if effort == "N m" else "m"
+    options: list[tuple[Axis, str, FloatArray]] = [
+        ("velocity", f"{angle}/s", rows.dq[:, joint]),
+        ("position", angle, rows.q[:, joint]),
+        ("load", effort, rows.load[:, joint]),
+        ("acceleration", f"{angle}/s²", rows.ddq[:, joint]),
+        ("travel since reversal", angle, _travel(rows.q[:, joint], rows.dq[:, joint])),
+        ("time", "s", rows.t),
+    ]
+    cycles = dict(one.shape).get("k")
+    if cycles:
+        options.insert(0, ("phase", "rad", np.mod(cycles * rows.q[:, joint], 2.0 * np.pi)))
+    shares = [_share(values, own) for _, _, values in options]
+    # Of axes that show it equally well the first: they are in the order in which people think of them.
+    variable, unit, values = options[next(k for k, s in enumerate(shares) if s >= max(shares) - _AMBIGUOUS)]
+    bins = _bins(values)
+    counts = np.bincount(bins).astype(np.float64)
+    if len(counts) < 3 or counts.min() < _FEWEST:
+        return None
+    means = [np.bincount(bins, weights=w) / counts for w in (values, residual, residual**2, curve)]
+    return Evidence(
+        rank=one.rank,
+        effect=one.effect,
+        joint=robot.joint_names[joint],
+        variable=variable,
+        unit=unit,
+        x=means[0],
+        residual=means[1],
+        spread=np.sqrt(np.maximum(means[2] - means[1] ** 2, 0.0)),
+        fitted=means[3],
+        count=counts,
+        explained=1.0 - float(((residual - curve) ** 2).sum()) / total,
+    )
+
+
+def _bins(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """(m,): the number of each value's bin; bins hold about equally many."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)[1:-1]))
+    which = np.searchsorted(edges, values, side="right")
+    return np.asarray(np.unique(which, return_inverse=True)[1])
+
+
+def _share(values: FloatArray, curve: FloatArray) -> float:
+    """Share of a curve's variance (m,) that its means in bins of a variable (m,) show."""
+    bins = _bins(values)
+    counts = np.bincount(bins)
+    means = np.bincount(bins, weights=curve) / counts
+    around = float(((curve - curve.mean()) ** 2).sum())
+    return float((counts * (means - curve.mean()) ** 2).sum()) / around if around > 0 else 1.0
+
+
+def _travel(q: FloatArray, dq: FloatArray) -> FloatArray:
+    """(m,): how far a joint has come since it last turned, with the sign of its motion."""
+    sign = np.sign(dq)
+    turned = np.concatenate([[True], sign[1:] != sign[:-1]])
+    return np.asarray(q - q[np.flatnonzero(turned)[np.cumsum(turned) - 1]])
+
+
+def _rows(
+    identification: Identification, choices: Sequence[EffectChoice], recordings: Sequence[Recording], progress: Progress
+) -> _Rows:
+    """Residual and fitted effects along all recordings."""
+    model, preprocessing = identification.model, identification.preprocessing
+    reference = identification.next_reference()
+    new, places = _columns(identification, choices)
+    whole = model.observation.extended(new, model.signals)
+    samples = _Samples(whole, recordings, identification, reference)
+    reduction = reduce_recordings(
+        whole, recordings, preprocessing, reference, part(progress, 0.0, 0.6), samples_of=samples.of
+    )
+    base = tuple(range(model.n_parameters))
+    start = _values(reduction, base, identification.statistics.noise)
+    fits = [_values(reduction, (*base, *columns), identification.statistics.noise) for columns in places]
+    rigid = np.array([column.effect == "rigid_body" for column in whole.columns])
+    added = np.arange(whole.n_columns) >= model.n_parameters
+    parts: list[list[FloatArray]] = []
+    for recording in recordings:
+        for piece, motion in zip(samples.of(recording), _motions(recording, identification), strict=True):
+            predicted = whole.torque(piece.values, start)
+            effects = [whole.torque(piece.values, fit) - predicted for fit in fits]
+            alone = [whole.torque(piece.values, np.where(added, fit, 0.0)) for fit in fits]
+            load = whole.torque(piece.values, np.where(rigid, start, 0.0))
+            parts.append([piece.t, motion, load, piece.tau - predicted, *effects, *alone])
+    t, motion, load, residual, *drawn = (np.concatenate(items) for items in zip(*parts, strict=True))
+    n = model.robot.n
+    progress(1.0, "drawing what each effect explains")
+    return _Rows(
+        t=t,
+        q=motion[:, :n],
+        dq=motion[:, n : 2 * n],
+        ddq=motion[:, 2 * n :],
+        load=load,
+        residual=residual,
+        fitted=tuple(drawn[: len(fits)]),
+        own=tuple(drawn[len(fits) :]),
+    )
+
+
+def _columns(
+    identification: Identification, choices: Sequence[EffectChoice]
+) -> tuple[list[Column], list[tuple[int, ...]]]:
+    """New columns of all choices, each once, and which of them every choice has, as numbers behind the model's own."""
+    kept = {column.key for column in identification.model.columns}
+    where: dict[object, int] = {}
+    new: list[Column] = []
+    places = []
+    for choice in choices:
+        own = [column for column in columns_of([choice], identification.model.signals) if column.key not in kept]
+        for column in own:
+            if column.key not in where:
+                where[column.key] = identification.model.n_parameters + len(new)
+                new.append(column)
+        places.append(tuple(where[column.key] for column in own))
+    return new, places
+
+
+def _values(reduction: Reduction, columns: Sequence[int], noise: FloatArray) -> FloatArray:
+    """Parameters (c,) with all columns but these at zero; of those that fit equally well the smallest.
+
+    A column may depend on the model's own, which changes nothing in what is predicted.
+    """
+    factor = weighted_factor(reduction.select(columns), noise)
+    scales = np.linalg.norm(factor[:, :-1], axis=0)
+    scales = np.where(scales > 0, scales, 1.0)
+    values = np.zeros(reduction.n_columns)
+    values[list(columns)] = np.linalg.lstsq(factor[:, :-1] / scales, factor[:, -1], rcond=_DEPENDENT)[0] / scales
+    return values
+
+
+class _Samples:
+    """Filtered entries of recordings, evaluated once where they are few enough to be kept."""
+
+    def __init__(
+        self,
+        observation: Observation,
+        recordings: Sequence[Recording],
+        identification: Identification,
+        reference: FloatArray,
+    ) -> None:
+        self._made = (observation, identification.preprocessing, reference)
+        rows = sum(recording.n_samples for recording in recordings) / identification.preprocessing.decimation
+        self._keep = rows * len(observation.entry_rows) < _KEPT_VALUES
+        self._kept: dict[int, list[FilteredSamples]] = {}
+
+    def of(self, recording: Recording) -> Iterable[FilteredSamples]:
+        """All pieces of a recording."""
+        observation, preprocessing, reference = self._made
+        if not self._keep:
+            return filtered_samples(observation, recording, preprocessing, reference)
+        if id(recording) not in self._kept:
+            self._kept[id(recording)] = list(filtered_samples(observation, recording, preprocessing, reference))
+        return self._kept[id(recording)]
+
+
+def _motions(recording: Recording, identification: Identification) -> Iterator[FloatArray]:
+    """(m, 3 n): q, dq, ddq of the rows, piece by piece."""
+    for _, _, rows in parallel_filtered(
+        recording, identification.preprocessing, lambda block: np.hstack([block.q, block.dq, block.ddq])
+    ):
+        yield rows
