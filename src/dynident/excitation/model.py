@@ -22,6 +22,9 @@ from dynident.robot.pointers import listed
 
 IntArray = NDArray[np.intp]
 
+JUMP_TIME = 0.02
+"""Seconds over which what jumps in a column is spread: a filter does the same to data."""
+
 # Inertial parameters of a link where a load torque is needed and the description gives none: 3 kg, 10 cm off.
 _PLAUSIBLE_LINK = (0.05, 0.0, 0.0, 0.05, 0.0, 0.05, 0.1, 0.1, 0.1, 3.0)
 _LINKS = EffectChoice("rigid_body")
@@ -101,7 +104,9 @@ class DesignModel:
         """W (m n, b) at m samples, dense; q and its derivatives (m, n), and the hysteresis states if there are any."""
         observation = self.observation
         states = np.zeros((len(q), observation.n_memory)) if memory is None else memory
-        entries = observation.evaluate(q, dq, ddq, dddq=dddq, ddddq=ddddq, reference=self.reference, memory=states)
+        entries = observation.evaluate(
+            q, dq, ddq, dddq=dddq, ddddq=ddddq, reference=self.reference, memory=states, period=JUMP_TIME
+        )
         w = np.zeros((len(q), self.robot.n, observation.n_columns))
         w[:, observation.entry_rows, observation.entry_columns] = entries
         return w.reshape(-1, observation.n_columns)
@@ -185,6 +190,6 @@ def design_model(
 
 def _beyond_a_trajectory(column: Column, signals: Signals) -> bool:
     motion = (signals.q, signals.dq, signals.ddq, signals.dddq, signals.ddddq)
-    known = ca.vertcat(*motion, signals.reference, signals.memory_symbols)
+    known = ca.vertcat(*motion, signals.reference, signals.period, signals.memory_symbols)
     given = {symbol.name() for symbol in ca.symvar(known)}
     return any(symbol.name() not in given for symbol in ca.symvar(column.torque))

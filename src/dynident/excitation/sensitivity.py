@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.effects import Column, Signals, columns_of
-from dynident.excitation.model import DesignModel
+from dynident.excitation.model import JUMP_TIME, DesignModel
 from dynident.excitation.path_memory import PathMemory
 from dynident.robot.model import FloatArray
 
@@ -46,6 +46,7 @@ class ObservationGradient:
         self._n_derivatives = len(derivatives)
         state = ca.vertcat(*derivatives, states)
         entries = ca.substitute(matrix.nz[:], signals.reference, ca.DM(model.reference))
+        entries = ca.substitute(entries, signals.period, JUMP_TIME)
         seeds = ca.SX.sym("seeds", entries.numel())
         swept = ca.densify(ca.jtimes(entries, state, seeds, True))
         self._memory = PathMemory(memory)
