@@ -38,6 +38,7 @@ from hiding.judging import judge_safely  # noqa: E402
 from hiding.outcome import Outcome  # noqa: E402
 from hiding.outside import OUTSIDE  # noqa: E402
 from hiding.table import describe, is_failure, table, totals  # noqa: E402
+from hiding.visibility import SHOWS  # noqa: E402
 
 SIZES: dict[str, tuple[Size, ...]] = {"full": ("full",), "quarter": ("quarter",), "both": ("full", "quarter")}
 
@@ -54,7 +55,7 @@ def main() -> None:
     print(f"seed {seed}: {len(cases)} cases on {', '.join(dict.fromkeys(case.arm for case in cases))}", flush=True)
     start = time.perf_counter()
     outcomes = []
-    for outcome in judged(cases, arguments.cache, arguments.processes):
+    for outcome in judged(cases, arguments.cache, arguments.shows, arguments.processes):
         outcomes.append(outcome)
         print(f"  {len(outcomes):3d}/{len(cases)} {_line(outcome)}", flush=True)
     order = {case.name: k for k, case in enumerate(cases)}
@@ -69,13 +70,13 @@ def main() -> None:
     show("In total", [(what, f"{value:.3g}") for what, value in totals(outcomes).items()])
 
 
-def judged(cases: Sequence[Case], folder: Path | None, processes: int) -> Iterator[Outcome]:
+def judged(cases: Sequence[Case], folder: Path | None, shows: float, processes: int) -> Iterator[Outcome]:
     """Outcomes as they come."""
     if processes == 1:
-        yield from (judge_safely(case, folder) for case in cases)
+        yield from (judge_safely(case, folder, shows) for case in cases)
         return
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        for job in as_completed([pool.submit(judge_safely, case, folder) for case in cases]):
+        for job in as_completed([pool.submit(judge_safely, case, folder, shows) for case in cases]):
             yield job.result()
 
 
@@ -93,6 +94,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--families", default="", help="names with commas between; + joins two in one arm; clean")
     parser.add_argument("--arms", default="", help="franka_panda, ur10, ur5, six-<number>, sliding-<number>, …")
     parser.add_argument("--size", choices=SIZES, default="both")
+    parser.add_argument("--shows", type=float, default=SHOWS, help="excess from which on an effect counts as shown")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--json", type=Path, default=None, help="write every outcome here")
     parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "hidden-effects")

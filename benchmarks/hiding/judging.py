@@ -24,17 +24,20 @@ from hiding.recorded import Recorded, label_of, recorded
 from hiding.visibility import SHOWS, excess
 
 
-def judge_safely(case: Case, folder: Path | None) -> Outcome:
+def judge_safely(case: Case, folder: Path | None, shows: float = SHOWS) -> Outcome:
     """Judge a case; where anything raises, the outcome says what."""
     try:
-        return judge(case, folder)
+        return judge(case, folder, shows)
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         return _failed(case, f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})")
 
 
-def judge(case: Case, folder: Path | None) -> Outcome:
-    """Simulate (or fetch) a case, run the product on it, compare."""
+def judge(case: Case, folder: Path | None, shows: float = SHOWS) -> Outcome:
+    """Simulate (or fetch) a case, run the product on it, compare.
+
+    An effect counts as one that shows from this excess on.
+    """
     start = time.perf_counter()
     data = recorded(case, folder)
     robot = as_described(arm_by_name(case.arm), case.noise)
@@ -53,7 +56,7 @@ def judge(case: Case, folder: Path | None) -> Outcome:
     return replace(
         outcome,
         excess=left,
-        shows=left >= SHOWS,
+        shows=left >= shows,
         plain=before,
         after=after,
         oracle=before if case.kind == "clean" else oracle,
