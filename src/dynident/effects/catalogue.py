@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from types import MappingProxyType
+from functools import cached_property
 
 from dynident.effects.disturbances import BaseVibration, ExternalContact, Payload
 from dynident.effects.drive import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
@@ -64,9 +64,27 @@ _OURS: tuple[Effect, ...] = (
     BaseVibration(),
     CableForce(),
 )
-_ALL = _OURS + installed_effects({effect.id for effect in _OURS})
 
-CATALOGUE: Mapping[str, Effect] = MappingProxyType({effect.id: effect for effect in _ALL})
+
+class _Catalogue(Mapping[str, Effect]):
+    """Effects by id. Those of other distributions are loaded when first asked for: they import this package."""
+
+    @cached_property
+    def _effects(self) -> dict[str, Effect]:
+        ours = {effect.id: effect for effect in _OURS}
+        return ours | {effect.id: effect for effect in installed_effects(ours)}
+
+    def __getitem__(self, identifier: str) -> Effect:
+        return self._effects[identifier]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._effects)
+
+    def __len__(self) -> int:
+        return len(self._effects)
+
+
+CATALOGUE: Mapping[str, Effect] = _Catalogue()
 
 DEFAULT_EFFECTS: tuple[EffectChoice, ...] = tuple(
     EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous")

@@ -3,8 +3,8 @@
     [project.entry-points."dynident.effects"]
     my_effect = "my_package.my_effect:MyEffect"
 
-The object is a subclass of `Effect` or an instance of one. An effect that cannot be loaded is left out, with a warning
-that says why: somebody else's broken package must not stop an identification.
+The object is a subclass of `Effect` or an instance of one. An effect that cannot be loaded, or fails on a trial robot,
+is left out, with a warning that says why: somebody else's broken package must not stop an identification.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from collections.abc import Collection
 from importlib.metadata import EntryPoint, entry_points
 
 from dynident.effects.effect import Effect
+from dynident.effects.signals import Signals
+from dynident.robot import robot_from_modified_dh
 
 GROUP = "dynident.effects"
 
@@ -45,7 +47,35 @@ def _loaded(point: EntryPoint) -> Effect | None:
             stacklevel=3,
         )
         return None
+    try:
+        _try(effect)
+    except Exception as error:  # whatever somebody else's code raises
+        warnings.warn(f"the effect {effect.id!r} ({point.value}) is left out: {error}", stacklevel=3)
+        return None
     return effect
+
+
+def _try(effect: Effect) -> None:
+    """Build the effect's columns on a small arm; raise where they are not what columns are."""
+    robot = robot_from_modified_dh("trial", _TRIAL)
+    signals, names = Signals(robot), {spec.name for spec in effect.parameters}
+    constants = {spec.name for spec in effect.shapes}
+    for joint in effect.applicable(robot):
+        for shape in effect.grid(robot, joint):
+            if set(shape) != constants:
+                raise ValueError(f"its grid gives {sorted(shape)}, its shape constants are {sorted(constants)}")
+        made = effect.columns(signals, (joint,), effect.shape_with_defaults({}))
+        if len(made) != len(names) or {column.parameter for column in made} != names:
+            raise ValueError(f"its columns belong to {[c.parameter for c in made]}, its parameters are {sorted(names)}")
+        for column in made:
+            if column.effect != effect.id or column.torque.shape != (robot.n, 1):
+                raise ValueError(f"column {column.name} has the shape {column.torque.shape}, not ({robot.n}, 1)")
+
+
+_TRIAL = tuple(
+    {"antecedent": k, "sigma": 0, "alpha": alpha, "d": 0.3, "theta": 0.0, "r": 0.1, "gamma": 0.0, "b": 0.0}
+    for k, alpha in enumerate((0.0, 1.5, 0.4))
+)
 
 
 _NEEDED = ("id", "title", "formula", "parameters", "signature", "sources")

@@ -12,6 +12,7 @@ from dynident.effects import effect_by_id
 from dynident.effects.friction import velocity_scale
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
+from dynident.simulation.sizing import sized
 from dynident.simulation.truth import TrueEffect, on_each_joint
 
 # Where a description gives no effort limit, N m or N.
@@ -21,6 +22,9 @@ _COULOMB, _VISCOUS_AT_FULL_SPEED = 0.03, 0.05
 _ROTOR = 0.006
 # Torsional stiffness of a joint per unit of the largest torque, N m/rad per N m; ratio of a direct gear.
 _STIFFNESS, _GEAR_RATIO = 70.0, 20.0
+# An effect of which nothing is known, as a share of the largest torque.
+_UNKNOWN = 0.02
+_OF_EVERY_ROBOT = frozenset({"rigid_body", "rotor_inertia", "coulomb", "viscous"})
 
 
 def largest_torque(robot: Robot, joint: int) -> float:
@@ -58,8 +62,12 @@ def typical_effect(robot: Robot, effect: str, joint: str = "") -> TrueEffect:
         raise DynidentError(
             f"{effect} needs a joint; {robot.name} has: {', '.join(robot.joint_names)}", pointer="/joint"
         )
-    if not sizes:
+    if not sizes and effect in _OF_EVERY_ROBOT:
         raise DynidentError(f"{effect} has no typical size", pointer="/effect")
+    if not sizes:
+        torque = np.array([largest_torque(robot, j) for j in range(robot.n)])
+        parameters = sized(robot, effect, joint if described.scope == "joint" else "", _UNKNOWN * torque)
+        sizes = {name: value / len(parameters) for name, value in parameters.items()}
     return TrueEffect(effect, joint if described.scope == "joint" else "", tuple(sizes.items()), tuple(shape.items()))
 
 

@@ -1,0 +1,54 @@
+"""How large an effect has to be to be a given torque: for effects of which no usual size is known."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynident.effects import EffectChoice, columns_of, reference_size
+from dynident.errors import DynidentError
+from dynident.robot.model import FloatArray, Robot
+from dynident.simulation.signals import SensorSignals
+
+_STATES = 200
+
+
+def sized(robot: Robot, effect: str, joint: str, torque: FloatArray) -> dict[str, float]:
+    """Parameters of an effect on a joint ("" for the whole robot) with which each is about the torque (n,) somewhere.
+
+    The largest over the joints of rms torque over random states, relative to `torque`, is then 1 for each parameter.
+    """
+    signals = SensorSignals(robot)
+    columns = columns_of([EffectChoice(effect, (joint,) if joint else ())], signals)
+    stacked = ca.densify(ca.horzcat(*(column.torque for column in columns)))
+    rng, n = np.random.default_rng(0), robot.n
+    drawn = [
+        (signals.q, rng.uniform(-2, 2, (_STATES, n))),
+        (signals.dq, rng.uniform(-1, 1, (_STATES, n))),
+        (signals.ddq, rng.uniform(-3, 3, (_STATES, n))),
+        (signals.dddq, rng.uniform(-8, 8, (_STATES, n))),
+        (signals.ddddq, rng.uniform(-20, 20, (_STATES, n))),
+        (signals.time, rng.uniform(0, 10, (_STATES, 1))),
+        (signals.period, np.full((_STATES, 1), 1e-3)),
+        (signals.temperature, rng.uniform(20, 45, (_STATES, n))),
+        (signals.memory_symbols, rng.choice([-1.0, 1.0], (_STATES, len(signals.memory_signals)))),
+        (signals.predicted.motor, torque * rng.uniform(-1, 1, (_STATES, n))),
+    ]
+    runs = [signals.in_runs(run) for run in signals.runs_in(stacked)]
+    known = ca.vertcat(signals.reference, *runs)
+    stacked = ca.substitute(stacked, known, ca.vertcat(ca.SX(ca.DM(_reference(robot))), ca.SX.ones(len(runs), 1)))
+    function = ca.Function("columns", [symbol for symbol, _ in drawn], [stacked]).map(_STATES)
+    found = np.asarray(ca.DM(function(*(values.T for _, values in drawn))), dtype=np.float64)
+    rows = found.reshape(n, _STATES, len(columns))
+    rms = np.sqrt(np.mean(rows**2, axis=1)) / torque[:, None]
+    largest = rms.max(axis=0)
+    if not (np.isfinite(largest).all() and (largest > 0).all()):
+        raise DynidentError(f"{effect} is no torque on {robot.name} that a size could be given to", pointer="/effect")
+    return {column.parameter: float(1 / size) for column, size in zip(columns, largest, strict=True)}
+
+
+def _reference(robot: Robot) -> FloatArray:
+    reference = np.zeros(reference_size(robot))
+    if robot.inertias is not None:
+        reference[: 10 * robot.n] = robot.inertias.reshape(-1)
+    return reference
