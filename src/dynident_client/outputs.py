@@ -128,6 +128,10 @@ class Diagnoses(Collection[Diagnosis]):
         }
         return self._post(body)
 
+    def evidence(self, diagnosis: Record | str, rank: int, joint: str | None = None) -> dict[str, Any]:
+        """Read the figure behind a ranked effect: the residual over what it depends on, with the fitted effect."""
+        return dict(self._transport.get(f"{self.path}/{id_of(diagnosis)}/evidence", rank=rank, joint=joint))
+
 
 class Validations(Collection[Validation]):
     """Trials of models."""

@@ -69,6 +69,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.comparisons.spectrum("x1", "elbow", "angle"),
         lambda c: c.comparisons.autocorrelation("x1", "elbow", longest=2.0),
         lambda c: c.diagnoses.create("i1"),
+        lambda c: c.diagnoses.evidence("x1", 1, "elbow"),
         lambda c: c.validations.create("i1", "cross"),
         lambda c: c.reports.create("i1"),
         lambda c: c.reports.content("x1"),

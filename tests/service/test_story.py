@@ -86,6 +86,15 @@ def test_a_hidden_effect_is_found_added_and_reported(live: Client, tmp_path: Pat
     first = diagnosis.result["candidates"][0]
     assert (first["effect"], first["joints"]) == ("joint_spring", [joint])
 
+    drawn = live.diagnoses.evidence(diagnosis, 1)
+    assert (drawn["effect"], drawn["joint"], drawn["variable"]) == ("joint_spring", joint, "position")
+    assert drawn["explained"] > 0.3
+    assert len(drawn["x"]) == len(drawn["residual"]) == len(drawn["fitted"]) == len(drawn["count"])
+    for asked, status in (({"rank": 99}, 404), ({"rank": 1, "joint": "nose"}, 422)):
+        with pytest.raises(ProblemError) as missing:
+            live.diagnoses.evidence(diagnosis, **asked)
+        assert missing.value.status == status
+
     better = live.identifications.extend(model, diagnosis.result["recommended"]).wait()
     before, after = (one.result["validation"]["relative"][0] for one in (model, better))
     assert after < 0.7 * before

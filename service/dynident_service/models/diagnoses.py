@@ -104,5 +104,29 @@ class DiagnosisResult(Shown):
     next_experiment: NextExperiment | None
 
 
+class Evidence(Shown):
+    """A joint's residual beside a ranked effect, in bins that hold about equally many samples."""
+
+    rank: int
+    effect: str
+    joint: str
+    joints: list[str] = Field(
+        description="Joints for which there is such a figure, the one that it explains most first"
+    )
+    effort_unit: str
+    variable: Literal["position", "velocity", "acceleration", "load", "time", "travel since reversal", "phase"] = Field(
+        description="What the effect depends on most plainly"
+    )
+    variable_unit: str
+    x: list[float] = Field(description="Mean of the variable in each bin")
+    residual: list[float] = Field(description="Mean residual of the model without the effect")
+    spread: list[float] = Field(description="Standard deviation of the residual in the bin")
+    fitted: list[float] = Field(
+        description="Mean of what the effect changes in the prediction, all parameters fitted anew"
+    )
+    count: list[int]
+    explained: float | None = Field(description="Share of the residual's squares on this joint that the effect takes")
+
+
 class DiagnosisView(Computed[DiagnosisRequest, DiagnosisResult]):
     """A diagnosis."""

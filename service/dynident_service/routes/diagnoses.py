@@ -7,8 +7,9 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from dynident_service.models.common import Page, plain
-from dynident_service.models.diagnoses import DiagnosisRequest, DiagnosisView
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
+from dynident_service.models.diagnoses import DiagnosisRequest, DiagnosisView, Evidence
+from dynident_service.problems import ProblemError
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.needs import needed_measurements, needed_model
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
@@ -49,6 +50,23 @@ def list_diagnoses(
 def get_diagnosis(diagnosis_id: str, services: ServicesDep) -> DiagnosisView:
     """Show a diagnosis, with its result once there is one."""
     return show(services.resources.get("diagnosis", diagnosis_id))
+
+
+@router.get("/{diagnosis_id}/evidence")
+def get_evidence(
+    diagnosis_id: str,
+    services: ServicesDep,
+    rank: Annotated[int, Query(ge=1, description="Of the candidate")],
+    joint: Annotated[str | None, Query(description="Name; that on which it explains most where not given")] = None,
+) -> Evidence:
+    """Give the figure behind a ranked effect: the residual over what it depends on, and the fitted effect with it."""
+    from dynident_service.adapters.evidence import read_evidence
+
+    found = succeeded(services.resources.get("diagnosis", diagnosis_id))
+    if "evidence" not in found.objects:
+        detail = f"The diagnosis {diagnosis_id} was made without figures; diagnose again."
+        raise ProblemError(404, detail, title="No figure")
+    return read_evidence(services.objects.get(found.objects["evidence"].key), rank, joint)
 
 
 @router.delete("/{diagnosis_id}", status_code=204)

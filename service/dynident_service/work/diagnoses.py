@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dynident.diagnosis import diagnose
+from dynident.diagnosis import diagnose, evidence
 from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
+from dynident.progress import part
 from dynident_service.adapters.diagnoses import describe_diagnosis
+from dynident_service.adapters.evidence import write_evidence
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.diagnoses import DiagnosisRequest
@@ -17,11 +19,15 @@ def diagnose_model(task: Task) -> Outcome:
     request = DiagnosisRequest.model_validate(subject.request)
     identification = task.resources.get("identification", request.identification_id)
     measurement_ids = request.measurement_ids or identification.request["measurement_ids"]
+    model = model_by_id(task, request.identification_id)
+    recordings = recordings_by_id(task, measurement_ids)
     found = diagnose(
-        model_by_id(task, request.identification_id),
-        recordings_by_id(task, measurement_ids),
+        model,
+        recordings,
         candidates=request.candidates,
         most_effects=request.max_effects or DEFAULT_MOST_EFFECTS,
-        progress=task.progress,
+        progress=part(task.progress, 0.0, 0.9),
     )
-    return Outcome(plain(describe_diagnosis(found, identification.one("robot"))))
+    drawn = evidence(model, found.candidates, recordings, part(task.progress, 0.9, 1.0))
+    kept = task.keep("evidence", write_evidence(drawn, model.model.robot), "application/json")
+    return Outcome(plain(describe_diagnosis(found, identification.one("robot"))), (kept,))
