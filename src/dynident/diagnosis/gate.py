@@ -10,6 +10,7 @@ from scipy import stats
 
 from dynident.diagnosis.candidates import Candidate
 from dynident.diagnosis.scoring import Score
+from dynident.effects import CATALOGUE
 from dynident.robot.model import FloatArray
 
 SMALLEST_DROP = 0.03
@@ -71,6 +72,13 @@ class Judged:
     def n_columns(self) -> int:
         """Number of the candidate's amplitudes."""
         return len(self.candidate.columns)
+
+    @property
+    def complexity(self) -> int:
+        """Number of parameters of the effect on so many joints, whether or not each of them acts on this robot."""
+        effect = CATALOGUE.get(self.candidate.effect)
+        each = len(effect.parameters) if effect else self.n_columns
+        return each * max(1, len(self.candidate.joints))
 
     @property
     def total_gain(self) -> float:
@@ -190,13 +198,16 @@ def simplest(judged: Sequence[Judged]) -> tuple[Judged, tuple[Judged, ...]]:
     ordered = sorted(judged, key=lambda item: -item.total_gain)
     best = ordered[0]
     plain = [item for item in ordered if item is best or not _beats(best, item)]
-    chosen = min(plain, key=lambda item: (item.n_columns, -item.total_gain))
+    slimmest = min(item.complexity for item in plain)
+    slim = [item for item in plain if item.complexity == slimmest]
+    # Of those that gain as much, the one whose gain is most even: the same effect on the wrong joint gains by chance.
+    chosen = max((item for item in slim if item is slim[0] or indistinguishable(slim[0], item)), key=lambda i: i.t)
     return chosen, tuple(item for item in ordered if item is not chosen and indistinguishable(chosen, item))
 
 
 def _beats(best: Judged, simpler: Judged) -> bool:
     """Whether the more complex candidate removes enough more of the error, often enough."""
-    if simpler.n_columns >= best.n_columns:
+    if simpler.complexity >= best.complexity:
         return True
     difference = best.gains - simpler.gains
     left = float(simpler.after_weighted.sum())

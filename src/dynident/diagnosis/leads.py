@@ -22,7 +22,7 @@ _LEAST_ANGLE = 0.2
 # Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
 _SURROUNDINGS = 181
 # Hz: slower than this, a motion's own lines hide everything else.
-_SLOWEST_VIBRATION, _MOST_TIME_LINES, _TIME_LINE_RATIO = 1.0, 2, 25.0
+_SLOWEST_VIBRATION, _MOST_TIME_LINES, _TIME_LINE_RATIO = 1.0, 2, 6.0
 _BURST_RATIO, _BURST_WINDOW, _BURST_GAP, _MOST_BURSTS, _LONGEST_BURSTS = 16.0, 0.1, 0.3, 3, 0.2
 _MOST_GROUPS = 16
 

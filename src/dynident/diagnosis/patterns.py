@@ -25,6 +25,8 @@ _SHARE, _T = 0.08, 3.5
 _STRETCHES = 30
 # A variable is named beside the best one if it explains so much of what that explains.
 _NEARLY = 0.7
+# A joint that sticks for a moment is no burst.
+_SHORTEST_BURST, _BURST_SHARE = 0.3, 0.4
 # Two variables must explain so many times what one of them does alone.
 _MORE_BY_TWO = 1.25
 
@@ -143,10 +145,12 @@ def _in_bursts(comparisons: Sequence[Comparison], known: set[str]) -> list[Unkno
     for c in comparisons:
         whole += (c.residual**2).sum(axis=0)
         for segment, start, end in bursts(c):
+            if end - start < _SHORTEST_BURST:
+                continue
             hot = (c.segment == segment) & (c.t >= start) & (c.t <= end)
             inside += (c.residual[hot] ** 2).sum(axis=0)
     share = inside / np.maximum(whole, np.finfo(float).tiny)
-    if not share.any():
+    if not share.any() or share.max() < _BURST_SHARE:
         return []
     worst = int(np.argmax(share))
     return [UnknownPattern(names[worst], "time", float(share[worst]))] if names[worst] not in known else []

@@ -12,7 +12,8 @@ from dynident.diagnosis.products import products
 from dynident.diagnosis.resolution import Resolution
 from dynident.diagnosis.search import State, noise_left, pruned
 from dynident.diagnosis.words import Finding
-from dynident.effects import EffectChoice, columns_of
+from dynident.effects import EffectChoice, columns_of, effect_by_id
+from dynident.estimation import weighted
 from dynident.identification import Identification
 from dynident.identification.shapes import refine_shapes
 from dynident.progress import Progress, part
@@ -44,6 +45,7 @@ def refined(
     visible = [i for i, choice in enumerate(choices) if width_shows(choice, model.robot, resolved)]
     kept, choices = tuple(kept[i] for i in visible), tuple(choices[i] for i in visible)
     while len(kept) > 1:
+        reference = _improved(model, choices, recordings, preprocessing, reference)
         needed = _needed(model, kept, choices, recordings, preprocessing, reference)
         if len(needed) == len(kept):
             break
@@ -51,6 +53,21 @@ def refined(
         choices = refine_shapes(model, choices, recordings, preprocessing, reference)
     lasting = _lasting(model, choices)
     return tuple(kept[i] for i in lasting), tuple(choices[i] for i in lasting)
+
+
+def _improved(
+    model: Model,
+    choices: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+) -> FloatArray:
+    """What torque is predicted with (14 n,) once the effects are in the model: without them it was biased by them."""
+    if not any(effect_by_id(choice.effect).needs_load for choice in choices):
+        return reference
+    grown = build_model(model.robot, (*model.effects, *choices), signals=model.signals)
+    reduction = reduce_recordings(grown.observation, recordings, preprocessing, reference)
+    return grown.reference(weighted(reduction).values)
 
 
 def _lasting(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:

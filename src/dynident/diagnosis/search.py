@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from dynident.diagnosis.candidates import Candidate, Pool
 from dynident.diagnosis.gate import (
-    SMALLEST_DROP,
     SMALLEST_DROP_OF_STICKING,
     SMALLEST_GAIN_AT_REVERSALS,
     SMALLEST_GAIN_OVER_NOISE,
@@ -31,9 +30,9 @@ from dynident.robot.model import FloatArray
 
 _KINDS = ("interleaved", "contiguous")
 VISIBLE = 0.02
-_PRUNE_DROP, _PRUNE_T = 0.01, 1.5
-# t that each joint of a group needs for itself.
-_JOINT_T = 2.0
+_PRUNE_DROP, _PRUNE_T = 0.02, 1.8
+# What each joint of a group needs for itself.
+_JOINT_DROP, _JOINT_T = 0.08, 2.5
 # So many other names for a finding, and its cause is not certain.
 _TOO_MANY_NAMES = 2
 _WORTH_A_LOOK = 0.02
@@ -186,7 +185,7 @@ def _without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judge
         gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
         spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
         share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)
-        if share >= SMALLEST_DROP and gain.mean() >= _JOINT_T * spread:
+        if share >= _JOINT_DROP and gain.mean() >= _JOINT_T * spread:
             keep.append(name)
     if not keep or len(keep) == len(chosen.candidate.joints):
         return chosen

@@ -18,28 +18,38 @@ class Backlash(Effect):
 
     id = "backlash"
     title = "Backlash"
-    formula = r"\frac{\partial\hat\tau_l}{\partial q_j}\,\frac{b}{2}\tanh\frac{\hat\tau_l}{w}"
-    parameters = (ParameterSpec("bl", "rad", "play b, positive where the position is measured at the link", "m"),)
+    formula = (
+        r"-\left(\frac{\partial\hat\tau_l}{\partial q_j}\,\beta + (A_j + I_a)\,\ddot\beta\right),"
+        r"\quad \beta = \frac{b}{2}\tanh\frac{\hat\tau_l}{w}"
+    )
+    parameters = (
+        ParameterSpec(
+            "bl", "rad", "play b, from the posture; below zero where q is measured at the link", "m"
+        ),
+        ParameterSpec("bi", "rad", "play b, from the acceleration of the links", "m"),
+        ParameterSpec("br", "N m s²", "play b times the rotor inertia", "N s²"),
+    )
     shapes = (ShapeSpec("w", "N m", "load torque over which the teeth change sides", 1.0, refined=RATIO),)
-    signature = "a step of the posture where the load torque changes its sign"
+    signature = "a step of the posture, and a pulse, where the load torque changes its sign"
     confused_with = ("joint_elasticity",)
     sources = ("Nordin and Gutman 2002",)
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """One column a joint, which acts on all joints that its position matters to."""
+        """Three columns a joint: of the posture and the links' acceleration on all joints, of the rotor on its own."""
         constants = self.shape_with_defaults(shape)
-        predicted = signals.predicted
-        return [
-            self._reaching_column(
-                signals,
-                self.parameters[0],
-                j,
-                0.5 * predicted.load_over_position[:, j] * ca.tanh(predicted.load[j] / constants["w"]),
-                constants,
-            )
-            for j in joints
-        ]
+        predicted, width = signals.predicted, constants["w"]
+        made = []
+        for j in joints:
+            side = ca.tanh(predicted.load[j] / width)
+            slope = (1 - side * side) / width
+            jerk = slope * predicted.load_acceleration[j] - 2 * side * slope / width * predicted.load_rate[j] ** 2
+            rotor = ca.SX(signals.robot.n, 1)
+            rotor[j] = -0.5 * jerk
+            torques = (-0.5 * predicted.load_over_position[:, j] * side, -0.5 * predicted.mass[:, j] * jerk, rotor)
+            for spec, torque in zip(self.parameters, torques, strict=True):
+                made.append(self._reaching_column(signals, spec, j, torque, constants))
+        return made
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Half a per cent and 4 % of the joint's effort limit."""

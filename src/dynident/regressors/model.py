@@ -14,11 +14,8 @@ from dynident.regressors.observation import Observation
 from dynident.robot.model import FloatArray, Robot
 
 _INERTIAL = ("rigid_body", "rotor_inertia")
-# Where parameters of the motors' torque stand in `Model.reference`; hysteresis is Coulomb friction once it slides.
-_DRIVE_ROWS = {
-    **{pair: row for row, pair in enumerate(DRIVE_PARAMETERS) if pair[0] != "rotor_inertia"},
-    ("presliding", "Fz"): 1,
-}
+# Where parameters of the motors' torque stand in `Model.reference`; the rotors' are found with the links'.
+_DRIVE_ROWS = {pair: row for row, pair in enumerate(DRIVE_PARAMETERS) if pair[0] != "rotor_inertia"}
 # How far a description is usually off, as a share; and a link where it says nothing (kg, m).
 _SHARE, _SHARE_WITHOUT, _MASS, _SIZE = 0.2, 1.0, 3.0, 0.15
 # Rotor inertia for an effort limit of 1 N m, and where there is no limit (kg m²).
