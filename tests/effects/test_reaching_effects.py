@@ -72,12 +72,12 @@ def _moved(robot: Robot, joint: int, axis: int, by: float) -> Robot:
 
 
 @pytest.mark.parametrize("name", ["ur10", "scara"])
-def test_play_is_half_of_it_in_the_position_on_the_side_that_the_load_pushes_to(name):
+def test_links_hang_behind_by_half_the_play_on_the_side_that_the_load_pushes_to(name):
     found = Evaluated(arm(name), EffectChoice("backlash", shape=(("w", 7.0),)))
     robot, h = with_inertia(found), 1e-5
     for j in range(robot.n):
         moved = []
-        for side in (h, -h):
+        for side in (-h, h):
             q = found.q.copy()
             q[:, j] += side * 0.5 * np.tanh(found.load[:, j] / 7.0)
             moved.append(pinocchio_torque(robot, q, found.dq, found.ddq))
@@ -91,6 +91,22 @@ def path(found: Evaluated, t: float) -> tuple[FloatArray, FloatArray, FloatArray
     return tuple(  # type: ignore[return-value]
         sum(x * t**k / factorial[k] for k, x in enumerate(terms[order:])) for order in range(3)
     )
+
+
+def test_links_behind_a_gear_with_play_follow_their_side_in_acceleration():
+    found = Evaluated(arm("ur10"), EffectChoice("backlash", shape=(("w", 40.0),)))
+    robot, h, play = with_inertia(found), 1e-3, 1e-7
+    side = {t: 0.5 * np.tanh(pinocchio_torque(robot, *path(found, t)) / 40.0) for t in (-h, 0.0, h)}
+    acceleration = (side[h] - 2 * side[0.0] + side[-h]) / h**2
+    for j in range(6):
+        ddq = found.ddq.copy()
+        ddq[:, j] -= play * acceleration[:, j]
+        expected = pinocchio_torque(robot, found.q, found.dq, ddq)
+        expected -= pinocchio_torque(robot, found.q, found.dq, found.ddq)
+        close(found.column(f"bi{j + 1}"), expected / play, 2e-3)
+        rotor = np.zeros((COUNT, 6))
+        rotor[:, j] = -acceleration[:, j]
+        close(found.column(f"br{j + 1}"), rotor, 2e-3)
 
 
 def test_links_behind_an_elastic_gear_lag_by_what_it_twists():
