@@ -100,7 +100,10 @@ def test_the_whole_story_can_be_done_in_the_browser(
     assert first.get_attribute("data-effect") == "joint_spring"
     expect(first).to_contain_text("elbow")
     first.get_by_role("button", name="Joint spring", exact=True).click()
-    expect(page.locator("tr.evidence").first.locator("canvas")).to_be_visible()
+    evidence = page.locator("tr.evidence").first
+    expect(evidence.locator("canvas")).to_be_visible()
+    expect(evidence).to_contain_text("Residual of elbow over position, and the fitted effect")
+    evidence.screenshot(path=tmp_path / "3_evidence.png")
     floor = ask(page, f"/diagnoses?identification_id={before}")["items"][0]["result"]["noise_floor"]
     assert value_in(page, "#error-table", "elbow", 4) == floor[1]
     page.screenshot(path=tmp_path / "3_diagnosed.png", full_page=True)
@@ -125,6 +128,47 @@ def test_the_whole_story_can_be_done_in_the_browser(
     assert "<svg" in page.request.get(href).text()
     assert heard.complaints == []
     assert heard.hosts == {page.url.split("/")[2]}
+
+
+def test_spectra_and_memory_of_the_residual_follow_the_joint(page: Any, model: str, tmp_path: Path) -> None:
+    spectra = page.locator("#spectra")
+    expect(spectra.locator("canvas")).to_have_count(3)
+    page.locator(".choices").get_by_role("button", name="shoulder").first.click()
+    expect(spectra).to_contain_text("How long the residual of shoulder remembers")
+    expect(spectra.locator("canvas")).to_have_count(3)
+    expect(spectra).to_contain_text("per turn")
+    expect(page.locator("#comparison-notes")).to_contain_text("noise floor")
+    page.locator("section", has=page.locator("#spectra-title")).screenshot(path=tmp_path / "spectra.png")
+
+
+def test_what_was_added_is_removed_again_and_two_ladders_stand_beside_each_other(
+    page: Any, model: str, heard: Any, tmp_path: Path
+) -> None:
+    made = {}
+    for joint in ("elbow", "shoulder"):
+        body = {"effects": [{"effect": "joint_spring", "joints": [joint]}], "name": f"spring on {joint}"}
+        made[joint] = page.request.post(f"/v1/identifications/{model}/extend", data=body).json()["id"]
+        page.wait_for_function(
+            "async (id) => (await (await fetch(`/v1/identifications/${id}`)).json()).status === 'succeeded'",
+            arg=made[joint],
+        )
+    page.goto(f"/?identification={made['shoulder']}")
+    expect(page.locator("#warnings")).to_contain_text("survive")
+    page.locator("#ladder-table").get_by_role("button", name="Remove").click()
+    expect(page.locator("#step")).to_contain_text("Removed Joint spring on shoulder")
+    back = ask(page, f"/identifications/{identifier(page)}")
+    assert back["parent_id"] == made["shoulder"]
+    assert value_in(page, "#ladder-table", "3", 1) == back["result"]["validation"]["relative_total"]
+
+    page.locator("#compare-ladders > summary").click()
+    page.select_option("#other-ladder", made["elbow"])
+    table = page.locator("#ladder-differences")
+    expect(table).to_contain_text("Joint spring on elbow")
+    found = ask(page, f"/identifications/{identifier(page)}/lineage?against={made['elbow']}")
+    assert value_in(page, "#ladder-differences", "2", 0) == found["differences"][1]["validation_total"]
+    expect(page.locator("#two-ladders svg polyline")).to_have_count(2)
+    page.locator("section", has=page.locator("#ladder-title")).screenshot(path=tmp_path / "two_ladders.png")
+    assert heard.complaints == []
 
 
 def test_what_is_shown_is_in_the_address(page: Any, model: str) -> None:

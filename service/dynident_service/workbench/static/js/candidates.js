@@ -2,9 +2,9 @@
 
 import { aboutEffect, placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { h, numeric, put, row, table } from "./dom.js";
+import { drawEvidence } from "./evidence.js";
 import { number, percent, pValue } from "./format.js";
 import { formula } from "./formula.js";
-import { drawProfile } from "./profile.js";
 
 const COLUMNS = 8;
 
@@ -65,20 +65,10 @@ function fillEvidence(cell, model, one, signal) {
     one.significant ? null : h("p", {}, `Not significant (t = ${number(one.t_value)}, p = ${pValue(one.p_value)}): add it only if you know that it is there.`),
     h("div", { class: "two" }, figure, aboutEffect(model.effects, one.effect, formula)),
   );
-  const joint = one.joints[0] ?? model.joint;
-  const draw = () => drawProfile(figure, model, { comparison: model.comparison, before: null, joint, signal: `${variableOf(model, one.effect)}_${joint}` }, signal);
-  if (model.comparison) draw();
-  else model.addEventListener("comparison", draw, { once: true });
-}
-
-/** The signal that an effect's formula depends on most plainly. */
-function variableOf(model, id) {
-  const text = model.effects.byId.get(id)?.formula ?? "";
-  if (text.includes("\\tau_l")) return "load";
-  if (text.includes("\\ddot q")) return "ddq";
-  const alone = text.replaceAll("\\mathrm{sign}(\\dot q)", "");
-  if (alone.includes("\\dot q")) return "dq";
-  return /(^|[^\\a-z])k?q/.test(alone) ? "q" : "dq";
+  // Effects far down the list have no figure.
+  drawEvidence(figure, model.diagnosis, one.rank, signal).catch((error) => {
+    if (!signal.aborted) put(figure, h("p", { class: "note" }, error.message));
+  });
 }
 
 function right(text) {

@@ -2,7 +2,7 @@
 
 const MATHML = "http://www.w3.org/1998/Math/MathML";
 const SYMBOLS = {
-  Gamma: "Γ", tau: "τ", delta: "δ", Delta: "Δ", omega: "ω", phi: "φ", theta: "θ", alpha: "α", beta: "β", gamma: "γ", sigma: "σ", rho: "ρ", eta: "η", mu: "μ", lambda: "λ", pi: "π", xi: "ξ", kappa: "κ", chi: "χ", psi: "ψ",
+  Gamma: "Γ", tau: "τ", delta: "δ", Delta: "Δ", omega: "ω", phi: "φ", varphi: "φ", epsilon: "ϵ", varepsilon: "ε", theta: "θ", alpha: "α", beta: "β", gamma: "γ", sigma: "σ", rho: "ρ", eta: "η", mu: "μ", lambda: "λ", pi: "π", xi: "ξ", kappa: "κ", chi: "χ", psi: "ψ",
   pm: "±", mp: "∓", cdot: "·", times: "×", leftarrow: "←", rightarrow: "→", le: "≤", ge: "≥", approx: "≈", sum: "∑", int: "∫", partial: "∂", infty: "∞",
 };
 const FUNCTIONS = new Set(["cos", "sin", "tan", "tanh", "exp", "ln", "log", "min", "max", "sign", "sat"]);

@@ -1,13 +1,21 @@
 // The ladder of models: what was added at each rung, and the error falling, in total and on every joint.
 
+import { post } from "./api.js";
 import { choiceInWords } from "./catalogue.js";
-import { h, numeric, row, table } from "./dom.js";
+import { h, numeric, put, row, table } from "./dom.js";
 import { number, percent } from "./format.js";
+import { computed, progressBar } from "./jobs.js";
 import { jointsFigure, totalsFigure } from "./ladder_figures.js";
-import { address } from "./location.js";
+import { address, go } from "./location.js";
+import { problemBox } from "./problem.js";
+import { changeOf, twoLadders } from "./two_ladders.js";
 
-/** Of a model that came from another. */
-export function ladderSection(model) {
+// Without a superfluous effect the error stays as it is, but for rounding and noise.
+const UNCHANGED = 1.005;
+
+/** Of a model that came from another; of a first model only the comparison with others. */
+export function ladderSection(model, signal) {
+  if (model.rungs.length < 2) return h("section", { "aria-label": "Ladders" }, twoLadders(model, signal));
   const rungs = model.rungs.filter((one) => one.residual);
   const heldOut = rungs.every((one) => one.validation);
   const errors = rungs.map((one) => (heldOut ? one.validation : one.residual));
@@ -18,40 +26,71 @@ export function ladderSection(model) {
     h("h2", { id: "ladder-title", tabindex: "-1" }, "Ladder"),
     h("p", { class: fell(model) ? "box good" : "box warning", id: "step" }, stepInWords(model)),
     h("div", { class: "two" }, totalsFigure(rungs, heldOut), jointsFigure(errors, model.joints, kind)),
-    rungTable(model, rungs, heldOut),
+    rungTable(model, rungs, heldOut, signal),
     jointTable(model, errors, kind),
+    twoLadders(model, signal),
   );
 }
 
 /** What the last step did, in words. */
 export function stepInWords(model) {
   const [before, after] = model.rungs.slice(-2);
-  const added = after.added.map((one) => choiceInWords(model.effects, one, model.joints)).join("; ");
+  const names = (list) => list.map((one) => choiceInWords(model.effects, one, model.joints)).join("; ");
   const change = (name, from, to) => `${name} ${percent(from.relative_total)} → ${percent(to.relative_total)}`;
   const parts = [change("error of the fit", before.residual, after.residual)];
   if (before.validation && after.validation) parts.unshift(change("held-out error", before.validation, after.validation));
+  if (after.removed.length) {
+    const loss = fell(model) ? " It was not missed." : " The error is larger without it.";
+    return `Removed ${names(after.removed)}: ${parts.join(", ")}.${loss}`;
+  }
   const advice = fell(model) ? "" : " It did not help on data that the fit has not seen: think before you keep it.";
-  return `Added ${added}: ${parts.join(", ")}.${advice}`;
+  return `Added ${names(after.added)}: ${parts.join(", ")}.${advice}`;
 }
 
 function fell(model) {
   const [before, after] = model.rungs.slice(-2);
   const kind = before.validation && after.validation ? "validation" : "residual";
-  return after[kind].relative_total < before[kind].relative_total;
+  const allowed = after.removed.length ? UNCHANGED : 1;
+  return after[kind].relative_total < allowed * before[kind].relative_total;
 }
 
-function rungTable(model, rungs, heldOut) {
-  const head = ["model", "added", right("base parameters"), right("fit (%)")];
+function rungTable(model, rungs, heldOut, signal) {
+  const head = ["model", "change", right("base parameters"), right("fit (%)")];
   if (heldOut) head.push(right("held out (%)"));
+  head.push("");
   const rows = rungs.map((one, index) => {
     const here = one.id === model.id;
     const link = here ? h("strong", {}, `${index + 1}`) : h("a", { href: address({ identification: one.id }) }, `${index + 1}`);
-    const added = one.added.map((choice) => choiceInWords(model.effects, choice, model.joints)).join("; ") || "the first model";
-    const cells = [link, added, numeric(String(one.n_parameters)), error(one.residual.relative_total)];
+    const cells = [link, changeOf(model, one), numeric(String(one.n_parameters)), error(one.residual.relative_total)];
     if (heldOut) cells.push(error(one.validation.relative_total));
+    cells.push(removeButton(model, one, signal));
     return row(cells, { class: here ? "chosen" : null });
   });
   return table("Models, first to last, all joints", head, rows, { id: "ladder-table" });
+}
+
+/** Takes what a rung added out of the model that is looked at; the other rungs stay. */
+function removeButton(model, rung, signal) {
+  const there = rung.added.filter((one) => model.contains(one));
+  if (!there.length) return "";
+  const said = h("div");
+  const button = h("button", { type: "button", class: "small", "aria-label": `Remove ${changeOf(model, { added: there, removed: [] })}`, onclick: () => remove() }, "Remove");
+  const remove = async () => {
+    button.disabled = true;
+    try {
+      const effects = there.map(({ effect, joints }) => ({ effect, joints }));
+      const made = await post(`/identifications/${model.id}/remove`, { effects }, { signal });
+      const bar = progressBar(made.job_id, "Removing");
+      put(said, bar.element);
+      await computed("/identifications", made, bar.update, signal).finally(() => put(said));
+      dispatchEvent(new Event("models-changed"));
+      go({ identification: made.id, joint: model.joint, measurement: model.measurement }, { arrived: true });
+    } catch (error) {
+      if (!signal.aborted) put(said, problemBox(error));
+      button.disabled = false;
+    }
+  };
+  return [button, said];
 }
 
 function jointTable(model, errors, kind) {

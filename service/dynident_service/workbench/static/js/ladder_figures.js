@@ -71,14 +71,16 @@ function figure(title, drawing) {
   return h("figure", { class: "drawn" }, h("figcaption", { class: "chart-title" }, title), drawing);
 }
 
-function grid(values, y, left, right) {
+/** Lines across a figure, with their values. */
+export function grid(values, y, left, right) {
   return values.map((value) => [
     svg("line", { class: "grid", x1: left, x2: right, y1: y(value), y2: y(value) }),
     svg("text", { x: left - 6, y: y(value) + 4, "text-anchor": "end" }, number(value, 2)),
   ]);
 }
 
-function marker(kind, x, y, css) {
+/** The mark of one model. */
+export function marker(kind, x, y, css) {
   return kind === "circle"
     ? svg("circle", { class: `mark-of ${css}`, cx: x, cy: y, r: 5 })
     : svg("rect", { class: `mark-of ${css}`, x: x - 4.5, y: y - 4.5, width: 9, height: 9 });
@@ -88,7 +90,8 @@ function rungClass(k, count) {
   return `mark-of ${k === count - 1 ? "held-out" : COLOURS[k % COLOURS.length]}`;
 }
 
-function ticksUpTo(most) {
+/** Round values from zero up. */
+export function ticksUpTo(most) {
   const raw = most / 4;
   const size = 10 ** Math.floor(Math.log10(raw));
   const step = size * [1, 2, 5, 10].find((one) => one * size >= raw);

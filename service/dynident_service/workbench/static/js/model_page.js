@@ -13,6 +13,7 @@ import { missingSection } from "./missing.js";
 import { Model, newestDiagnosis } from "./model.js";
 import { parametersSection } from "./parameters.js";
 import { problemBox } from "./problem.js";
+import { spectraSection } from "./spectra.js";
 import { torqueSection } from "./torque.js";
 
 const ENDED = new Set(["succeeded", "failed", "cancelled"]);
@@ -28,10 +29,11 @@ export async function modelPage(target, wanted, signal) {
   const sections = [
     header(model),
     errorsSection(model),
-    model.rungs.length > 1 ? ladderSection(model, signal) : null,
+    ladderSection(model, signal),
     missingSection(model, signal),
     torqueSection(model, signal),
     failureSection(model, signal),
+    spectraSection(model, signal),
     parametersSection(model),
   ];
   put(target, sections);

@@ -8,20 +8,23 @@ import { problemBox } from "./problem.js";
 
 const BINS = 40;
 const FEWEST = 5;
-const KINDS = { q: ["position", ""], dq: ["velocity", "/s"], ddq: ["acceleration", "/s²"], load: ["load torque", null], tau: ["measured torque", null] };
+const KINDS = { q: ["position", ""], dq: ["velocity", "/s"], ddq: ["acceleration", "/s²"], load: ["load torque", null], tau: ["measured torque", null], temperature: ["temperature", "°C"] };
 
 /** What a signal is, with its unit: "velocity of elbow (rad/s)". */
 export function signalInWords(signal, model, withJoint = true) {
   if (signal === "t") return "time (s)";
   const [kind, joint] = apart(signal);
   const [name, more] = KINDS[kind];
+  if (kind === "temperature") return withJoint ? `${name} of ${joint} (${more})` : `${name} (${more})`;
   const unit = more === null ? model.unitOf(joint) : `${positionUnit(model.unitOf(joint))}${more}`;
   return withJoint ? `${name} of ${joint} (${unit})` : `${name} (${unit})`;
 }
 
-/** All signals of a model's joints. */
+/** All signals of a model's joints; temperature where the measurement has it. */
 export function signalsOf(model) {
-  return ["t", ...Object.keys(KINDS).flatMap((kind) => model.joints.map((joint) => `${kind}_${joint}`))];
+  const warm = model.measurements.find((one) => one.id === model.measurement)?.has_temperature;
+  const kinds = Object.keys(KINDS).filter((kind) => kind !== "temperature" || warm);
+  return ["t", ...kinds.flatMap((kind) => model.joints.map((joint) => `${kind}_${joint}`))];
 }
 
 /** Draw the residual of `joint` over `signal`; with `before`, that of the model it came from in grey. */

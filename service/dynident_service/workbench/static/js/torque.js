@@ -1,7 +1,7 @@
 // Measured against predicted torque of the chosen joint on the chosen measurement, and the worst stretches.
 
-import { announce, field, h, put, select } from "./dom.js";
-import { number, percent, quantity } from "./format.js";
+import { announce, field, h, numeric, put, row, select, table } from "./dom.js";
+import { number, percent, positionUnit, quantity } from "./format.js";
 import { progressBar } from "./jobs.js";
 import { comparisonOf, existingComparison } from "./model.js";
 import { problemBox } from "./problem.js";
@@ -77,13 +77,26 @@ function jointButton(model, joint) {
   return h("button", { type: "button", "aria-pressed": pressed, onclick: () => model.chooseJoint(joint) }, joint);
 }
 
+/** The residual against what noise alone would leave, joint by joint. */
+function overNoise(model) {
+  const { noise_floor: floor, over_noise: over, noise_source: source, effective_samples: few, n_samples: all } = model.comparison.result;
+  if (!floor.length) return null;
+  const from = source === "repeated_periods" ? "repeated periods" : "high frequencies";
+  const head = ["joint", ...[`noise floor, from ${from}`, "residual over noise", `independent samples, of ${all}`].map((text) => ({ text, class: "n" }))];
+  const rows = model.joints.map((joint, k) => row([joint, numeric(quantity(floor[k], model.unitOf(joint)), floor[k]), numeric(over[k] === null ? "–" : `${number(over[k], 2)} ×`, over[k]), numeric(number(few[k]), few[k])]));
+  return h("details", {}, h("summary", {}, "Residual against the noise"), table("On this measurement", head, rows, { id: "over-noise" }));
+}
+
 function worstStretches(model) {
-  const { worst, relative_total: total } = model.comparison.result;
+  const { worst, relative_total: total, notes } = model.comparison.result;
   if (!worst.length) return null;
+  const pose = (one) => (one.pose.length ? model.joints.map((joint, index) => `${joint} ${quantity(one.pose[index], positionUnit(model.unitOf(joint)))}`).join(", ") : "");
   const buttons = worst.map((one) => {
     const text = `${one.joint}: ${number(one.from, 4)} to ${number(one.to, 4)} s`;
     const size = `${quantity(one.rms, model.unitOf(one.joint))} rms, ${number(one.ratio, 2)} × the joint's own`;
-    return h("li", {}, h("button", { type: "button", class: "small", onclick: () => model.zoomTo(one.joint, one.from, one.to) }, text), ` ${size}`);
+    const where = pose(one);
+    return h("li", {}, h("button", { type: "button", class: "small", onclick: () => model.zoomTo(one.joint, one.from, one.to) }, text), h("span", { title: where ? `at ${number(one.time, 4)} s: ${where}` : null }, size, where ? h("small", { class: "note" }, h("br"), where) : null));
   });
-  return [h("h3", {}, "Worst stretches"), h("p", { class: "note" }, `Error on this measurement, all joints: ${percent(total)}. Choose a stretch to see it.`), h("ol", { class: "worst" }, buttons)];
+  const remarks = notes.length ? h("ul", { class: "note", id: "comparison-notes" }, notes.map((one) => h("li", {}, one))) : null;
+  return [remarks, overNoise(model), h("h3", {}, "Worst stretches"), h("p", { class: "note" }, `Error on this measurement, all joints: ${percent(total)}. Choose a stretch to see it.`), h("ol", { class: "worst" }, buttons)];
 }

@@ -1,0 +1,112 @@
+// The ladders of two models of one robot beside each other: a figure of both, and their difference rung by rung.
+
+import { get } from "./api.js";
+import { choiceInWords } from "./catalogue.js";
+import { field, h, numeric, put, row, select, svg, table } from "./dom.js";
+import { moment, number, percent } from "./format.js";
+import { grid, marker, ticksUpTo } from "./ladder_figures.js";
+import { address } from "./location.js";
+import { problemBox } from "./problem.js";
+
+/** Folded away until somebody asks for it. */
+export function twoLadders(model, signal) {
+  const body = h("div", { id: "two-ladders" });
+  const details = h("details", { id: "compare-ladders", ontoggle: () => open() }, h("summary", {}, "Compare with another ladder"), body);
+  let filled = false;
+  const open = async () => {
+    if (filled || !details.open) return;
+    filled = true;
+    try {
+      const { items } = await get("/identifications", { robot_id: model.identification.robot_id, limit: 100 }, signal);
+      put(body, chooser(model, items.filter((one) => one.status === "succeeded" && one.id !== model.id), signal));
+    } catch (error) {
+      if (!signal.aborted) put(body, problemBox(error));
+    }
+  };
+  return details;
+}
+
+function chooser(model, others, signal) {
+  if (!others.length) return h("p", { class: "note" }, "There is no other model of this robot.");
+  const figure = h("div");
+  const show = async (against) => {
+    try {
+      put(figure, shown(model, await get(`/identifications/${model.id}/lineage`, { against }, signal)));
+    } catch (error) {
+      if (!signal.aborted) put(figure, problemBox(error));
+    }
+  };
+  const options = others.map((one) => [one.id, `${one.name || model.robot.name}, ${changeOf(model, one)}, ${moment(one.created_at)}`]);
+  const pick = select(options, options[0][0], show, { id: "other-ladder" });
+  show(options[0][0]);
+  return [field("Model whose ladder is set beside this one", pick), figure];
+}
+
+/** What a rung changed, in words. */
+export function changeOf(model, rung) {
+  const words = (one) => choiceInWords(model.effects, one, model.joints);
+  return [...rung.added.map(words), ...rung.removed.map((one) => `without ${words(one)}`)].join("; ") || "the first model";
+}
+
+function shown(model, found) {
+  const [own, other] = [found.items, found.against];
+  const heldOut = [...own, ...other].every((one) => one.validation);
+  const kind = heldOut ? "validation" : "residual";
+  const totals = (rungs) => rungs.filter((one) => one[kind]).map((one) => one[kind].relative_total);
+  return [
+    found.same_data ? null : h("p", { class: "box warning" }, "These models do not all rest on the same measurements: their errors are not of the same data."),
+    both(totals(own), totals(other), heldOut),
+    differences(model, found, kind),
+  ];
+}
+
+function both(own, other, heldOut) {
+  const [width, height] = [560, 260];
+  const room = { left: 48, right: 16, top: 40, bottom: 34 };
+  const count = Math.max(own.length, other.length);
+  const most = 1.15 * Math.max(...own, ...other);
+  const x = (k) => room.left + ((k + 0.5) / count) * (width - room.left - room.right);
+  const y = (value) => height - room.bottom - (value / most) * (height - room.top - room.bottom);
+  const lines = [
+    { name: "this ladder", css: "held-out", kind: "square", values: own, left: false },
+    { name: "the other", css: "fit", kind: "circle", values: other, left: true },
+  ];
+  const label = heldOut ? "Held-out relative error, all joints (%)" : "Relative error of the fit, all joints (%)";
+  const words = lines.map((line) => `${line.name}: ${line.values.map((value) => percent(value)).join(", ")}`).join("; ");
+  return h(
+    "figure",
+    { class: "drawn" },
+    h("figcaption", { class: "chart-title" }, label),
+    svg("svg", { viewBox: `0 0 ${width} ${height}`, style: { "max-width": `${width}px` }, role: "img", "aria-label": `${label}. ${words}` },
+      grid(ticksUpTo(100 * most), (value) => y(value / 100), room.left, width - room.right),
+      Array.from({ length: count }, (_, k) => svg("text", { x: x(k), y: height - 8, "text-anchor": "middle" }, `model ${k + 1}`)),
+      lines.map(({ css, kind, values, left }) => [
+        svg("polyline", { class: `line ${css}`, points: values.map((value, k) => `${x(k)},${y(value)}`).join(" ") }),
+        values.map((value, k) => [
+          marker(kind, x(k), y(value), css),
+          // Where both ladders have the same model its figure stands once.
+          left && value === own[k] ? null : svg("text", { class: "figure", x: x(k) + (left ? -10 : 10), y: y(value) + 4, "text-anchor": left ? "end" : "start" }, number(100 * value)),
+        ]),
+      ]),
+      lines.map((line, k) => [marker(line.kind, room.left + 12 + 120 * k, 14, line.css), svg("text", { x: room.left + 24 + 120 * k, y: 18 }, line.name)])),
+  );
+}
+
+function differences(model, found, kind) {
+  const head = ["model", "this ladder", "the other", { text: "difference (points)", class: "n" }, ...model.joints.map((joint) => ({ text: joint, class: "n" }))];
+  const rows = found.differences.map((one, k) => {
+    const link = (rung) => (rung ? h("a", { href: address({ identification: rung.id }) }, changeOf(model, rung)) : "–");
+    const total = one[`${kind}_total`];
+    const joints = one[kind] ?? model.joints.map(() => null);
+    return row([`${one.rung}`, link(found.items[k]), link(found.against[k]), points(total), ...joints.map(points)], { class: one.id === found.common_ancestor && one.id === one.against_id ? "total" : null });
+  });
+  return [
+    table(`Difference of the relative errors, ${kind === "validation" ? "held out" : "fit"}, in percentage points`, head, rows, { id: "ladder-differences" }),
+    h("p", { class: "note" }, "Below zero: this ladder is better."),
+  ];
+}
+
+function points(value) {
+  if (value === null) return numeric("–");
+  return numeric(`${value > 0 ? "+" : ""}${number(100 * value, 2)}`, value);
+}
