@@ -50,6 +50,7 @@ def totals(outcomes: Sequence[Outcome]) -> dict[str, float]:
         "outside: unknown with its variable, or an equivalent": _share(outside, right_outside),
         "outside: wrong name": _share(outside, lambda o: bool(o.beside)),
         "clean: something recommended": _share(clean, lambda o: bool(o.recommended)),
+        "clean: something unknown": _share(clean, lambda o: bool(o.unknown)),
         "held-out error within 1.05 of the true structure": _share(ratios, lambda ratio: ratio <= 1.05),
         "worst held-out error over the true structure": max(ratios, default=float("nan")),
         "parameter error, median": statistics.median(errors) if errors else float("nan"),
@@ -71,7 +72,7 @@ def is_failure(outcome: Outcome) -> bool:
     if outcome.failure:
         return True
     if outcome.kind == "clean":
-        return bool(outcome.recommended)
+        return outcome.verdict != "adequate"
     if not outcome.shows:
         return bool(outcome.beside)
     if outcome.kind == "outside":
