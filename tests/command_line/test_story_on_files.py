@@ -259,6 +259,23 @@ def test_the_same_seed_gives_the_same_measurement(tmp_path: Path) -> None:
     assert contents[0] == contents[1] != contents[2]
 
 
+def test_runs_of_one_simulation_are_told_apart_by_segment_and_a_payload_is_in_one_of_them(tmp_path: Path) -> None:
+    dynident("design", "scara", "--kind", "random", "--duration", 2, "--rate", 200, "--out", tmp_path / "t.csv")
+    answer = dynident(
+        "simulate", "scara", "--trajectory", tmp_path / "t.csv", "--effects", "payload:run=2,Mp=4", "--runs", 2,
+        "--pause", 90, "--rate", 200, "--torque-noise", 0, "-o", tmp_path / "m.csv",
+    )  # fmt: skip
+    assert answer.code == 0, answer.err
+    table = pacsv.read_csv(tmp_path / "m.csv")
+    t, segment, lift = (table[name].to_numpy() for name in ("t", "segment", "tau3"))
+    assert t[segment == 2][0] - t[segment == 1][0] > 90.0
+    # The vertical axis of a SCARA carries the weight of what hangs on it.
+    assert abs(np.mean(lift[segment == 2] - lift[segment == 1])) == pytest.approx(4 * 9.81, rel=0.05)
+    refused = dynident("simulate", "scara", "--effects", "payload:run=3", "--runs", 2, "-o", tmp_path / "n.csv")
+    assert refused.code != 0
+    assert "there are the runs 1, 2" in refused.err
+
+
 def test_effects_lists_the_catalogue() -> None:
     found = dynident("effects", "--json").document
     assert [item["id"] for item in found["items"]] == list(CATALOGUE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,6 +19,7 @@ from dynident.simulation import (
     Sensors,
     SimulationRequest,
     TrueEffect,
+    Warming,
     standard_parameters,
     typical_drive,
     typical_effect,
@@ -40,6 +42,9 @@ def request_of(asked: wire.SimulationRequest, robot: Robot, reference: Reference
         sensors=sensors_of(asked.noise, rate),
         controller=Controller(asked.feed_forward),
         seed=asked.seed,
+        runs=asked.runs,
+        pause=asked.pause,
+        warming=None if asked.warming is None else Warming(**asked.warming.model_dump()),
     )
 
 
@@ -104,14 +109,15 @@ def _joints(asked: wire.TrueEffect, robot: Robot, pointer: str) -> Iterable[str]
 
 
 def _true_effect(asked: wire.TrueEffect, robot: Robot, joint: str) -> TrueEffect:
-    shape = tuple(sorted(asked.shape_parameters.items()))
+    shape, runs = tuple(sorted(asked.shape_parameters.items())), tuple(asked.runs)
     if asked.parameters:
-        return TrueEffect(asked.effect, joint, tuple(sorted(asked.parameters.items())), shape)
+        return TrueEffect(asked.effect, joint, tuple(sorted(asked.parameters.items())), shape, runs)
     for one in typical_drive(robot):
         if (one.effect, one.joint) == (asked.effect, joint):
-            return one
+            return replace(one, runs=runs)
     typical = typical_effect(robot, asked.effect, joint)
-    return TrueEffect(typical.effect, typical.joint, typical.values, shape or typical.shape)
+    completed = tuple(sorted({**dict(typical.shape), **asked.shape_parameters}.items()))
+    return TrueEffect(typical.effect, typical.joint, typical.values, completed, runs)
 
 
 def _matrix(rows: list[list[float]], name: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:

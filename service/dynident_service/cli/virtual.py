@@ -31,6 +31,7 @@ def true_effects(given: Sequence[str], robot: Robot) -> tuple[TrueEffect, ...]:
     asked = []
     for index, text in enumerate(parsing.effect_texts(given)):
         name, joints, values = parsing.effect_parts(text, "--effects")
+        run = values.pop("run", None)
         shapes = {spec.name for spec in effect_by_id(name, f"/effects/{index}").shapes}
         asked.append(
             WireEffect(
@@ -38,6 +39,7 @@ def true_effects(given: Sequence[str], robot: Robot) -> tuple[TrueEffect, ...]:
                 joints=list(joints),
                 parameters={key: value for key, value in values.items() if key not in shapes},
                 shape_parameters={key: value for key, value in values.items() if key in shapes},
+                runs=[] if run is None else [f"{run:g}"],
             )
         )
     return simulations.true_effects(asked, robot)

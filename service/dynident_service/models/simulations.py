@@ -18,6 +18,15 @@ class TrueEffect(Asked):
     joints: list[str] = Field(default=[], description="All that it may sit on where none is given")
     parameters: dict[str, float] = Field(default={}, description="By the names that the catalogue gives them")
     shape_parameters: dict[str, float] = Field(default={})
+    runs: list[str] = Field(default=[], description='The runs that it is in: "1", "2", …; all where none is given')
+
+
+class Warming(Asked):
+    """Joints that warm up with the time of the session: T = end + (start - end) exp(-t / time_constant)."""
+
+    start: float = Field(default=20.0, description="degC at t = 0")
+    end: float = Field(default=45.0, description="degC in the end")
+    time_constant: float = Field(default=1200.0, gt=0, description="s")
 
 
 class Noise(Asked):
@@ -57,6 +66,11 @@ class SimulationRequest(Asked):
     noise: Noise = Noise()
     sampling_rate: float | None = Field(default=None, gt=0, le=20_000, description="Hz; else the trajectory's")
     feed_forward: Literal["computed_torque", "gravity", "none"] = "computed_torque"
+    runs: int = Field(default=1, ge=1, le=100, description="How often the motion is made: a segment for each")
+    pause: float = Field(default=60.0, ge=0, description="Seconds between runs; the session's time goes on")
+    warming: Warming | None = Field(
+        default=None, description="Records the joints' temperature; a usual warming where an effect needs it"
+    )
     role: Role | None = None
     seed: int = Field(default=0, ge=0)
 

@@ -61,12 +61,15 @@ def show(resource: Resource) -> SimulationView:
 
 def _check(body: SimulationRequest, stored: Resource) -> None:
     """Refuse at once what would fail later."""
+    from dynident.simulation import check_runs_named
     from dynident_service.adapters.designs import request_of as design_request_of
     from dynident_service.adapters.robots import robot_of
     from dynident_service.adapters.simulations import reference_of, true_effects
 
     robot = robot_of(stored.request)
     true_effects(body.effects, robot)
+    for index, one in enumerate(body.effects):
+        check_runs_named(one.effect, one.runs, body.runs, f"/effects/{index}/runs")
     if isinstance(body.trajectory, Samples):
         reference_of(body.trajectory)
     elif isinstance(body.trajectory, Trajectory):

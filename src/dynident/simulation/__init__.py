@@ -3,7 +3,13 @@
 from dynident.simulation.control import Controller
 from dynident.simulation.measurement import Measurement, Truth, joined, measurement_table, write_measurement
 from dynident.simulation.reference import Reference, Warming, warmed
-from dynident.simulation.request import SimulationRequest, StandardParameters, simulate, standard_parameters
+from dynident.simulation.request import (
+    SimulationRequest,
+    StandardParameters,
+    check_runs_named,
+    simulate,
+    standard_parameters,
+)
 from dynident.simulation.sensors import Sensors
 from dynident.simulation.truth import TrueEffect, on_each_joint
 from dynident.simulation.typical import typical_drive, typical_effect
@@ -20,6 +26,7 @@ __all__ = [
     "Truth",
     "VirtualRobot",
     "Warming",
+    "check_runs_named",
     "joined",
     "measurement_table",
     "on_each_joint",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -91,15 +91,18 @@ def _check_runs(request: SimulationRequest) -> None:
         raise DynidentError(f"{request.runs} runs; at least one is needed", pointer="/runs", title=_TITLE)
     if not (math.isfinite(request.pause) and request.pause >= 0):
         raise DynidentError(f"a pause of {request.pause} s; expected 0 or more", pointer="/pause", title=_TITLE)
-    labels = [str(k + 1) for k in range(request.runs)]
     for index, effect in enumerate(request.effects):
-        unknown = [run for run in effect.runs if run not in labels]
-        if unknown:
-            raise DynidentError(
-                f"{effect.effect} is in run {unknown[0]}; there are the runs {', '.join(labels)}",
-                pointer=f"/effects/{index}/runs",
-                title=_TITLE,
-            )
+        check_runs_named(effect.effect, effect.runs, request.runs, f"/effects/{index}/runs")
+
+
+def check_runs_named(effect: str, named: Sequence[str], runs: int, pointer: str) -> None:
+    """Raise `DynidentError` where an effect names a run that is not among so many."""
+    labels = [str(k + 1) for k in range(runs)]
+    unknown = [run for run in named if run not in labels]
+    if unknown:
+        raise DynidentError(
+            f"{effect} is in run {unknown[0]}; there are the runs {', '.join(labels)}", pointer=pointer, title=_TITLE
+        )
 
 
 def standard_parameters(robot: Robot, values: Mapping[str, float]) -> StandardParameters:

@@ -18,7 +18,7 @@ def simulate(
             "--effects",
             metavar="EFFECT,…",
             help="What acts besides rotor inertia, Coulomb and viscous friction: stribeck@joint2, or with values "
-            "stribeck@joint2:Fst=3,vs=0.05. Of a usual size where no values are given.",
+            "stribeck@joint2:Fst=3,vs=0.05. Of a usual size where no values are given. payload:run=2: in run 2 alone.",
             default_factory=list,
             show_default=False,
         ),
@@ -39,6 +39,10 @@ def simulate(
     ] = 0.005,
     encoder_counts: Annotated[int, typer.Option("--encoder-counts", help="Per turn; 0: exact positions.")] = 2**19,
     jitter: Annotated[float, typer.Option("--jitter", help="Standard deviation of the sampling instants in s.")] = 0.0,
+    runs: Annotated[
+        int, typer.Option("--runs", help="How often the motion is made; the file tells the runs apart by `segment`.")
+    ] = 1,
+    pause: Annotated[float, typer.Option("--pause", help="Seconds between runs; the session's time goes on.")] = 60.0,
     current: Annotated[bool, typer.Option("--current", help="Record currents; needs drive gains.")] = False,
     seed: Seed = 0,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The measurement, .csv or .parquet.")] = Path(
@@ -67,7 +71,12 @@ def simulate(
     with terminal.progress_bar("simulate") as progress:
         reference = virtual.reference_of(trajectory, machine, seed, part(progress, 0.0, 0.2))
         request = SimulationRequest(
-            reference, virtual.beside(typical_drive(machine), hidden), sensors=sensors, seed=seed
+            reference,
+            virtual.beside(typical_drive(machine), hidden),
+            sensors=sensors,
+            seed=seed,
+            runs=runs,
+            pause=pause,
         )
         found = simulate_robot(machine, request, part(progress, 0.2, 1.0))
     tables.write_table(measurement_table(found), out)
