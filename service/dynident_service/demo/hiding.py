@@ -43,6 +43,12 @@ def hideable(robot: Robot, effect: str, joint: str) -> list[TrueEffect]:
     return [one for one in possible if strength(robot, one) > _WEAKEST] or possible
 
 
+def _while(effect: TrueEffect) -> tuple[float, float]:
+    """When an effect acts, s."""
+    shape = dict(effect.shape)
+    return shape.get("t0", 0.0), shape.get("t1", 20.0)
+
+
 def strength(robot: Robot, effect: TrueEffect) -> float:
     """The largest torque of an effect over random states, slow ones above all, over the noise of the torque sensor."""
     assert robot.inertias is not None
@@ -56,8 +62,13 @@ def strength(robot: Robot, effect: TrueEffect) -> float:
         q,
         dq,
         2.0 * dq,
+        dddq=4.0 * dq,
+        ddddq=8.0 * dq,
         reference=robot.inertias.reshape(-1),
         memory=rng.choice([-1.0, 1.0], (_STATES, observation.n_memory)),
+        time=rng.uniform(*_while(effect), _STATES),
+        temperature=rng.uniform(20.0, 45.0, (_STATES, robot.n)),
+        runs=np.ones(len(observation.runs)),
     )
     values = dict(effect.values)
     torque = observation.torque(entries, np.array([values.get(column.parameter, 0.0) for column in columns]))

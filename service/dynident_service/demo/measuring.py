@@ -11,7 +11,15 @@ import numpy as np
 
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.progress import Progress, part
-from dynident.simulation import Measurement, Reference, Sensors, VirtualRobot, measurement_table
+from dynident.simulation import (
+    Measurement,
+    Reference,
+    Sensors,
+    VirtualRobot,
+    Warming,
+    measurement_table,
+    warmed,
+)
 from dynident_service.cli.inputs import write_whole
 from dynident_service.cli.tables import trajectory_table, write_table
 from dynident_service.demo.scenario import Scenario
@@ -35,7 +43,7 @@ class MeasuredRun:
     @property
     def windows_option(self) -> str:
         """The windows as the command line reads them."""
-        return f"{self.path.stem}={','.join(f'{first:.6g}:{last:.6g}' for first, last in self.windows)}"
+        return f"{self.path.stem}={','.join(f'{first:.9g}:{last:.9g}' for first, last in self.windows)}"
 
 
 def design_runs(scenario: Scenario, progress: Progress) -> list[Design]:
@@ -70,9 +78,13 @@ def measure(scenario: Scenario, designs: Sequence[Design], folder: Path, progres
     for index, (course, design) in enumerate(zip(scenario.plan.courses, designs, strict=True)):
         share = part(progress, done / total, (done + design.duration) / total)
         seed = len(designs) * scenario.seed + index
-        found = virtual.measure(reference_of(design), sensors, seed=seed, progress=share)
+        begins = scenario.begins(course)
+        reference = reference_of(design, begins)
+        if scenario.warms_up:
+            reference = warmed(reference, Warming())
+        found = virtual.measure(reference, sensors, run=course.name, seed=seed, progress=share)
         write_table(trajectory_table(design), folder / f"trajectory_{course.name}.csv")
-        runs.append(_written(found, design, folder / f"{course.name}.csv"))
+        runs.append(_written(found, design, begins, folder / f"{course.name}.csv"))
         done += design.duration
     return runs
 
@@ -83,14 +95,15 @@ def seal(scenario: Scenario, path: Path) -> None:
     write_whole(path, json.dumps({"hidden": hidden, "seed": scenario.seed}, indent=1).encode())
 
 
-def reference_of(design: Design) -> Reference:
-    """The motion of a design as the robot's controller takes it."""
-    return Reference(design.t, design.q, design.dq, design.ddq)
+def reference_of(design: Design, begins: float = 0.0) -> Reference:
+    """The motion of a design as the robot's controller takes it, from a time of the session (s) on."""
+    return Reference(design.t + begins, design.q, design.dq, design.ddq)
 
 
-def _written(found: Measurement, design: Design, path: Path) -> MeasuredRun:
+def _written(found: Measurement, design: Design, begins: float, path: Path) -> MeasuredRun:
     write_table(measurement_table(found), path)
-    return MeasuredRun(path, _in_motion(design), design, found.n_samples)
+    windows = tuple((begins + first, begins + last) for first, last in _in_motion(design))
+    return MeasuredRun(path, windows, design, found.n_samples)
 
 
 def _in_motion(design: Design) -> tuple[tuple[float, float], ...]:

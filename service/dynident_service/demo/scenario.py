@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.robot import Limits, Robot
 from dynident.robot.model import FloatArray
@@ -16,6 +17,10 @@ from dynident_service.demo.hiding import hideable
 NOTHING = "none"
 # An arm in its cell turns no joint further than this from its middle.
 _RANGE = 2.5
+# Effects that are in one of the runs alone: a payload that was taken up for it, somebody who came by.
+_IN_ONE_RUN = {"payload": "run2", "external_contact": "run1"}
+# s between the runs where friction drifts: the arm warms up with the work that is not recorded.
+_BETWEEN = 1500.0
 _LINK_SPREAD, _DRIVE_SPREAD, _HIDDEN_SPREAD = 0.1, 0.25, 0.2
 
 
@@ -89,12 +94,26 @@ class Scenario:
         drive = tuple(_scaled(one, rng, _DRIVE_SPREAD) for one in typical_drive(robot))
         possible = [] if effect == NOTHING else hideable(robot, effect, joint)
         hidden = _scaled(possible[int(rng.integers(len(possible)))], rng, _HIDDEN_SPREAD) if possible else None
+        if hidden is not None and hidden.effect in _IN_ONE_RUN:
+            hidden = replace(hidden, runs=(_IN_ONE_RUN[hidden.effect],))
         return cls(robot, robot.inertias * links, drive, hidden, SHORT if quick else LONG, seed)
 
     @property
     def effects(self) -> tuple[TrueEffect, ...]:
         """All that acts on the robot besides its links."""
         return self.drive if self.hidden is None else (*self.drive, self.hidden)
+
+    def begins(self, course: Course) -> float:
+        """Time of the session (s) at which a course begins: one session where friction drifts, else each its own."""
+        described = None if self.hidden is None else effect_by_id(self.hidden.effect)
+        if described is None or not (described.needs_temperature or described.needs_session):
+            return 0.0
+        return _BETWEEN * self.plan.courses.index(course)
+
+    @property
+    def warms_up(self) -> bool:
+        """Whether the joints' temperature is recorded."""
+        return self.hidden is not None and effect_by_id(self.hidden.effect).needs_temperature
 
     def limits(self, course: Course) -> dict[str, Limits]:
         """The ranges of an arm that stands in a cell, and the speed of the course."""

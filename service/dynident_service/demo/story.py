@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
+from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.identification import to_bytes
 from dynident.progress import part
@@ -36,9 +37,8 @@ class Outcome:
         recommended = self.analysis.diagnosis.recommended
         if hidden is None:
             return not recommended
-        return any(
-            one.effect == hidden.effect and (not hidden.joint or hidden.joint in one.joints) for one in recommended
-        )
+        names = {hidden.effect, *effect_by_id(hidden.effect).same_function}
+        return any(one.effect in names and (not hidden.joint or hidden.joint in one.joints) for one in recommended)
 
     @property
     def joints(self) -> tuple[int, ...]:
