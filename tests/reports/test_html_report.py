@@ -16,7 +16,7 @@ from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, design_experiment
-from dynident.identification import IdentificationChoices, extend, identify
+from dynident.identification import IdentificationChoices, extend, identify, remove
 from dynident.recordings import Check, Preprocessing
 from dynident.reports import ReportedRun, html_report
 from dynident.reports.numbers import estimate, number, percent
@@ -273,3 +273,10 @@ def test_a_sliding_joint_has_its_own_units() -> None:
     sliding: list[Joint] = [joint for joint in ROBOT.joints if joint.kind == "prismatic"]
     assert sliding
     assert re.search(r"\d N\b(?! m)", PAGE.text["torque"])
+
+
+def test_what_was_removed_is_on_the_ladder():
+    back = remove(MODEL, [EffectChoice("stribeck")])
+    page = html_report(back, [ReportedRun(SECOND_RUN, compare(back, SECOND_RUN), True)])
+    assert "without Stribeck" in page
+    assert page.count("the first model") == 1

@@ -9,13 +9,14 @@ import numpy as np
 from markupsafe import Markup
 
 from dynident.diagnosis import Diagnosis
-from dynident.effects import effect_by_id
+from dynident.effects import EffectChoice, effect_by_id
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.reports.figures.ladder import ladder_figure
 from dynident.reports.numbers import percent
 from dynident.reports.section import Section
 from dynident.reports.words import place_text, shape_text
+from dynident.robot import Robot
 from dynident.robot.model import FloatArray
 
 
@@ -24,7 +25,7 @@ class Rung:
     """One model of the ladder."""
 
     number: int
-    added: tuple[str, ...]
+    changes: tuple[str, ...]
     n_parameters: int
     fit: float
     fit_text: str
@@ -81,20 +82,24 @@ def ladder_section(identification: Identification, diagnosis: Diagnosis | None) 
 def _rung(index: int, model: Identification) -> Rung:
     held_out = model.held_out.relative_total if model.held_out is not None else None
     robot = model.model.robot
-    added = tuple(
-        f"{effect_by_id(choice.effect).title} on {place_text(choice.joints, robot)}"
-        + (f" ({shape_text(choice)})" if choice.shape else "")
-        for choice in (model.added if model.parent is not None else ())
-    )
+    changes: tuple[str, ...] = ()
+    if model.parent is not None:
+        changes = tuple(_words(choice, robot) for choice in model.added)
+        changes += tuple(f"without {_words(choice, robot)}" for choice in model.removed)
     return Rung(
         index + 1,
-        added,
+        changes,
         model.model.n_parameters,
         model.fit.relative_total,
         percent(model.fit.relative_total),
         held_out,
         percent(held_out),
     )
+
+
+def _words(choice: EffectChoice, robot: Robot) -> str:
+    shape = f" ({shape_text(choice)})" if choice.shape else ""
+    return f"{effect_by_id(choice.effect).title} on {place_text(choice.joints, robot)}{shape}"
 
 
 def _joint(name: str, errors: Sequence[float], floor: FloatArray | None, joint: int) -> JointRow:
