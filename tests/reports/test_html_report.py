@@ -257,9 +257,9 @@ def test_a_report_of_no_recording_is_refused() -> None:
 
 
 def test_an_equivalent_effect_that_the_catalogue_does_not_hold_is_named_all_the_same() -> None:
-    first = replace(DIAGNOSIS.candidates[0], equivalent=("coulomb_asymmetric", "presliding"))
+    first = replace(DIAGNOSIS.candidates[0], equivalent=("unnamed_law", "presliding"))
     page = Page(html_report(MODEL, RUNS, diagnosis=replace(DIAGNOSIS, candidates=(first,))))
-    assert "coulomb asymmetric, Presliding hysteresis" in page.text["diagnosis"]
+    assert "unnamed law, Presliding hysteresis" in page.text["diagnosis"]
 
 
 @pytest.mark.slow
