@@ -81,10 +81,11 @@ def parameter_errors(case: Case, robot: Robot, found: Identification) -> tuple[t
     for placed in case.hidden:
         links = {robot.joint_names[j] for j in placed.joints} or {""}
         for truth in placed.truths:
+            names = {name + str(j + 1) for name in truth.names for j in placed.joints} or set(truth.names)
             values = [
                 p.value
                 for p in found.parameters
-                if p.effect in placed.names and (p.link in links or not placed.joints) and _stem(p.name) in truth.names
+                if p.effect in placed.names and (p.link in links or not placed.joints) and p.name in names
             ]
             if len(values) == len(truth.names):
                 value = values[0] if len(values) == 1 and truth.signed else float(np.linalg.norm(values))
@@ -219,10 +220,6 @@ def _told(choice: EffectChoice) -> str:
         + (f" ({shape})" if shape else "")
         + (f" in {runs}" if runs else "")
     )
-
-
-def _stem(name: str) -> str:
-    return name.rstrip("0123456789")
 
 
 def _failed(case: Case, failure: str) -> Outcome:
