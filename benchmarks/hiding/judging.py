@@ -89,7 +89,8 @@ def parameter_errors(case: Case, robot: Robot, found: Identification) -> tuple[t
             ]
             if len(values) == len(truth.names):
                 value = values[0] if len(values) == 1 and truth.signed else float(np.linalg.norm(values))
-                errors.append(("+".join(truth.names), abs(value - truth.value) / abs(truth.value)))
+                true = truth.value if truth.signed else abs(truth.value)
+                errors.append(("+".join(truth.names), abs(value - true) / abs(true)))
     return tuple(errors)
 
 
