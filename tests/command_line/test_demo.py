@@ -10,6 +10,7 @@ import pyarrow.csv as pacsv
 import pytest
 from running_commands import dynident
 
+from dynident.effects import CATALOGUE
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import from_bytes
@@ -24,7 +25,15 @@ FLOOR = 1.3
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("effect", "joint"), [("stribeck", "shoulder_lift_joint"), ("presliding", "wrist_1_joint"), ("base_tilt", "")]
+    ("effect", "joint"),
+    [
+        ("stribeck", "shoulder_lift_joint"),
+        ("presliding", "wrist_1_joint"),
+        ("base_tilt", ""),
+        ("gravity_compensator", "shoulder_lift_joint"),
+        ("drive_gain_error", "shoulder_lift_joint"),
+        ("payload", ""),
+    ],
 )
 def test_the_hidden_effect_is_named_and_the_error_of_its_joints_falls_to_the_noise(
     effect: str, joint: str, tmp_path: Path
@@ -102,6 +111,24 @@ def test_an_effect_is_hidden_only_where_it_can_be_seen() -> None:
     assert {one.joint for one in hideable(ROBOT, "stribeck", "")} == set(ROBOT.joint_names)
     assert [one.joint for one in hideable(ROBOT, "load_dependent_friction", "wrist_3_joint")] == ["wrist_3_joint"]
     assert [one.joint for one in hideable(ROBOT, "base_tilt", "")] == [""]
+
+
+@pytest.mark.parametrize("effect", sorted(set(CATALOGUE) - {"rigid_body", "rotor_inertia", "coulomb", "viscous"}))
+def test_every_other_effect_of_the_catalogue_can_be_hidden(effect: str) -> None:
+    scenario = Scenario.of(ROBOT, effect, "", 0, quick=True)
+    assert scenario.hidden is not None
+    assert scenario.hidden.effect == effect
+    names = {course.name for course in scenario.plan.courses}
+    assert set(scenario.hidden.runs) < names
+
+
+def test_an_arm_whose_friction_drifts_works_through_one_session() -> None:
+    drifting, steady = (Scenario.of(ROBOT, effect, "", 0, quick=True) for effect in ("warm_up_friction", "stribeck"))
+    courses = drifting.plan.courses
+    assert np.diff([drifting.begins(course) for course in courses]).min() > 600.0
+    assert {steady.begins(course) for course in courses} == {0.0}
+    assert not drifting.warms_up
+    assert Scenario.of(ROBOT, "temperature_friction", "", 0, quick=True).warms_up
 
 
 @pytest.mark.parametrize(
