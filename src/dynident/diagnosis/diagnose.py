@@ -73,7 +73,9 @@ def diagnose(
     lasting = [candidate for candidate in pool.candidates if candidate.effect != CONTACT]
     first = judge_all(data, pool, start.base, lasting, start.noise)
     picks = search(data, pool, start, first, most_effects, part(progress, 0.5, 0.8))
-    picks, recommended = refined(identification, picks, recordings, reference, resolved, part(progress, 0.8, 0.9))
+    picks, recommended = refined(
+        identification, picks, recordings, reference, resolved, floor, part(progress, 0.8, 0.9)
+    )
     final = _extended_comparisons(identification, recommended, recordings, comparisons, part(progress, 0.9, 1.0))
     unknown = unknown_patterns(final)
     wrong = misnamed(picks, recommended, unknown, final)

@@ -79,7 +79,7 @@ def evidence(
     recordings: Sequence[Recording],
     progress: Progress = silent,
 ) -> tuple[Evidence, ...]:
-    """Fit each of the first ranked effects beside a model, and show what it explains joint by joint, best rank first."""
+    """Fit each of the first ranked effects beside a model; show what it explains joint by joint, best rank first."""
     shown = [candidate for candidate in candidates if candidate.rank <= MOST]
     if not shown:
         return ()

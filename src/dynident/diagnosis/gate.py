@@ -39,8 +39,9 @@ that sticks for some milliseconds looks like that, and takes less."""
 
 _ROBOT_DROP, _ROBOT_T, _ROBOT_SHARE = 0.08, 2.0, 0.7
 _CAP = 3.0
-# Share of what the simpler of two candidates leaves that the richer one must remove beyond it.
-_MORE = 0.01
+_LASTING_P = 1e-4
+# Share of its gain by which a candidate beats a simpler one, however unevenly.
+_MUCH_MORE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,15 +86,9 @@ class Judged:
         """What the candidate removes in all, in units of the noise."""
         return float(self.gains.sum())
 
-    def gain_over(self, floor: FloatArray, counts: FloatArray, *, whole_robot: bool) -> float:
-        """Removed squared error over that of the sensors' noise `floor` (n,): mean of its joints, or the largest.
-
-        `counts` (s,) are the rows of the stretches.
-        """
-        joints = list(self.joints)
-        removed = (self.before - self.after)[:, joints].sum(axis=0) / float(counts.sum())
-        ratio = removed / np.maximum(floor[joints] ** 2, np.finfo(float).tiny)
-        return float(ratio.max() if whole_robot else ratio.mean())
+    def lasts(self, least_drop: float, least_t: float) -> bool:
+        """Whether it still improves the prediction beside all that was found: evenly, or by agreeing amplitudes."""
+        return self.drop >= least_drop and (self.t >= least_t or self.consistency_p(1) <= _LASTING_P)
 
     @property
     def passes_by_t(self) -> bool:
@@ -211,4 +206,6 @@ def _beats(best: Judged, simpler: Judged) -> bool:
         return True
     difference = best.gains - simpler.gains
     left = float(simpler.after_weighted.sum())
-    return float(difference.sum()) >= _MORE * left and t_of(difference) >= 2.0
+    if float(difference.sum()) >= _MUCH_MORE * best.total_gain:
+        return True
+    return float(difference.sum()) >= SMALLEST_DROP * left and t_of(difference) >= 2.0

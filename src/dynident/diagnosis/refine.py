@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from dynident.diagnosis.candidates import Candidate, Pool, width_shows
 from dynident.diagnosis.products import products
 from dynident.diagnosis.resolution import Resolution
-from dynident.diagnosis.search import State, noise_left, pruned
+from dynident.diagnosis.search import State, noise_left, pruned, trimmed
 from dynident.diagnosis.words import Finding
 from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.estimation import weighted
@@ -23,6 +21,9 @@ from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray
 
+# Solutions until first-order columns are about the model that they are part of.
+_PASSES = 2
+
 
 def refined(
     identification: Identification,
@@ -30,6 +31,7 @@ def refined(
     recordings: Sequence[Recording],
     reference: FloatArray,
     resolved: Resolution,
+    floor: FloatArray,
     progress: Progress,
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
     """The picks with their shape constants refined, without those that only made up for another's coarse shape.
@@ -44,15 +46,21 @@ def refined(
     choices = refine_shapes(model, choices, recordings, preprocessing, reference, part(progress, 0.0, 0.5))
     visible = [i for i, choice in enumerate(choices) if width_shows(choice, model.robot, resolved)]
     kept, choices = tuple(kept[i] for i in visible), tuple(choices[i] for i in visible)
-    while len(kept) > 1:
+    while choices:
         reference = _improved(model, choices, recordings, preprocessing, reference)
-        needed = _needed(model, kept, choices, recordings, preprocessing, reference)
-        if len(needed) == len(kept):
+        slimmer, needed = _needed(model, kept, choices, recordings, preprocessing, reference, floor)
+        if slimmer == choices:
             break
-        kept, choices = tuple(kept[i] for i in needed), tuple(choices[i] for i in needed)
-        choices = refine_shapes(model, choices, recordings, preprocessing, reference)
-    lasting = _lasting(model, choices)
+        kept = tuple(kept[i] for i in needed)
+        choices = refine_shapes(model, slimmer, recordings, preprocessing, reference)
+    noise = identification.statistics.noise
+    lasting = sorted(_lasting(model, choices), key=lambda i: -_explained(kept[i], noise))
     return tuple(kept[i] for i in lasting), tuple(choices[i] for i in lasting)
+
+
+def _explained(finding: Finding, noise: FloatArray) -> float:
+    """Squared error that a pick removed, in units of the joints' noise: the larger first."""
+    return float(((finding.judged.before - finding.judged.after) / noise**2).sum())
 
 
 def _improved(
@@ -63,11 +71,16 @@ def _improved(
     reference: FloatArray,
 ) -> FloatArray:
     """What torque is predicted with (14 n,) once the effects are in the model: without them it was biased by them."""
-    if not any(effect_by_id(choice.effect).needs_load for choice in choices):
+    biasing = [choice for choice in choices if effect_by_id(choice.effect).first_order]
+    if not biasing:
         return reference
-    grown = build_model(model.robot, (*model.effects, *choices), signals=model.signals)
-    reduction = reduce_recordings(grown.observation, recordings, preprocessing, reference)
-    return grown.reference(weighted(reduction).values)
+    # Functions of the position are left out: they would make up for what the first-order columns cannot say yet.
+    firm = [choice for choice in choices if not effect_by_id(choice.effect).of_position]
+    grown = build_model(model.robot, (*model.effects, *firm), signals=model.signals)
+    for _ in range(_PASSES):
+        reduction = reduce_recordings(grown.observation, recordings, preprocessing, reference)
+        reference = grown.reference(weighted(reduction).values)
+    return reference
 
 
 def _lasting(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
@@ -90,8 +103,9 @@ def _needed(
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     reference: FloatArray,
-) -> list[int]:
-    """Indices of the picks that still improve the prediction beside the others, with the shapes of `choices`."""
+    floor: FloatArray,
+) -> tuple[tuple[EffectChoice, ...], list[int]]:
+    """Choices that still improve the prediction beside the others, on the joints where they do; and their indices."""
     columns = list(model.kept)
     refined: list[Finding] = []
     for finding, choice in zip(picks, choices, strict=True):
@@ -104,5 +118,8 @@ def _needed(
     pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined))
     data = products(reduce_recordings(observation, recordings, preprocessing, reference))
     everything = tuple(range(len(columns)))
-    still = pruned(data, pool, State(everything, noise_left(data, everything), np.zeros(data.n_joints), tuple(refined)))
-    return [i for i, finding in enumerate(refined) if any(finding is other for other in still)]
+    state = State(everything, noise_left(data, everything), floor, tuple(refined))
+    state = pruned(data, pool, state)
+    needed = [i for i, finding in enumerate(refined) if any(finding is other for other in state.picks)]
+    joints = trimmed(data, pool, state)
+    return tuple(replace(choices[i], joints=here) for i, here in zip(needed, joints, strict=True)), needed

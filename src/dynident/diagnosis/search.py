@@ -24,17 +24,17 @@ from dynident.diagnosis.scoring import held_out_errors, score_candidates
 from dynident.diagnosis.stability import consistencies
 from dynident.diagnosis.transients import CONTACT
 from dynident.diagnosis.words import Finding
-from dynident.effects import effect_by_id
+from dynident.effects import Effect, effect_by_id
 from dynident.progress import Progress
 from dynident.robot.model import FloatArray
 
 _KINDS = ("interleaved", "contiguous")
 VISIBLE = 0.02
-_PRUNE_DROP, _PRUNE_T = 0.02, 1.8
+_PRUNE_DROP, _PRUNE_T = 0.03, 2.5
 # What each joint of a group needs for itself.
-_JOINT_DROP, _JOINT_T = 0.08, 2.5
+_JOINT_DROP, _JOINT_T = 0.03, 2.0
 # So many other names for a finding, and its cause is not certain.
-_TOO_MANY_NAMES = 2
+_TOO_MANY_NAMES, _DROP_IN_DOUBT = 2, 0.1
 _WORTH_A_LOOK = 0.02
 BoolArray = NDArray[np.bool_]
 
@@ -99,7 +99,7 @@ def search(
         if not remaining:
             break
         judged = judge_all(data, pool, state.base, remaining, state.noise)
-    return pruned(data, pool, state)
+    return pruned(data, pool, state).picks
 
 
 def noise_left(data: Products, base: tuple[int, ...]) -> FloatArray:
@@ -135,7 +135,7 @@ def _choose(
     while passing:
         chosen, equal = simplest(passing)
         names = {item.candidate.effect for item in equal} - {chosen.candidate.effect}
-        certain = len(names) < _TOO_MANY_NAMES or chosen.passes_by_t
+        certain = len(names) < _TOO_MANY_NAMES or (chosen.passes_by_t and chosen.drop >= _DROP_IN_DOUBT)
         if certain and plausible(data, pool, state.base, state.noise, chosen):
             return chosen, equal
         passing = [item for item in passing if item is not chosen]
@@ -147,8 +147,12 @@ def _acceptable(state: State, counts: FloatArray, item: Judged, n_tried: int) ->
     if item.separability < VISIBLE or not item.passes(effect.scope == "robot", n_tried):
         return False
     resolved = [spec for spec in effect.shapes if spec.resolved_by is not None]
-    least = SMALLEST_GAIN_AT_REVERSALS if resolved else SMALLEST_GAIN_OVER_NOISE
-    if item.gain_over(state.floor, counts, whole_robot=len(item.joints) > 1 and not resolved) < least:
+    if max(_gain_over_floor(item, j, state.floor, counts) for j in item.joints) < _least_gain(effect):
+        return False
+    beside = {
+        f.judged.candidate.effect for f in state.picks if set(f.judged.candidate.joints) & set(item.candidate.joints)
+    }
+    if resolved and beside & set(effect.confused_with) and item.total_drop < SMALLEST_DROP_OF_STICKING:
         return False
     hardly = any(dict(item.candidate.shape)[spec.name] < 2 * spec.least for spec in resolved)
     return not hardly or item.total_drop >= SMALLEST_DROP_OF_STICKING
@@ -174,6 +178,18 @@ def _on(pool: Pool, column: int, candidate: Candidate) -> bool:
     return not candidate.joints or pool.observation.columns[column].link in candidate.joints
 
 
+def _least_gain(effect: Effect) -> float:
+    """Share of the sensor noise's power that an effect has to remove."""
+    at_reversals = any(spec.resolved_by is not None for spec in effect.shapes)
+    return SMALLEST_GAIN_AT_REVERSALS if at_reversals else SMALLEST_GAIN_OVER_NOISE
+
+
+def _gain_over_floor(item: Judged, joint: int, floor: FloatArray, counts: FloatArray) -> float:
+    """Squared error that a candidate removes on a joint, over that of the sensor's noise."""
+    removed = float((item.before - item.after)[:, joint].sum() / counts.sum())
+    return removed / max(float(floor[joint]) ** 2, np.finfo(float).tiny)
+
+
 def _without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judged) -> Judged:
     """Take joints out of a group that gain nothing from it."""
     if len(chosen.candidate.joints) < 2:
@@ -185,7 +201,8 @@ def _without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judge
         gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
         spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
         share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)
-        if share >= _JOINT_DROP and gain.mean() >= _JOINT_T * spread:
+        large = _gain_over_floor(chosen, j, state.floor, data.counts) >= _least_gain(effect)
+        if share >= _JOINT_DROP and gain.mean() >= _JOINT_T * spread and large:
             keep.append(name)
     if not keep or len(keep) == len(chosen.candidate.joints):
         return chosen
@@ -194,18 +211,51 @@ def _without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judge
     return judge_all(data, pool, state.base, [smaller], state.noise)[0]
 
 
-def pruned(data: Products, pool: Pool, state: State) -> tuple[Finding, ...]:
-    """Drop picks that later ones have made superfluous."""
-    picks = list(state.picks)
-    if len(picks) < 2:
-        return tuple(picks)
-    for finding in list(picks):
+def pruned(data: Products, pool: Pool, state: State) -> State:
+    """The search without the picks that others have made superfluous, the weakest taken out first."""
+    while len(state.picks) > 1:
+        judged = [(_again(data, pool, state, finding), finding) for finding in state.picks if _can_be_held_out(finding)]
+        weak = [(item, finding) for item, finding in judged if not item.lasts(_PRUNE_DROP, _PRUNE_T)]
+        if not weak:
+            break
+        _, superfluous = min(weak, key=lambda pair: pair[0].total_gain)
+        state = replace(
+            state,
+            picks=tuple(finding for finding in state.picks if finding is not superfluous),
+            base=tuple(k for k in state.base if k not in superfluous.columns),
+        )
+    return state
+
+
+def _can_be_held_out(finding: Finding) -> bool:
+    """Whether stretches that an effect shows in can be left out: a contact happened once."""
+    return finding.judged.candidate.effect != CONTACT
+
+
+def _again(data: Products, pool: Pool, state: State, finding: Finding) -> Judged:
+    """A pick, judged beside all others."""
+    base = tuple(k for k in state.base if k not in finding.columns)
+    return judge_all(data, pool, base, [finding.judged.candidate], state.noise)[0]
+
+
+def trimmed(data: Products, pool: Pool, state: State) -> list[tuple[str, ...]]:
+    """The joints of every pick that still gain from it, each beside all the rest; one of a group at least."""
+    base = state.base
+    joints = []
+    for finding in state.picks:
         candidate = finding.judged.candidate
-        if candidate.effect == CONTACT:  # it happened once and cannot be held out
-            continue
-        base = tuple(k for k in state.base if k not in finding.columns)
-        again = judge_all(data, pool, base, [candidate], state.noise)[0]
-        if again.drop < _PRUNE_DROP or again.t < _PRUNE_T:
-            picks.remove(finding)
-            state = replace(state, base=base)
-    return tuple(picks)
+        kept, gains = list(candidate.joints), {}
+        for joint in candidate.joints if len(candidate.joints) > 1 else ():
+            own = tuple(k for k in candidate.columns if pool.observation.columns[k].link == joint)
+            alone = Candidate(candidate.effect, (joint,), candidate.shape, own, candidate.runs)
+            rest = tuple(k for k in base if k not in own)
+            item = judge_all(data, pool, rest, [alone], state.noise)[0]
+            gains[joint] = item.total_gain
+            j = pool.observation.robot.joint_names.index(joint)
+            large = _gain_over_floor(item, j, state.floor, data.counts) >= _least_gain(effect_by_id(candidate.effect))
+            if not (item.lasts(_JOINT_DROP, _JOINT_T) and large):
+                kept.remove(joint)
+                base = rest
+        best = max(gains, key=lambda name: gains[name], default="")
+        joints.append(tuple(kept) or ((best,) if best else ()))
+    return joints

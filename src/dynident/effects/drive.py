@@ -23,6 +23,7 @@ class DriveGainError(Effect):
     signature = "a scaled copy of the joint's own torque, against what the other joints say of the same links"
     confused_with = ("drive_gain_saturation",)
     sources = ("Gautier and Briot 2011", "Khalil and Dombre 2002, chapter 12, [12.17]")
+    first_order = True
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
@@ -40,6 +41,7 @@ class DriveGainSaturation(Effect):
     signature = "curvature of measured over predicted torque"
     confused_with = ("load_dependent_friction", "drive_gain_error")
     sources = ("Corke 2007",)
+    first_order = True
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
@@ -53,19 +55,27 @@ class TorqueDelay(Effect):
 
     id = "torque_delay"
     title = "Delay of the measured torque"
-    formula = r"-\delta\,\dot{\hat\Gamma}"
-    parameters = (ParameterSpec("delay", "s", "how late the torque is"),)
+    formula = r"-\delta\,\dot{\hat\Gamma} + \frac{\delta^2}{2}\,\ddot{\hat\Gamma}"
+    parameters = (
+        ParameterSpec("delay", "s", "how late the torque is"),
+        ParameterSpec("delay_sq", "s²", "the square of it, from the curvature of the torque"),
+    )
     signature = "in quadrature with the torque, on all joints"
     confused_with = ("joint_elasticity",)
     sources = ("Swevers, Verdonck and De Schutter 2007",)
     scope = "robot"
+    first_order = True
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Minus the rate of the predicted torque, that of Coulomb friction's jumps among it."""
+        """Minus the rate, and half the second derivative, of the predicted torque with Coulomb friction's jumps."""
         predicted = signals.predicted
         rate = predicted.smooth_rate + predicted.drive("Fc") * signals.sign_rate
-        return [self._robot_column(self.parameters[0], -rate)]
+        curvature = predicted.smooth_curvature + predicted.drive("Fc") * signals.sign_curvature
+        return [
+            self._robot_column(spec, torque)
+            for spec, torque in zip(self.parameters, (-rate, 0.5 * curvature), strict=True)
+        ]
 
 
 class RotorCoupling(Effect):

@@ -128,10 +128,11 @@ class EffectChoice:
 class Effect(ABC):
     """A physical cause of joint torque, linear in its parameters once its shape constants stand.
 
-    `of_position`: a function of positions alone. `needs_session`: it changes with the time of the session.
-    `in_some_runs`: it is the same function as the model itself unless it is in some of the runs only. `confused_with`
-    names effects that leave much the same residual, `same_function` those that are the same function of the motion, so
-    that no data can tell them apart, `covers` those that it is general enough to say as well.
+    `of_position`: a function of positions alone. `first_order`: a sensitivity of the torque predicted so far.
+    `needs_session`: it changes with the time of the session. `in_some_runs`: it is the same function as the model
+    itself unless it is in some of the runs only. `confused_with` names effects that leave much the same residual,
+    `same_function` those that are the same function of the motion, so that no data can tell them apart, `covers` those
+    that it is general enough to say as well.
     """
 
     id: ClassVar[str]
@@ -147,6 +148,7 @@ class Effect(ABC):
     scope: ClassVar[Literal["joint", "robot"]] = "joint"
     is_friction: ClassVar[bool] = False
     of_position: ClassVar[bool] = False
+    first_order: ClassVar[bool] = False
     needs_load: ClassVar[bool] = False
     needs_temperature: ClassVar[bool] = False
     needs_session: ClassVar[bool] = False

@@ -23,9 +23,7 @@ class Backlash(Effect):
         r"\quad \beta = \frac{b}{2}\tanh\frac{\hat\tau_l}{w}"
     )
     parameters = (
-        ParameterSpec(
-            "bl", "rad", "play b, from the posture; below zero where q is measured at the link", "m"
-        ),
+        ParameterSpec("bl", "rad", "play b, from the posture; below zero where q is measured at the link", "m"),
         ParameterSpec("bi", "rad", "play b, from the acceleration of the links", "m"),
         ParameterSpec("br", "N m s²", "play b times the rotor inertia", "N s²"),
     )
@@ -33,6 +31,7 @@ class Backlash(Effect):
     signature = "a step of the posture, and a pulse, where the load torque changes its sign"
     confused_with = ("joint_elasticity",)
     sources = ("Nordin and Gutman 2002",)
+    first_order = True
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
@@ -78,6 +77,7 @@ class JointElasticity(Effect):
     signature = "grows with the frequency of the motion; the arm sags under its own load"
     confused_with = ("backlash", "encoder_zero_error", "torque_delay")
     sources = ("Gautier, Jubien and Janot 2013",)
+    first_order = True
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:

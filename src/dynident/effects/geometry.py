@@ -18,6 +18,7 @@ class EncoderZeroError(Effect):
     signature = "posture-dependent torque on the joint and those before and after it at once"
     confused_with = ("base_tilt", "joint_elasticity")
     sources = ("Khalil and Dombre 2002, chapter 11",)
+    first_order = True
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
@@ -39,6 +40,7 @@ class KinematicError(Effect):
     signature = "like inertia; nearly all of it dissolves in the base parameters"
     confused_with = ("rigid_body",)
     sources = ("Khalil and Dombre 2002, chapter 11",)
+    first_order = True
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:

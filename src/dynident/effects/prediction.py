@@ -104,6 +104,11 @@ class Prediction:
         return self.load_rate + self.drive("Ia") * self.dddq + self.drive("Fv") * self.ddq
 
     @cached_property
+    def smooth_curvature(self) -> ca.SX:
+        """SX (n, 1): second time derivative of the smooth motor torque."""
+        return self.load_acceleration + self.drive("Ia") * self.ddddq + self.drive("Fv") * self.dddq
+
+    @cached_property
     def motor(self) -> ca.SX:
         """SX (n, 1): motor torque with friction."""
         return self.smooth + self.drive("Fc") * self.sign

@@ -87,6 +87,12 @@ class Signals:
         return (self.sign_of(self.dq + step) - self.sign_of(self.dq - step)) / (2 * self.period)
 
     @cached_property
+    def sign_curvature(self) -> ca.SX:
+        """SX (n, 1): the second central difference of sign(q̇) over the sampling period."""
+        step = self.ddq * self.period
+        return (self.sign_of(self.dq + step) - 2 * self.sign + self.sign_of(self.dq - step)) / self.period**2
+
+    @cached_property
     def predicted(self) -> Prediction:
         """What the model with the reference parameters predicts."""
         return Prediction(self.robot, self.q, self.dq, self.ddq, self.dddq, self.ddddq, self.sign, self.reference)

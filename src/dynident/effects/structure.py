@@ -103,6 +103,7 @@ class BaseTilt(Effect):
     confused_with = ("offset",)
     sources = ("Khalil and Dombre 2002, chapter 9",)
     scope = "robot"
+    first_order = True
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:

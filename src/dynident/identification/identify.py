@@ -109,16 +109,20 @@ def extend(
     reference = identification.reference
     if model.needs_load:
         reference = identification.next_reference()
-    grown = identify_model(
-        model,
-        recordings,
-        validation,
-        choices,
-        identification.preprocessing,
-        reference,
-        part(progress, 0.5, 1.0),
-        identification.rows,
-    )
+    # The plain model's parameters made up for what was missing; first-order columns are better about the new ones.
+    passes = 2 if any(effect_by_id(choice.effect).first_order for choice in new) else 1
+    for number in range(passes):
+        grown = identify_model(
+            model,
+            recordings,
+            validation,
+            choices,
+            identification.preprocessing,
+            reference,
+            part(progress, 0.5 + 0.5 * number / passes, 0.5 + 0.5 * (number + 1) / passes),
+            identification.rows,
+        )
+        reference = grown.next_reference()
     grown = replace(grown, parent=identification, added=new)
     return replace(grown, warnings=warnings_of_addition(grown) + grown.warnings)
 

@@ -24,8 +24,8 @@ class Observation:
     """W of one robot for `columns`, as the list of its structural non-zeros.
 
     Entry k of an evaluation stands in row (joint) `entry_rows[k]` and column `entry_columns[k]`. `memory` are the
-    hysteresis states that must be supplied, in this order, and `runs` the run signals. `parts`: where it extends another
-    one, that one and what was put behind it.
+    hysteresis states that must be supplied, in this order, and `runs` the run signals. `parts`: where it extends
+    another, that one and what was put behind it.
     """
 
     robot: Robot
