@@ -19,6 +19,7 @@ from dynident_service.models.identifications import (
 )
 from dynident_service.problems import ProblemError, unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.diagnosed import as_diagnosed
 from dynident_service.routes.needs import needed, needed_measurements, needed_robot
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry
@@ -84,8 +85,9 @@ def extend_identification(
     parent = succeeded(services.resources.get("identification", identification_id))
     asked = StoredIdentification.model_validate(parent.request)
     robot = needed_robot(services, parent.one("robot"))
-    check_effects(choices_of(body.effects), robot_of(robot.request))
-    grown = {"effects": [*asked.effects, *body.effects], "added": body.effects, "removed": []}
+    added = as_diagnosed(services, parent, body.effects)
+    check_effects(choices_of(added), robot_of(robot.request))
+    grown = {"effects": [*asked.effects, *added], "added": added, "removed": []}
     new = _next_rung(parent, asked, {**grown, "name": body.name or asked.name}, EXTENSION, retry.of(body))
     return show(make(services, new, response))
 

@@ -1,0 +1,46 @@
+"""What a diagnosis has found, for somebody who adds an effect by its name alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from dynident_service.models.common import EffectChoice
+from dynident_service.models.diagnoses import DiagnosisResult
+from dynident_service.services import Services
+from dynident_service.storage.records import Resource
+
+_LATEST = 5
+
+
+def as_diagnosed(services: Services, model: Resource, effects: Sequence[EffectChoice]) -> list[EffectChoice]:
+    """The choices, with the shape constants and runs that a diagnosis of the model recommended where none are given.
+
+    The latest diagnoses count first, those of the model before those of the models that it came from. What was
+    recommended more than once (two lines of ripple on a joint) is given out in that order.
+    """
+    recommended = [choice for found in _diagnoses(services, model) for choice in found.recommended]
+    completed = []
+    for asked in effects:
+        match = None if asked.shape_parameters or asked.runs else _match(asked, recommended)
+        if match is not None:
+            recommended.remove(match)
+        completed.append(match or asked)
+    return completed
+
+
+def _match(asked: EffectChoice, recommended: Sequence[EffectChoice]) -> EffectChoice | None:
+    for choice in recommended:
+        if choice.effect == asked.effect and set(choice.joints) == set(asked.joints):
+            return choice
+    return None
+
+
+def _diagnoses(services: Services, model: Resource) -> Iterator[DiagnosisResult]:
+    """Results of the latest diagnoses of a model and of its ancestors."""
+    here: Resource | None = model
+    while here is not None:
+        for one in services.resources.page("diagnosis", _LATEST, on_id=here.id).items:
+            if one.result is not None:
+                yield DiagnosisResult.model_validate(one.result)
+        parents = here.all("parent")
+        here = services.resources.get("identification", parents[0]) if parents else None

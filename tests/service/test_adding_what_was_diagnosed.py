@@ -1,0 +1,56 @@
+"""Adding an effect by its name alone: the service knows what its diagnosis has found."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+import uvicorn
+from service_helpers import wait_for
+
+from dynident.robot import library_table
+from dynident_client import Client
+from dynident_service.app import create_app
+from dynident_service.settings import Settings
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    settings = Settings(data_dir=tmp_path_factory.mktemp("diagnosed"), workers=2)
+    server = uvicorn.Server(uvicorn.Config(create_app(settings), port=0, log_level="warning"))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    wait_for(lambda: server.started)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    with Client(f"http://127.0.0.1:{port}") as client:
+        yield client
+    server.should_exit = True
+    thread.join()
+
+
+def test_a_ripple_is_added_with_the_wave_that_the_diagnosis_found(live: Client) -> None:
+    robot = live.robots.create("scara", modified_dh=library_table("scara"))
+    joint = robot.joints[0]["name"]
+    drive = [{"effect": "rotor_inertia"}, {"effect": "coulomb"}, {"effect": "viscous"}]
+    hidden = {
+        "effect": "torque_ripple",
+        "joints": [joint],
+        "parameters": {"Ac": 2.0, "As": 1.0},
+        "shape_parameters": {"k": 17.0},
+    }
+    trajectory = {"duration": 10.0, "periods": 2, "sampling_rate": 200.0}
+    runs = []
+    for seed in (1, 2):
+        made = live.simulations.create(robot, effects=[*drive, hidden], seed=seed, trajectory=trajectory).wait()
+        runs.append(live.measurements.get(made.result["measurement_id"]))
+    model = live.identifications.create(robot, runs[:1], validation=runs[1:]).wait()
+    diagnosis = live.diagnoses.create(model).wait()
+    found = diagnosis.result["recommended"][0]
+    assert (found["effect"], found["joints"]) == ("torque_ripple", [joint])
+
+    better = live.identifications.extend(model, [{"effect": "torque_ripple", "joints": [joint]}]).wait()
+    assert better.result["effects"][-1]["shape_parameters"] == found["shape_parameters"]
+    assert better.result["validation"]["relative_total"] < 0.7 * model.result["validation"]["relative_total"]
