@@ -33,6 +33,7 @@ FLOOR = 1.3
         ("gravity_compensator", "shoulder_lift_joint"),
         ("drive_gain_error", "shoulder_lift_joint"),
         ("payload", ""),
+        ("temperature_friction", "shoulder_lift_joint"),
     ],
 )
 def test_the_hidden_effect_is_named_and_the_error_of_its_joints_falls_to_the_noise(
@@ -128,7 +129,18 @@ def test_an_arm_whose_friction_drifts_works_through_one_session() -> None:
     assert np.diff([drifting.begins(course) for course in courses]).min() > 600.0
     assert {steady.begins(course) for course in courses} == {0.0}
     assert not drifting.warms_up
-    assert Scenario.of(ROBOT, "temperature_friction", "", 0, quick=True).warms_up
+
+
+def test_what_drifts_with_temperature_is_not_hidden_where_time_alone_would_explain_it() -> None:
+    scenario = Scenario.of(ROBOT, "temperature_friction", "", 0, quick=True)
+    assert scenario.warms_up
+    *training, last = scenario.plan.courses
+    begins = np.array([scenario.begins(course) for course in (*training, last)])
+    cold, warm, rested, tried = scenario.temperature(begins)
+    assert cold < rested < warm
+    assert warm - rested > 5.0
+    assert tried != warm
+    np.testing.assert_allclose(np.diff(scenario.temperature(np.arange(0.0, 5000.0))), 0.0, atol=0.03)
 
 
 @pytest.mark.parametrize(

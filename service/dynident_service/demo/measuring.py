@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,7 @@ from dynident.simulation import (
     Reference,
     Sensors,
     VirtualRobot,
-    Warming,
     measurement_table,
-    warmed,
 )
 from dynident_service.cli.inputs import write_whole
 from dynident_service.cli.tables import trajectory_table, write_table
@@ -81,7 +79,8 @@ def measure(scenario: Scenario, designs: Sequence[Design], folder: Path, progres
         begins = scenario.begins(course)
         reference = reference_of(design, begins)
         if scenario.warms_up:
-            reference = warmed(reference, Warming())
+            temperature = scenario.temperature(reference.t)
+            reference = replace(reference, temperature=np.repeat(temperature[:, None], scenario.robot.n, axis=1))
         found = virtual.measure(reference, sensors, run=course.name, seed=seed, progress=share)
         write_table(trajectory_table(design), folder / f"trajectory_{course.name}.csv")
         runs.append(_written(found, design, begins, folder / f"{course.name}.csv"))

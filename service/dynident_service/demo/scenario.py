@@ -19,8 +19,13 @@ NOTHING = "none"
 _RANGE = 2.5
 # Effects that are in one of the runs alone: a payload that was taken up for it, somebody who came by.
 _IN_ONE_RUN = {"payload": "run2", "external_contact": "run1"}
-# s between the runs where friction drifts: the arm warms up with the work that is not recorded.
+# s between the runs where friction drifts: what the arm does meanwhile is not recorded.
 _BETWEEN = 1500.0
+_THIRD_RUN = "run3"
+# degC in the cell, and of a joint that works for long; time constant between them in s.
+_COLD, _WARM, _SLOWLY = 20.0, 45.0, 1200.0
+# s of rest before the third run.
+_REST = 1400.0
 _LINK_SPREAD, _DRIVE_SPREAD, _HIDDEN_SPREAD = 0.1, 0.25, 0.2
 
 
@@ -41,8 +46,13 @@ class Course:
 class Plan:
     """The experiment: a fast and a slow run to identify from, one of another kind to try the model on; rate in Hz."""
 
-    courses: tuple[Course, Course, Course]
+    courses: tuple[Course, ...]
     rate: float = 500.0
+
+    def through_a_session(self) -> Plan:
+        """With one more fast run: two moments do not tell what drifts with time from what drifts with temperature."""
+        *training, last = self.courses
+        return replace(self, courses=(*training, replace(training[0], name=_THIRD_RUN, periods=1), last))
 
 
 LONG = Plan(
@@ -96,7 +106,10 @@ class Scenario:
         hidden = _scaled(possible[int(rng.integers(len(possible)))], rng, _HIDDEN_SPREAD) if possible else None
         if hidden is not None and hidden.effect in _IN_ONE_RUN:
             hidden = replace(hidden, runs=(_IN_ONE_RUN[hidden.effect],))
-        return cls(robot, robot.inertias * links, drive, hidden, SHORT if quick else LONG, seed)
+        plan = SHORT if quick else LONG
+        if hidden is not None and _drifts(hidden):
+            plan = plan.through_a_session()
+        return cls(robot, robot.inertias * links, drive, hidden, plan, seed)
 
     @property
     def effects(self) -> tuple[TrueEffect, ...]:
@@ -105,8 +118,7 @@ class Scenario:
 
     def begins(self, course: Course) -> float:
         """Time of the session (s) at which a course begins: one session where friction drifts, else each its own."""
-        described = None if self.hidden is None else effect_by_id(self.hidden.effect)
-        if described is None or not (described.needs_temperature or described.needs_session):
+        if self.hidden is None or not _drifts(self.hidden):
             return 0.0
         return _BETWEEN * self.plan.courses.index(course)
 
@@ -114,6 +126,21 @@ class Scenario:
     def warms_up(self) -> bool:
         """Whether the joints' temperature is recorded."""
         return self.hidden is not None and effect_by_id(self.hidden.effect).needs_temperature
+
+    def temperature(self, t: FloatArray) -> FloatArray:
+        """Temperature (m,) of the joints in degC at times t (m,) of the session.
+
+        The arm works until the second run is over, rests until the third, and works on: what goes with the temperature
+        does not go with the time.
+        """
+        third = next(self.begins(course) for course in self.plan.courses if course.name == _THIRD_RUN)
+        parts = ((0.0, third - _REST, _WARM), (third - _REST, third, _COLD), (third, np.inf, _WARM))
+        now, found = _COLD, np.full(len(t), _COLD)
+        for begins, ends, goal in parts:
+            there = (t >= begins) & (t < ends)
+            found[there] = goal + (now - goal) * np.exp((begins - t[there]) / _SLOWLY)
+            now = goal + (now - goal) * float(np.exp((begins - ends) / _SLOWLY))
+        return found
 
     def limits(self, course: Course) -> dict[str, Limits]:
         """The ranges of an arm that stands in a cell, and the speed of the course."""
@@ -128,6 +155,12 @@ class Scenario:
                 velocity=None if speed is None else course.speed * speed,
             )
         return found
+
+
+def _drifts(effect: TrueEffect) -> bool:
+    """Whether an effect changes in the course of a session."""
+    described = effect_by_id(effect.effect)
+    return described.needs_temperature or described.needs_session
 
 
 def _scaled(effect: TrueEffect, rng: np.random.Generator, spread: float) -> TrueEffect:
