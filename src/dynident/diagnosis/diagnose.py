@@ -13,7 +13,7 @@ from dynident.diagnosis.leads import find_leads
 from dynident.diagnosis.next_experiment import doubts_of, next_experiment
 from dynident.diagnosis.patterns import unknown_patterns
 from dynident.diagnosis.products import Products, products
-from dynident.diagnosis.refine import refined
+from dynident.diagnosis.refine import improved, refined
 from dynident.diagnosis.residuals import failure_map, noise_floor
 from dynident.diagnosis.resolution import resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
@@ -65,14 +65,18 @@ def diagnose(
     pool = build_pool(model, candidates, leads, resolved)
     floor = noise_floor(recordings, identification.preprocessing)
     reference = identification.next_reference()
-    reduction = reduce_recordings(
-        pool.observation, recordings, identification.preprocessing, reference, part(progress, 0.1, 0.5)
-    )
-    data = products(reduction)
+    preprocessing = identification.preprocessing
+    data = products(reduce_recordings(pool.observation, recordings, preprocessing, reference, part(progress, 0.1, 0.5)))
+
+    def relearn(findings: Sequence[Finding]) -> Products:
+        found = [finding.judged.candidate.choice for finding in findings]
+        better = improved(model, found, recordings, preprocessing, reference)
+        return products(reduce_recordings(pool.observation, recordings, preprocessing, better))
+
     start = _start(data, pool, identification, floor)
     lasting = [candidate for candidate in pool.candidates if candidate.effect != CONTACT]
     first = judge_all(data, pool, start.base, lasting, start.noise)
-    picks = search(data, pool, start, first, most_effects, part(progress, 0.5, 0.8))
+    picks = search(data, pool, start, first, most_effects, relearn, part(progress, 0.5, 0.8))
     picks, recommended = refined(
         identification, picks, recordings, reference, resolved, floor, part(progress, 0.8, 0.9)
     )

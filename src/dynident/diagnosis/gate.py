@@ -33,7 +33,7 @@ SMALLEST_GAIN_OVER_NOISE = 0.08
 SMALLEST_GAIN_AT_REVERSALS = 0.3
 """The same for effects that show where a joint turns: small errors of the filtered signals there are of that size."""
 
-SMALLEST_DROP_OF_STICKING = 0.3
+SMALLEST_DROP_OF_STICKING = 0.4
 """Share of a joint's error that friction with memory must remove where its slip distance is hardly resolved: a joint
 that sticks for some milliseconds looks like that, and takes less."""
 

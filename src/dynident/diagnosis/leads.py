@@ -18,7 +18,7 @@ _LINE_RATIO = 12.0
 _LINES_A_JOINT = 2
 _LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
 _BINS = 200
-_LEAST_ANGLE = 0.2
+_LEAST_ANGLE, _BESIDE = 0.2, 0.4
 # Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
 _SURROUNDINGS = 181
 # Hz: slower than this, a motion's own lines hide everything else.
@@ -93,9 +93,11 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[i
         k = 2 * np.pi * fft.rfftfreq(size, span / n_bins)
         shown = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
         k, power = k[shown], np.abs(fft.rfft(sums, size)[shown]) ** 2
-        lines += [(j, value) for value in _peaks(k, power, _LINE_RATIO)[:_LINES_A_JOINT]]
+        found = _peaks(k, power, _LINE_RATIO)[:_LINES_A_JOINT]
         slow = _slow_wave(q, residual, low, span)
-        lines += [] if slow is None else [(j, slow)]
+        found += [] if slow is None else [slow]
+        # A wave beside each, so that what a line is off by is not taken for something else.
+        lines += [(j, line + beside / span) for line in found for beside in (0.0, -_BESIDE, _BESIDE)]
     return lines
 
 

@@ -21,7 +21,7 @@ from dynident.robot.model import FloatArray
 IntArray = NDArray[np.intp]
 
 _BINS, _COARSE_BINS, _FEWEST = 24, 10, 10
-_SHARE, _T = 0.08, 5.0
+_SHARE, _T = 0.08, 4.2
 _STRETCHES = 30
 # A variable is named beside the best one if it explains so much of what that explains.
 _NEARLY = 0.7

@@ -47,7 +47,7 @@ def refined(
     visible = [i for i, choice in enumerate(choices) if width_shows(choice, model.robot, resolved)]
     kept, choices = tuple(kept[i] for i in visible), tuple(choices[i] for i in visible)
     while choices:
-        reference = _improved(model, choices, recordings, preprocessing, reference)
+        reference = improved(model, choices, recordings, preprocessing, reference)
         slimmer, needed = _needed(model, kept, choices, recordings, preprocessing, reference, floor)
         if slimmer == choices:
             break
@@ -63,7 +63,7 @@ def _explained(finding: Finding, noise: FloatArray) -> float:
     return float(((finding.judged.before - finding.judged.after) / noise**2).sum())
 
 
-def _improved(
+def improved(
     model: Model,
     choices: Sequence[EffectChoice],
     recordings: Sequence[Recording],

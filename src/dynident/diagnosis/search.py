@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,9 +32,9 @@ _KINDS = ("interleaved", "contiguous")
 VISIBLE = 0.02
 _PRUNE_DROP, _PRUNE_T = 0.03, 2.5
 # What each joint of a group needs for itself.
-_JOINT_DROP, _JOINT_T = 0.03, 2.0
+_JOINT_DROP, _JOINT_T, _JOINT_DROP_OF_STICKING = 0.03, 2.0, 0.2
 # So many other names for a finding, and its cause is not certain.
-_TOO_MANY_NAMES, _DROP_IN_DOUBT = 2, 0.1
+_TOO_MANY_NAMES, _DROP_IN_DOUBT = 2, 0.3
 _WORTH_A_LOOK = 0.02
 BoolArray = NDArray[np.bool_]
 
@@ -78,10 +78,18 @@ def _joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
     return tuple(int(j) for j in np.flatnonzero(acting[list(candidate.columns)].any(axis=0)))
 
 
+Relearn = Callable[[Sequence[Finding]], Products]
+"""Products of the same columns, with the torque predicted by the model with these findings in it."""
+
+
 def search(
-    data: Products, pool: Pool, state: State, first: list[Judged], most: int, progress: Progress
+    data: Products, pool: Pool, state: State, first: list[Judged], most: int, relearn: Relearn, progress: Progress
 ) -> tuple[Finding, ...]:
-    """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous."""
+    """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous.
+
+    After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
+    torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
+    """
     judged = first
     remaining = [item.candidate for item in first]
     while len(state.picks) < most:
@@ -93,6 +101,8 @@ def search(
         chosen = _without_idle_joints(data, pool, state, chosen)
         finding = Finding(chosen, equal, p_value(chosen, len(remaining)), _around(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
+        if effect_by_id(chosen.candidate.effect).first_order:
+            data = relearn((*state.picks, finding))
         state = State(base, noise_left(data, base), state.floor, (*state.picks, finding))
         reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
         remaining = [c for c in remaining if not _superseded(c, chosen.candidate, reached)]
@@ -154,8 +164,7 @@ def _acceptable(state: State, counts: FloatArray, item: Judged, n_tried: int) ->
     }
     if resolved and beside & set(effect.confused_with) and item.total_drop < SMALLEST_DROP_OF_STICKING:
         return False
-    hardly = any(dict(item.candidate.shape)[spec.name] < 2 * spec.least for spec in resolved)
-    return not hardly or item.total_drop >= SMALLEST_DROP_OF_STICKING
+    return not hardly_resolved(item.candidate) or item.total_drop >= SMALLEST_DROP_OF_STICKING
 
 
 def _around(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, ...]:
@@ -176,6 +185,19 @@ def _around(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, 
 
 def _on(pool: Pool, column: int, candidate: Candidate) -> bool:
     return not candidate.joints or pool.observation.columns[column].link in candidate.joints
+
+
+def hardly_resolved(candidate: Candidate) -> bool:
+    """Whether a slip distance is so small that a joint which sticks for a moment would look like it."""
+    specs = effect_by_id(candidate.effect).shapes
+    return any(
+        spec.least > 0 and dict(candidate.shape)[spec.name] < 2 * spec.least for spec in specs if spec.resolved_by
+    )
+
+
+def _least_drop(candidate: Candidate) -> float:
+    """Share of its own error that a joint of a group has to gain."""
+    return _JOINT_DROP_OF_STICKING if hardly_resolved(candidate) else _JOINT_DROP
 
 
 def _least_gain(effect: Effect) -> float:
@@ -202,7 +224,7 @@ def _without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judge
         spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
         share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)
         large = _gain_over_floor(chosen, j, state.floor, data.counts) >= _least_gain(effect)
-        if share >= _JOINT_DROP and gain.mean() >= _JOINT_T * spread and large:
+        if share >= _least_drop(chosen.candidate) and gain.mean() >= _JOINT_T * spread and large:
             keep.append(name)
     if not keep or len(keep) == len(chosen.candidate.joints):
         return chosen
@@ -253,7 +275,7 @@ def trimmed(data: Products, pool: Pool, state: State) -> list[tuple[str, ...]]:
             gains[joint] = item.total_gain
             j = pool.observation.robot.joint_names.index(joint)
             large = _gain_over_floor(item, j, state.floor, data.counts) >= _least_gain(effect_by_id(candidate.effect))
-            if not (item.lasts(_JOINT_DROP, _JOINT_T) and large):
+            if not (item.lasts(_least_drop(candidate), _JOINT_T) and large):
                 kept.remove(joint)
                 base = rest
         best = max(gains, key=lambda name: gains[name], default="")

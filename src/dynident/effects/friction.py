@@ -150,7 +150,7 @@ class ViscousNonlinear(_OneColumnFriction):
     title = "Nonlinear viscous friction"
     formula = r"a\,|\dot q|^p\,\mathrm{sign}(\dot q)"
     parameters = (ParameterSpec("Fvn", "N m (s/rad)^p", "coefficient of the power of the velocity", "N (s/m)^p"),)
-    shapes = (ShapeSpec("p", "-", "exponent of the velocity", 2.0, least=0.2, refined=RATIO, natural=(0.5, 2.0, 3.0)),)
+    shapes = (ShapeSpec("p", "-", "exponent of the velocity", 2.0, least=0.4, refined=RATIO, natural=(0.5, 2.0, 3.0)),)
     signature = "odd in the velocity, bending upward or saturating"
     confused_with = ("stribeck",)
     sources = ("Gaz, Cognetti, Oliva, Robuffo Giordano and De Luca 2019",)
@@ -162,7 +162,7 @@ class ViscousNonlinear(_OneColumnFriction):
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Exponents below and above one."""
-        return [{"p": p} for p in (2.0, 0.5, 3.0, 0.25)]
+        return [{"p": p} for p in (2.0, 0.5, 3.0)]
 
 
 class LoadDependentFriction(_OneColumnFriction):

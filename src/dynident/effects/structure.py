@@ -94,10 +94,12 @@ class BaseTilt(Effect):
 
     id = "base_tilt"
     title = "Tilted base"
-    formula = r"\delta g_x\, G_x(q) + \delta g_y\, G_y(q)"
+    formula = r"\delta g_x\, G_x(q) + \delta g_y\, G_y(q) + t_c \cos q_1 + t_s \sin q_1"
     parameters = (
         ParameterSpec("gx", "m/s²", "gravity along the first direction across the nominal gravity"),
         ParameterSpec("gy", "m/s²", "gravity along the second direction across the nominal gravity"),
+        ParameterSpec("tc", "N m", "weight of the first link about an upright first axis, cosine part"),
+        ParameterSpec("ts", "N m", "weight of the first link about an upright first axis, sine part"),
     )
     signature = "sine and cosine of the first joint's angle, on all joints at once"
     confused_with = ("offset",)
@@ -107,11 +109,20 @@ class BaseTilt(Effect):
     needs_load = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """The torque that a tilt of gravity by one m/s² adds to the model so far."""
-        return [
-            self._robot_column(spec, signals.predicted.gravity_torque(direction))
-            for spec, direction in zip(self.parameters, across(signals.robot.gravity), strict=True)
-        ]
+        """The torque that a tilt of gravity by one m/s² adds to the model so far, and what it makes of the first link.
+
+        About an upright first axis the first link weighs nothing on a level base, so that nothing is known of where
+        its mass is: what a tilt makes of that is left open.
+        """
+        directions = across(signals.robot.gravity)
+        torques = [signals.predicted.gravity_torque(direction) for direction in directions]
+        first = signals.robot.joints[0]
+        if first.kind == "revolute":
+            for wave in (ca.cos(signals.q[0]), ca.sin(signals.q[0])):
+                rows = ca.SX(signals.robot.n, 1)
+                rows[0] = wave
+                torques.append(rows)
+        return [self._robot_column(spec, torque) for spec, torque in zip(self.parameters, torques, strict=False)]
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
         """Nowhere without gravity."""
