@@ -12,7 +12,7 @@ from scipy import stats
 
 from dynident.diagnosis.candidates import Candidate
 from dynident.diagnosis.gate import Judged, indistinguishable, judge, p_value, simplest, t_of
-from dynident.diagnosis.products import folds, products
+from dynident.diagnosis.products import folds, folds_of, products
 from dynident.diagnosis.scoring import Score, held_out_errors, score_candidates
 from dynident.diagnosis.stability import consistencies
 from dynident.estimation import FactorAccumulator
@@ -92,6 +92,37 @@ def test_amplitudes_and_separability_are_those_of_projecting_on_all_rows():
         rest = x - w[:, BASE] @ np.linalg.lstsq(w[:, BASE], x, rcond=None)[0]
         share = np.linalg.norm(rest, axis=0) / np.linalg.norm(x, axis=0)
         assert score.separability == pytest.approx(share.max(), rel=1e-6)
+
+
+def test_a_run_that_alone_shows_part_of_the_model_is_never_left_out_whole():
+    # Three stretches of all joints, then ten of a test that moves one joint: two columns of the model are not in it.
+    data, first = Rows(5), 3
+    tested = np.arange(len(data.t)) >= first * PER_STRETCH
+    for w, y in zip(data.wide, data.y, strict=True):
+        y[tested] -= w[tested][:, [0, 4]] @ np.array([3.0, 3.0])
+        w[np.ix_(tested, [0, 4])] = 0.0
+    data.t[tested] += 100.0
+    made = data.products()
+    assert made.run.tolist() == [0] * first + [1] * (STRETCHES - first)
+    parts = folds_of(made, BASE, "contiguous")
+    assert sorted(np.concatenate(parts)) == list(range(STRETCHES))
+    assert all(len(set(range(first)) - set(part)) for part in parts)
+    # Data of which every part shows all of the model are left out in a row, run or no run.
+    assert [p.tolist() for p in folds_of(Rows(5).products(), BASE, "contiguous")] == [
+        p.tolist() for p in folds(STRETCHES, "contiguous")
+    ]
+    before, _ = score_candidates(made, BASE, (), NOISE, "contiguous")
+    assert np.isfinite(before).all()
+
+
+def test_a_fit_that_is_not_determined_is_the_smallest_one():
+    data = Rows(6)
+    for w in data.wide:
+        w[:, 4] = w[:, 3]
+    before, scores = score_candidates(data.products(), BASE, CANDIDATES, NOISE, "contiguous")
+    assert np.isfinite(before).all()
+    assert all(np.isfinite(score.after).all() for score in scores)
+    np.testing.assert_allclose(before, data.held_out(BASE[:4], "contiguous"), rtol=1e-4)
 
 
 def test_a_candidate_that_the_model_says_already_changes_nothing():

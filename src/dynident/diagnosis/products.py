@@ -13,18 +13,24 @@ from dynident.robot.model import FloatArray
 IntArray = NDArray[np.intp]
 
 N_FOLDS = 5
+# Share of a column's squares in one fold from which on the others do not determine its parameter.
+_NEARLY_ALL = 0.9
+# A pause of this share of all the time parts two runs.
+_PAUSE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Products:
     """Inner products of all columns and Y, stretch by stretch: `grams[j]` (s, p_j + 1, p_j + 1) for joint j.
 
-    `position[j]` maps a global column number to its place in joint j's products, -1 where the joint lacks it.
+    `position[j]` maps a global column number to its place in joint j's products, -1 where the joint lacks it; `run`
+    (s,) numbers the runs that the stretches are of.
     """
 
     grams: tuple[FloatArray, ...]
     position: tuple[IntArray, ...]
     counts: FloatArray
+    run: IntArray
 
     @property
     def n_stretches(self) -> int:
@@ -45,7 +51,16 @@ def products(reduction: Reduction) -> Products:
         where = np.full(reduction.n_columns, -1, dtype=np.intp)
         where[equation.columns] = np.arange(len(equation.columns))
         position.append(where)
-    return Products(tuple(grams), tuple(position), reduction.equations[0].counts.astype(np.float64))
+    counts = reduction.equations[0].counts.astype(np.float64)
+    return Products(tuple(grams), tuple(position), counts, _runs(reduction.spans))
+
+
+def _runs(spans: FloatArray) -> IntArray:
+    """(s,): number of the run of every stretch, whose first and last times are spans (s, 2)."""
+    pause = spans[1:, 0] - spans[:-1, 1]
+    least = _PAUSE * float((spans[:, 1] - spans[:, 0]).sum())
+    starts = (pause > least) | (spans[1:, 0] < spans[:-1, 0])
+    return np.concatenate([[0], np.cumsum(starts)]).astype(np.intp)
 
 
 def folds(n_stretches: int, kind: str) -> list[IntArray]:
@@ -55,6 +70,35 @@ def folds(n_stretches: int, kind: str) -> list[IntArray]:
     if kind == "interleaved":
         return [order[k::count] for k in range(count)]
     return [np.asarray(part, dtype=np.intp) for part in np.array_split(order, count)]
+
+
+def folds_of(data: Products, base: IntArray, kind: str) -> list[IntArray]:
+    """The folds of some data; a fifth in a row of every run, where a run that is left out takes a parameter with it.
+
+    A fast motion of all joints beside a long test of a single one would be a fold of its own, and the model of most
+    joints unknown without it.
+    """
+    usual = folds(data.n_stretches, kind)
+    if kind == "interleaved" or not any(_takes_all(data, base, part) for part in usual):
+        return usual
+    count = min(N_FOLDS, data.n_stretches)
+    by_run = [np.array_split(np.flatnonzero(data.run == run), count) for run in np.unique(data.run)]
+    parts = [np.concatenate([run[k] for run in by_run]) for k in range(count)]
+    return [part for part in parts if len(part)]
+
+
+def _takes_all(data: Products, base: IntArray, part: IntArray) -> bool:
+    """Whether a fold holds a whole run and with it nearly all that some column of the model shows."""
+    outside = np.delete(data.run, part)
+    if not set(data.run[part]) - set(outside):
+        return False
+    inside, whole = np.zeros(len(base)), np.zeros(len(base))
+    for gram, where in zip(data.grams, data.position, strict=True):
+        have, places = present(where, base)
+        squares = gram[:, places, places]
+        inside[have] += squares[part].sum(axis=0)
+        whole[have] += squares.sum(axis=0)
+    return bool((inside > _NEARLY_ALL * whole).any())
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from dynident.diagnosis.candidates import Candidate
-from dynident.diagnosis.products import IntArray, Products, Sums, folds, present, weighted_sums
+from dynident.diagnosis.products import IntArray, Products, Sums, folds_of, present, weighted_sums
 from dynident.robot.model import FloatArray
 
 _RIDGE = 1e-10
@@ -93,7 +93,7 @@ def score_candidates(
     s, n = data.n_stretches, data.n_joints
     before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
     total = weighted_sums(data, base, extra, noise, None)
-    for left_out in folds(s, kind):
+    for left_out in folds_of(data, base, kind):
         fit = Fit(total.minus(weighted_sums(data, base, extra, noise, left_out)))
         amplitudes = [fit.amplitudes(portion) for portion in portions]
         for j in range(n):
@@ -143,9 +143,8 @@ class Fit:
     def __init__(self, sums: Sums) -> None:
         scale = np.sqrt(np.maximum(np.diag(sums.ww), np.finfo(float).tiny))
         normal = sums.ww / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-        factor = cho_factor(normal)
-        self.chi = cho_solve(factor, sums.wy / scale) / scale
-        self.projection = cho_solve(factor, sums.wx / scale[:, None]) / scale[:, None]
+        solved = _solution(normal, np.column_stack([sums.wy, sums.wx]) / scale[:, None]) / scale[:, None]
+        self.chi, self.projection = solved[:, 0], solved[:, 1:]
         self._rest = sums.xx - sums.wx.T @ self.projection
         self._whole = np.maximum(np.diag(sums.xx), np.finfo(float).tiny)
         self._right = sums.xy - sums.wx.T @ self.chi
@@ -166,6 +165,17 @@ class Fit:
         """(g,): share of a candidate's column that is left beside the model, the largest of its columns."""
         share = np.diag(self._rest)[portion.columns] / self._whole[portion.columns]
         return np.asarray(np.sqrt(np.clip(share, 0.0, 1.0)).max(axis=1))
+
+
+def _solution(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution (b, k) of normal equations (b, b); of all that fit equally well the smallest.
+
+    Without one of the runs, the others may not determine the model: joints that stand still, a single posture.
+    """
+    try:
+        return np.asarray(cho_solve(cho_factor(normal), right))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(normal, rcond=_RANK, hermitian=True) @ right)
 
 
 class LeftOut:
