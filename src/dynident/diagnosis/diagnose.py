@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynident.diagnosis.acceptance import VISIBLE
 from dynident.diagnosis.candidates import Pool, build_pool
 from dynident.diagnosis.compare import Comparison, compare
 from dynident.diagnosis.gate import Judged
@@ -17,7 +18,8 @@ from dynident.diagnosis.refine import improved, refined
 from dynident.diagnosis.residuals import failure_map, noise_floor
 from dynident.diagnosis.resolution import resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
-from dynident.diagnosis.search import VISIBLE, State, judge_all, noise_left, search
+from dynident.diagnosis.search import search
+from dynident.diagnosis.state import State, judge_all, noise_left
 from dynident.diagnosis.transients import CONTACT, find_contacts
 from dynident.diagnosis.words import Finding, rank_all, summary, verdict_of
 from dynident.diagnosis.wrong_names import misnamed
@@ -61,7 +63,7 @@ def diagnose(
     model = identification.model
     comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
     resolved = resolution(comparisons, identification.preprocessing)
-    leads = find_leads(comparisons, recordings, model.robot, identification.preprocessing)
+    leads = find_leads(comparisons, recordings, identification)
     pool = build_pool(model, candidates, leads, resolved)
     floor = noise_floor(recordings, identification.preprocessing)
     reference = identification.next_reference()

@@ -151,11 +151,16 @@ def _session(question: Question) -> DesignRequest:
     )
 
 
+_ONE_BY_ONE = (
+    'Other joints may stand still in it: give the recording the role "friction" (on the command line: --accept '
+    "joint_motion), and identify from it together with the data at hand.",
+)
+
 EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType(
     {
-        "constant_speeds": Experiment("Constant speeds both ways, slow and fast,", _constant_speeds),
-        "slow_sweep": Experiment("A slow sweep over the whole range, both ways,", _slow_sweep),
-        "reversals": Experiment("Slow motion back and forth by small, growing amplitudes", _reversals),
+        "constant_speeds": Experiment("Constant speeds both ways, slow and fast,", _constant_speeds, _ONE_BY_ONE),
+        "slow_sweep": Experiment("A slow sweep over the whole range, both ways,", _slow_sweep, _ONE_BY_ONE),
+        "reversals": Experiment("Slow motion back and forth by small, growing amplitudes", _reversals, _ONE_BY_ONE),
         "whole_range": Experiment("A motion of all joints over the whole range, designed for it,", _whole_range),
         "paces": Experiment("The same path at full speed, at half and at a quarter of it", _paces),
         "payload": Experiment(

@@ -40,8 +40,8 @@ that sticks for some milliseconds looks like that, and takes less."""
 _ROBOT_DROP, _ROBOT_T, _ROBOT_SHARE = 0.08, 2.0, 0.7
 _CAP = 3.0
 _LASTING_P = 1e-4
-# Share of its gain by which a candidate beats a simpler one, however unevenly.
-_MUCH_MORE = 0.3
+# Share of its gain by which a candidate beats a simpler one however unevenly, or does not however evenly.
+_MUCH_MORE, _HARDLY_MORE = 0.2, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +206,7 @@ def _beats(best: Judged, simpler: Judged) -> bool:
         return True
     difference = best.gains - simpler.gains
     left = float(simpler.after_weighted.sum())
-    if float(difference.sum()) >= _MUCH_MORE * best.total_gain:
+    more = float(difference.sum())
+    if more >= _MUCH_MORE * best.total_gain:
         return True
-    return float(difference.sum()) >= SMALLEST_DROP * left and t_of(difference) >= 2.0
+    return more >= SMALLEST_DROP * left and more >= _HARDLY_MORE * best.total_gain and t_of(difference) >= 2.0

@@ -10,6 +10,8 @@ from scipy import fft
 
 from dynident.diagnosis.candidates import Leads
 from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.vibration import shaking
+from dynident.identification import Identification
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot.model import FloatArray, Robot
 
@@ -28,12 +30,14 @@ _MOST_GROUPS = 16
 
 
 def find_leads(
-    comparisons: Sequence[Comparison], recordings: Sequence[Recording], robot: Robot, preprocessing: Preprocessing
+    comparisons: Sequence[Comparison], recordings: Sequence[Recording], identification: Identification
 ) -> Leads:
     """What the residual of the model and the recordings themselves suggest."""
+    lines = time_lines(comparisons, identification.preprocessing)
+    signals, reference = identification.model.signals, identification.next_reference()
     return Leads(
-        angle_lines=tuple(angle_lines(comparisons, robot)),
-        time_lines=tuple(time_lines(comparisons, preprocessing)),
+        angle_lines=tuple(angle_lines(comparisons, identification.model.robot)),
+        time_lines=tuple(shaking(comparisons, signals, reference, lines)),
         bursts=tuple(
             (recording.run_label(segment), start, end)
             for comparison, recording in zip(comparisons, recordings, strict=True)

@@ -22,6 +22,8 @@ IntArray = NDArray[np.intp]
 
 _BINS, _COARSE_BINS, _FEWEST = 24, 10, 10
 _SHARE, _T = 0.08, 4.2
+# What shows in few stretches (a rough spot that is seldom passed) gains unevenly.
+_LARGE, _T_OF_LARGE = 0.25, 2.0
 _STRETCHES = 30
 # A variable is named beside the best one if it explains so much of what that explains.
 _NEARLY = 0.7
@@ -134,8 +136,8 @@ def _believed(rows: _Rows, j: int, which: IntArray, turn: FloatArray) -> float:
         means = np.where(seen >= _FEWEST, (sums.sum(axis=0) - sums[test].sum(axis=0)) / np.maximum(seen, 1), 0.0)
         # Σ r² - (r - m)² over the rows of a bin.
         gains[test] = (2 * sums[test] * means - counts[test] * means**2).sum(axis=1)
-    share = float(gains.sum()) / total
-    return share if t_of(gains) >= _T else 0.0
+    share, t = float(gains.sum()) / total, t_of(gains)
+    return share if t >= _T or (share >= _LARGE and t >= _T_OF_LARGE) else 0.0
 
 
 def _in_bursts(comparisons: Sequence[Comparison], known: set[str]) -> list[UnknownPattern]:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from dynident.diagnosis.acceptance import sticks
 from dynident.diagnosis.candidates import Candidate, Pool, width_shows
 from dynident.diagnosis.products import products
+from dynident.diagnosis.pruning import pruned, trimmed
 from dynident.diagnosis.resolution import Resolution
-from dynident.diagnosis.search import State, noise_left, pruned, trimmed
+from dynident.diagnosis.state import State, noise_left
 from dynident.diagnosis.words import Finding
 from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.estimation import weighted
@@ -44,7 +46,11 @@ def refined(
         return (), ()
     model, preprocessing = identification.model, identification.preprocessing
     choices = refine_shapes(model, choices, recordings, preprocessing, reference, part(progress, 0.0, 0.5))
-    visible = [i for i, choice in enumerate(choices) if width_shows(choice, model.robot, resolved)]
+    visible = [
+        i
+        for i, (finding, choice) in enumerate(zip(kept, choices, strict=True))
+        if width_shows(choice, model.robot, resolved) and not sticks(finding, choice)
+    ]
     kept, choices = tuple(kept[i] for i in visible), tuple(choices[i] for i in visible)
     while choices:
         reference = improved(model, choices, recordings, preprocessing, reference)

@@ -1,18 +1,22 @@
-"""Names that do not fit: a function of the position that leaves another function of the position behind."""
+"""Names that do not fit: an effect that leaves behind more than it explains, or another function of the position."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import get_args
 
 import numpy as np
 
 from dynident.diagnosis.compare import Comparison
-from dynident.diagnosis.result import UnknownPattern
+from dynident.diagnosis.result import UnknownPattern, Variable
 from dynident.diagnosis.words import Finding
 from dynident.effects import EffectChoice, effect_by_id
 
 _LEFT_OVER = 0.12
 """Share of what an effect removed that may be left as the same kind of function: more, and it is another function."""
+
+_MUCH_LEFT_OVER = 1.5
+"""The same for any effect of one joint and any variable: what is left is larger than what the effect explained."""
 
 
 def misnamed(
@@ -21,7 +25,7 @@ def misnamed(
     unknown: Sequence[UnknownPattern],
     final: Sequence[Comparison],
 ) -> list[int]:
-    """Numbers of the picks whose joint still depends on position in a way that they should have explained.
+    """Numbers of the picks whose joint still depends on what they should have explained.
 
     Parameters
     ----------
@@ -32,13 +36,15 @@ def misnamed(
     squares = np.sum([(c.residual**2).sum(axis=0) for c in final], axis=0)
     wrong = []
     for number, (finding, choice) in enumerate(zip(picks, recommended, strict=True)):
-        if not effect_by_id(choice.effect).of_position:
-            continue
         judged = finding.judged
+        of_position = effect_by_id(choice.effect).of_position
+        if not of_position and len(choice.joints) != 1:
+            continue
+        least, kinds = (_LEFT_OVER, _KINDS) if of_position else (_MUCH_LEFT_OVER, get_args(Variable))
         for j in judged.joints:
             removed = float((judged.before - judged.after)[:, j].sum())
-            left = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in _KINDS]
-            if left and max(left) > _LEFT_OVER * removed and names[j] in (*choice.joints, *_next(names, choice)):
+            left = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in kinds]
+            if left and max(left) > least * removed and names[j] in (*choice.joints, *_next(names, choice)):
                 wrong.append(number)
                 break
     return wrong

@@ -128,7 +128,7 @@ class EffectChoice:
 class Effect(ABC):
     """A physical cause of joint torque, linear in its parameters once its shape constants stand.
 
-    `of_position`: a function of positions alone. `first_order`: a sensitivity of the torque predicted so far.
+    `of_position`: a function of positions and the direction. `first_order`: a sensitivity of the predicted torque.
     `needs_session`: it changes with the time of the session. `in_some_runs`: it is the same function as the model
     itself unless it is in some of the runs only. `confused_with` names effects that leave much the same residual,
     `same_function` those that are the same function of the motion, so that no data can tell them apart, `covers` those

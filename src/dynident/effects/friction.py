@@ -197,6 +197,7 @@ class PositionDependentFriction(Effect):
     confused_with = ("load_dependent_friction",)
     sources = ("Bittencourt and Gunnarsson 2012",)
     is_friction = True
+    of_position = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """A cosine and a sine column a joint."""

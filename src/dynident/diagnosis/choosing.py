@@ -1,0 +1,113 @@
+"""Which of the candidates that pass is added: the simplest that explains as much, on the joints that gain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.diagnosis.acceptance import JOINT_T, acceptable, gain_over_floor, least_drop, least_gain
+from dynident.diagnosis.candidates import Candidate, Pool
+from dynident.diagnosis.gate import Judged, simplest, t_of
+from dynident.diagnosis.plausible import plausible
+from dynident.diagnosis.products import Products
+from dynident.diagnosis.state import State, judge_all
+from dynident.effects import effect_by_id
+
+# So many other names for a finding, and its cause is not certain.
+_TOO_MANY_NAMES, _DROP_IN_DOUBT = 2, 0.3
+# A group is one effect as long as its joints together would not gain so many times as much, each by itself.
+_ONE_BY_ONE = 1.1
+# A rival that gains so much of what the chosen effect does is told from it by this t of the difference.
+_NEARLY, _DECIDED = 0.8, 2.0
+
+
+def choose(
+    data: Products, pool: Pool, state: State, judged: Sequence[Judged]
+) -> tuple[Judged, tuple[Judged, ...]] | None:
+    """The next effect to add and its equals on this data; None where nothing passes."""
+    passing = [item for item in judged if acceptable(state, data.counts, item, len(judged))]
+    while passing:
+        chosen, equal = simplest(_each_its_own(passing))
+        certain = _other_names(chosen, equal) < _TOO_MANY_NAMES or chosen.drop >= _DROP_IN_DOUBT
+        if certain and plausible(data, pool, state.base, state.noise, chosen):
+            slim = _split(without_idle_joints(data, pool, state, chosen), passing)
+            if slim is chosen or acceptable(state, data.counts, slim, len(judged)):
+                return slim, equal + _rivals(slim, judged, equal)
+        passing = [item for item in passing if item is not chosen]
+    return None
+
+
+def _split(chosen: Judged, passing: Sequence[Judged]) -> Judged:
+    """The best of a group's joints by itself, where they gain clearly more one by one, each with its own shape."""
+    if len(chosen.candidate.joints) < 2:
+        return chosen
+    best: dict[str, Judged] = {}
+    for item in passing:
+        joints = item.candidate.joints
+        mine = item.candidate.effect == chosen.candidate.effect and len(joints) == 1
+        if not mine or joints[0] not in chosen.candidate.joints:
+            continue
+        if joints[0] not in best or item.total_gain > best[joints[0]].total_gain:
+            best[joints[0]] = item
+    if sum(item.total_gain for item in best.values()) < _ONE_BY_ONE * chosen.total_gain:
+        return chosen
+    return max(best.values(), key=lambda item: item.total_gain)
+
+
+def _other_names(chosen: Judged, equal: Sequence[Judged]) -> int:
+    """How many truly other effects explain the same, not counting those that are it in more general words."""
+    effect = effect_by_id(chosen.candidate.effect)
+    names = {item.candidate.effect for item in equal} - {effect.id, *effect.same_function}
+    return sum(effect.id not in effect_by_id(name).covers for name in names)
+
+
+def _each_its_own(passing: Sequence[Judged]) -> list[Judged]:
+    """Candidates without the groups whose joints gain clearly more one by one, each with its own shape constants."""
+    alone: dict[str, dict[str, float]] = {}
+    for item in passing:
+        if len(item.candidate.joints) == 1:
+            own = alone.setdefault(item.candidate.effect, {})
+            joint = item.candidate.joints[0]
+            own[joint] = max(own.get(joint, 0.0), item.total_gain)
+    return [
+        item
+        for item in passing
+        if len(item.candidate.joints) < 2
+        or sum(alone.get(item.candidate.effect, {}).get(joint, 0.0) for joint in item.candidate.joints)
+        < _ONE_BY_ONE * item.total_gain
+    ]
+
+
+def _rivals(chosen: Judged, judged: Sequence[Judged], equal: Sequence[Judged]) -> tuple[Judged, ...]:
+    """What the chosen effect is easily confused with, on the same joints, where the data do not clearly decide."""
+    known = {item.candidate.effect for item in equal} | {chosen.candidate.effect}
+    confused = effect_by_id(chosen.candidate.effect).confused_with
+    found: dict[str, Judged] = {}
+    for item in judged:
+        name = item.candidate.effect
+        near = item.total_gain >= _NEARLY * chosen.total_gain and t_of(chosen.gains - item.gains) < _DECIDED
+        if name in confused and name not in known and item.candidate.joints == chosen.candidate.joints and near:
+            found.setdefault(name, item)
+    return tuple(found.values())
+
+
+def without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judged) -> Judged:
+    """Take joints out of a group that gain nothing from it."""
+    if len(chosen.candidate.joints) < 2:
+        return chosen
+    effect = effect_by_id(chosen.candidate.effect)
+    keep = []
+    for name in chosen.candidate.joints:
+        j = pool.observation.robot.joint_names.index(name)
+        gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
+        spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
+        share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)
+        large = gain_over_floor(chosen, j, state.floor, data.counts) >= least_gain(effect)
+        if share >= least_drop(chosen.candidate) and gain.mean() >= JOINT_T * spread and large:
+            keep.append(name)
+    if not keep or len(keep) == len(chosen.candidate.joints):
+        return chosen
+    columns = tuple(k for k in chosen.candidate.columns if pool.observation.columns[k].link in keep)
+    smaller = Candidate(effect.id, tuple(keep), chosen.candidate.shape, columns, chosen.candidate.runs)
+    return judge_all(data, pool, state.base, [smaller], state.noise)[0]

@@ -1,0 +1,66 @@
+"""What later findings have made superfluous: whole effects, and joints of groups."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dynident.diagnosis.acceptance import JOINT_T, gain_over_floor, least_drop, least_gain
+from dynident.diagnosis.candidates import Candidate, Pool
+from dynident.diagnosis.gate import Judged
+from dynident.diagnosis.products import Products
+from dynident.diagnosis.state import State, judge_all
+from dynident.diagnosis.transients import CONTACT
+from dynident.diagnosis.words import Finding
+from dynident.effects import effect_by_id
+
+_PRUNE_DROP, _PRUNE_T = 0.03, 2.5
+
+
+def pruned(data: Products, pool: Pool, state: State) -> State:
+    """The search without the picks that others have made superfluous, the weakest taken out first."""
+    while len(state.picks) > 1:
+        judged = [(_again(data, pool, state, finding), finding) for finding in state.picks if _can_be_held_out(finding)]
+        weak = [(item, finding) for item, finding in judged if not item.lasts(_PRUNE_DROP, _PRUNE_T)]
+        if not weak:
+            break
+        _, superfluous = min(weak, key=lambda pair: pair[0].total_gain)
+        state = replace(
+            state,
+            picks=tuple(finding for finding in state.picks if finding is not superfluous),
+            base=tuple(k for k in state.base if k not in superfluous.columns),
+        )
+    return state
+
+
+def _can_be_held_out(finding: Finding) -> bool:
+    """Whether stretches that an effect shows in can be left out: a contact happened once."""
+    return finding.judged.candidate.effect != CONTACT
+
+
+def _again(data: Products, pool: Pool, state: State, finding: Finding) -> Judged:
+    """A pick, judged beside all others."""
+    base = tuple(k for k in state.base if k not in finding.columns)
+    return judge_all(data, pool, base, [finding.judged.candidate], state.noise)[0]
+
+
+def trimmed(data: Products, pool: Pool, state: State) -> list[tuple[str, ...]]:
+    """The joints of every pick that still gain from it, each beside all the rest; one of a group at least."""
+    base = state.base
+    joints = []
+    for finding in state.picks:
+        candidate = finding.judged.candidate
+        kept, gains = list(candidate.joints), {}
+        for joint in candidate.joints if len(candidate.joints) > 1 else ():
+            own = tuple(k for k in candidate.columns if pool.observation.columns[k].link == joint)
+            alone = Candidate(candidate.effect, (joint,), candidate.shape, own, candidate.runs)
+            rest = tuple(k for k in base if k not in own)
+            item = judge_all(data, pool, rest, [alone], state.noise)[0]
+            gains[joint] = item.total_gain
+            j = pool.observation.robot.joint_names.index(joint)
+            large = gain_over_floor(item, j, state.floor, data.counts) >= least_gain(effect_by_id(candidate.effect))
+            if not (item.lasts(least_drop(candidate), JOINT_T) and large):
+                kept.remove(joint)
+                base = rest
+        best = max(gains, key=lambda name: gains[name], default="")
+        joints.append(tuple(kept) or ((best,) if best else ()))
+    return joints

@@ -1,0 +1,70 @@
+"""Where a search stands, and every candidate judged beside the model so far."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.diagnosis.candidates import Candidate, Pool
+from dynident.diagnosis.gate import Judged, judge
+from dynident.diagnosis.products import Products
+from dynident.diagnosis.scoring import held_out_errors, score_candidates
+from dynident.diagnosis.stability import consistencies
+from dynident.diagnosis.words import Finding
+from dynident.robot.model import FloatArray
+
+BoolArray = NDArray[np.bool_]
+
+
+_KINDS = ("interleaved", "contiguous")
+_WORTH_A_LOOK = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The search so far: the model's columns, the residual (n,) they leave, sensor noise (n,), what was picked."""
+
+    base: tuple[int, ...]
+    noise: FloatArray
+    floor: FloatArray
+    picks: tuple[Finding, ...]
+
+
+def judge_all(
+    data: Products, pool: Pool, base: tuple[int, ...], candidates: Sequence[Candidate], noise: FloatArray
+) -> list[Judged]:
+    """Judge every candidate beside the model whose columns are `base`, in both kinds of folds."""
+    columns = np.array(base, dtype=np.intp)
+    scores = [score_candidates(data, columns, candidates, noise, kind)[1] for kind in _KINDS]
+    acting = acted_on(pool)
+    judged = [
+        judge(pair, _joints(acting, candidate), noise) for candidate, *pair in zip(candidates, *scores, strict=True)
+    ]
+    # Agreement between stretches costs as much again and matters to those alone that gain something.
+    worth = [k for k, item in enumerate(judged) if item.drop >= _WORTH_A_LOOK]
+    agreement = consistencies(data, columns, [judged[k].candidate for k in worth], noise)
+    for k, value in zip(worth, agreement, strict=True):
+        judged[k] = replace(judged[k], consistency=float(value))
+    return judged
+
+
+def acted_on(pool: Pool) -> BoolArray:
+    """(columns, joints): whose torque every column contributes to."""
+    acts = np.zeros((pool.observation.n_columns, pool.observation.robot.n), dtype=bool)
+    acts[pool.observation.entry_columns, pool.observation.entry_rows] = True
+    return acts
+
+
+def _joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
+    return tuple(int(j) for j in np.flatnonzero(acting[list(candidate.columns)].any(axis=0)))
+
+
+def noise_left(data: Products, base: tuple[int, ...]) -> FloatArray:
+    """(n,): held-out residual of every joint for the model so far."""
+    columns = np.array(base, dtype=np.intp)
+    squares = held_out_errors(data, columns, np.ones(data.n_joints), "interleaved").sum(axis=0)
+    sigma = np.sqrt(squares / data.counts.sum())
+    return np.asarray(np.maximum(sigma, 1e-9 * max(float(sigma.max()), 1e-12)))
