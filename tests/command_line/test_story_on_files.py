@@ -240,6 +240,31 @@ def test_a_design_is_a_trajectory_that_the_virtual_robot_follows(tmp_path: Path)
     assert found["Fst2"]["value"] == pytest.approx(5.0, rel=0.25)
 
 
+def test_the_next_experiment_of_a_diagnosis_is_designed_as_it_is_proposed(desk: Path, tmp_path: Path) -> None:
+    model, told, out = tmp_path / "m.npz", tmp_path / "d.json", tmp_path / "next.csv"
+    assert dynident("identify", desk / "arm.json", desk / "run1.csv", "--out", model).code == 0
+    assert dynident("diagnose", model, desk / "run1.csv", "--out", told).code == 0
+    document = json.loads(told.read_text())
+    joint = ROBOT.joint_names[1]
+    document["next_experiment"] = {
+        "reason": "It would tell.",
+        "design": {
+            "robot_id": "rob_1",
+            "kind": "constant_velocity",
+            "trajectory": {"speeds": [0.1, 0.2], "joints": [joint], "sampling_rate": 50.0},
+        },
+    }
+    told.write_text(json.dumps(document))
+    answer = dynident("design", desk / "arm.json", "--diagnosis", told, "--out", out)
+    assert answer.code == 0, answer.err
+    moved = pacsv.read_csv(out)
+    assert {name for name in ROBOT.joint_names if np.ptp(moved[f"q_{name}"].to_numpy()) > 0.01} == {joint}
+    told.write_text(json.dumps(document | {"next_experiment": None}))
+    refused = dynident("design", desk / "arm.json", "--diagnosis", told, "--out", tmp_path / "none.csv")
+    assert refused.code == 2
+    assert "proposes no experiment" in refused.err
+
+
 def test_the_same_seed_gives_the_same_measurement(tmp_path: Path) -> None:
     dynident("design", "scara", "--kind", "random", "--duration", 2, "--rate", 200, "--out", tmp_path / "t.csv")
     contents = []

@@ -8,16 +8,24 @@ from pydantic import TypeAdapter, ValidationError
 from rich.console import Console
 
 from dynident.errors import DynidentError
-from dynident.excitation import Design
+from dynident.excitation import Design, DesignRequest
 from dynident.reports.numbers import number, percent
 from dynident.robot import Limits
 from dynident_service.adapters import robots
-from dynident_service.cli.inputs import document_of
+from dynident_service.cli.inputs import document_of, stored_diagnosis
 from dynident_service.cli.terminal import table
 from dynident_service.models.common import Limits as WireLimits
 from dynident_service.problems import fields_of
 
 _LIMITS = TypeAdapter(dict[str, WireLimits])
+
+
+def proposed_design(path: Path) -> DesignRequest:
+    """The design of the next experiment that a stored diagnosis proposes."""
+    proposed = stored_diagnosis(path).next_experiment
+    if proposed is None:
+        raise DynidentError(f"the diagnosis in {path.name} proposes no experiment", pointer="--diagnosis")
+    return proposed.design
 
 
 def limits_of(path: Path | None) -> dict[str, Limits]:

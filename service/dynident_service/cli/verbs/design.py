@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -35,6 +36,14 @@ def design(
             help='Tighter limits for this experiment, JSON: {"joint": {"position": [lo, hi], "velocity": …}}.',
         ),
     ] = None,
+    diagnosis: Annotated[
+        Path | None,
+        typer.Option(
+            "--diagnosis",
+            metavar="FILE",
+            help="Design the next experiment that a diagnosis proposes (`dynident diagnose --out`).",
+        ),
+    ] = None,
     seed: Seed = 0,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The trajectory, .csv or .parquet.")] = Path(
         "trajectory.csv"
@@ -45,20 +54,20 @@ def design(
     from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
     from dynident_service.adapters.designs import describe_design
     from dynident_service.cli import inputs, tables, terminal
-    from dynident_service.cli.designing import limits_of, show_design
+    from dynident_service.cli.designing import limits_of, proposed_design, show_design
     from dynident_service.models.common import plain
 
     tables.check_ending(out)
     machine = inputs.robot_of(robot)
-    request = DesignRequest(
+    asked = DesignRequest(
         kind=kind,
         effects=inputs.effects_of(effects, machine) or None,
         criterion=CriterionChoice(criterion),
         trajectory=TrajectoryRequest(duration=duration, harmonics=harmonics, periods=periods, sampling_rate=rate),
-        limits=limits_of(limits),
         time_budget=time_budget,
         seed=seed,
     )
+    request = replace(asked if diagnosis is None else proposed_design(diagnosis), limits=limits_of(limits))
     with terminal.progress_bar("design") as progress:
         found = design_experiment(machine, request, progress)
     tables.write_table(tables.trajectory_table(found), out)
