@@ -21,12 +21,16 @@ from dynident.robot.model import FloatArray
 VISIBLE = 0.02
 """Share of a column that has to be left beside the model for the data to show its effect at all."""
 
+# A sensitivity of which so little is left beside the model reaches far beyond the data: it has to gain much.
+_BLURRED, _DROP_OF_BLURRED = 0.2, 0.25
 # Times the smallest slip distance that is looked for.
 _HARDLY = 2.01
 # What each joint of a group needs for itself.
 _JOINT_DROP, _JOINT_DROP_OF_STICKING = 0.03, 0.2
 JOINT_T = 2.0
 """t of the gain of a joint of a group."""
+LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
+"""Where it gains this share of its error, a smaller t will do."""
 
 
 def acceptable(state: State, counts: FloatArray, item: Judged, n_tried: int) -> bool:
@@ -42,7 +46,9 @@ def acceptable(state: State, counts: FloatArray, item: Judged, n_tried: int) -> 
     }
     if resolved and beside & set(effect.confused_with) and item.total_drop < SMALLEST_DROP_OF_STICKING:
         return False
-    return not hardly_resolved(item.candidate) or item.total_drop >= SMALLEST_DROP_OF_STICKING
+    if effect.first_order and item.separability < _BLURRED and item.drop < _DROP_OF_BLURRED:
+        return False
+    return not may_be_sticking(item)
 
 
 def hardly_resolved(candidate: Candidate) -> bool:
@@ -54,8 +60,12 @@ def hardly_resolved(candidate: Candidate) -> bool:
 def sticks(finding: Finding, refined: EffectChoice) -> bool:
     """Whether a finding, with its slip distance refined, may well be a joint that sticks for a moment."""
     judged = finding.judged
-    candidate = replace(judged.candidate, shape=refined.shape)
-    return hardly_resolved(candidate) and judged.total_drop < SMALLEST_DROP_OF_STICKING
+    return may_be_sticking(replace(judged, candidate=replace(judged.candidate, shape=refined.shape)))
+
+
+def may_be_sticking(item: Judged) -> bool:
+    """Whether a slip distance is hardly resolved, and gains no more than a joint that sticks for a moment would."""
+    return hardly_resolved(item.candidate) and item.total_drop < SMALLEST_DROP_OF_STICKING
 
 
 def least_drop(candidate: Candidate) -> float:

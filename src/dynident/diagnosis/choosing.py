@@ -6,7 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.diagnosis.acceptance import JOINT_T, acceptable, gain_over_floor, least_drop, least_gain
+from dynident.diagnosis.acceptance import (
+    JOINT_T,
+    JOINT_T_OF_LARGE,
+    LARGE_DROP,
+    acceptable,
+    gain_over_floor,
+    hardly_resolved,
+    least_drop,
+    least_gain,
+    may_be_sticking,
+)
 from dynident.diagnosis.candidates import Candidate, Pool
 from dynident.diagnosis.gate import Judged, simplest, t_of
 from dynident.diagnosis.plausible import plausible
@@ -17,7 +27,7 @@ from dynident.effects import effect_by_id
 # So many other names for a finding, and its cause is not certain.
 _TOO_MANY_NAMES, _DROP_IN_DOUBT = 2, 0.3
 # A group is one effect as long as its joints together would not gain so many times as much, each by itself.
-_ONE_BY_ONE = 1.1
+_ONE_BY_ONE = 1.3
 # A rival that gains so much of what the chosen effect does is told from it by this t of the difference.
 _NEARLY, _DECIDED = 0.8, 2.0
 
@@ -31,28 +41,23 @@ def choose(
         chosen, equal = simplest(_each_its_own(passing))
         certain = _other_names(chosen, equal) < _TOO_MANY_NAMES or chosen.drop >= _DROP_IN_DOUBT
         if certain and plausible(data, pool, state.base, state.noise, chosen):
-            slim = _split(without_idle_joints(data, pool, state, chosen), passing)
+            slim = without_idle_joints(data, pool, state, chosen, judged)
             if slim is chosen or acceptable(state, data.counts, slim, len(judged)):
                 return slim, equal + _rivals(slim, judged, equal)
         passing = [item for item in passing if item is not chosen]
     return None
 
 
-def _split(chosen: Judged, passing: Sequence[Judged]) -> Judged:
-    """The best of a group's joints by itself, where they gain clearly more one by one, each with its own shape."""
-    if len(chosen.candidate.joints) < 2:
-        return chosen
+def _best_alone(effect: str, judged: Sequence[Judged]) -> dict[str, Judged]:
+    """The best candidate of an effect on every joint by itself, each with its own shape constants."""
     best: dict[str, Judged] = {}
-    for item in passing:
+    for item in judged:
         joints = item.candidate.joints
-        mine = item.candidate.effect == chosen.candidate.effect and len(joints) == 1
-        if not mine or joints[0] not in chosen.candidate.joints:
+        if item.candidate.effect != effect or len(joints) != 1:
             continue
         if joints[0] not in best or item.total_gain > best[joints[0]].total_gain:
             best[joints[0]] = item
-    if sum(item.total_gain for item in best.values()) < _ONE_BY_ONE * chosen.total_gain:
-        return chosen
-    return max(best.values(), key=lambda item: item.total_gain)
+    return best
 
 
 def _other_names(chosen: Judged, equal: Sequence[Judged]) -> int:
@@ -64,18 +69,14 @@ def _other_names(chosen: Judged, equal: Sequence[Judged]) -> int:
 
 def _each_its_own(passing: Sequence[Judged]) -> list[Judged]:
     """Candidates without the groups whose joints gain clearly more one by one, each with its own shape constants."""
-    alone: dict[str, dict[str, float]] = {}
-    for item in passing:
-        if len(item.candidate.joints) == 1:
-            own = alone.setdefault(item.candidate.effect, {})
-            joint = item.candidate.joints[0]
-            own[joint] = max(own.get(joint, 0.0), item.total_gain)
+    alone = {effect: _best_alone(effect, passing) for effect in {item.candidate.effect for item in passing}}
+
+    def one_by_one(item: Judged) -> float:
+        own = alone[item.candidate.effect]
+        return sum(own[joint].total_gain for joint in item.candidate.joints if joint in own)
+
     return [
-        item
-        for item in passing
-        if len(item.candidate.joints) < 2
-        or sum(alone.get(item.candidate.effect, {}).get(joint, 0.0) for joint in item.candidate.joints)
-        < _ONE_BY_ONE * item.total_gain
+        item for item in passing if len(item.candidate.joints) < 2 or one_by_one(item) < _ONE_BY_ONE * item.total_gain
     ]
 
 
@@ -92,19 +93,23 @@ def _rivals(chosen: Judged, judged: Sequence[Judged], equal: Sequence[Judged]) -
     return tuple(found.values())
 
 
-def without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judged) -> Judged:
-    """Take joints out of a group that gain nothing from it."""
+def without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]) -> Judged:
+    """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
     if len(chosen.candidate.joints) < 2:
         return chosen
     effect = effect_by_id(chosen.candidate.effect)
+    alone = {} if hardly_resolved(chosen.candidate) else _best_alone(effect.id, judged)
     keep = []
     for name in chosen.candidate.joints:
+        if name in alone and may_be_sticking(alone[name]):
+            continue
         j = pool.observation.robot.joint_names.index(name)
         gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
         spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
         share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)
         large = gain_over_floor(chosen, j, state.floor, data.counts) >= least_gain(effect)
-        if share >= least_drop(chosen.candidate) and gain.mean() >= JOINT_T * spread and large:
+        even = gain.mean() >= (JOINT_T if share < LARGE_DROP else JOINT_T_OF_LARGE) * spread
+        if share >= least_drop(chosen.candidate) and even and large:
             keep.append(name)
     if not keep or len(keep) == len(chosen.candidate.joints):
         return chosen

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.diagnosis.acceptance import JOINT_T, gain_over_floor, least_drop, least_gain
+from dynident.diagnosis.acceptance import JOINT_T, JOINT_T_OF_LARGE, LARGE_DROP, gain_over_floor, least_drop, least_gain
 from dynident.diagnosis.candidates import Candidate, Pool
 from dynident.diagnosis.gate import Judged
 from dynident.diagnosis.products import Products
@@ -58,7 +58,8 @@ def trimmed(data: Products, pool: Pool, state: State) -> list[tuple[str, ...]]:
             gains[joint] = item.total_gain
             j = pool.observation.robot.joint_names.index(joint)
             large = gain_over_floor(item, j, state.floor, data.counts) >= least_gain(effect_by_id(candidate.effect))
-            if not (item.lasts(least_drop(candidate), JOINT_T) and large):
+            least_t = JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE
+            if not (item.lasts(least_drop(candidate), least_t) and large):
                 kept.remove(joint)
                 base = rest
         best = max(gains, key=lambda name: gains[name], default="")
