@@ -150,7 +150,7 @@ def test_a_diagnosis_says_what_it_means(offset):
     assert "Torque offset" in found.summary
     assert NAMES[1] in found.summary
     assert "left out of the fit" in first.evidence
-    assert first.equivalent == ("coulomb_asymmetric",)
+    assert "coulomb_asymmetric" in first.equivalent
     assert 0 < first.error_after < first.error_before < 1
     assert first.error_drop == pytest.approx(1 - first.error_after / first.error_before)
     assert [c.rank for c in found.candidates] == list(range(1, len(found.candidates) + 1))
