@@ -13,7 +13,7 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.diagnosis import compare, diagnose
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, design_experiment
 from dynident.identification import IdentificationChoices, extend, identify, remove
@@ -260,6 +260,16 @@ def test_an_equivalent_effect_that_the_catalogue_does_not_hold_is_named_all_the_
     first = replace(DIAGNOSIS.candidates[0], equivalent=("unnamed_law", "presliding"))
     page = Page(html_report(MODEL, RUNS, diagnosis=replace(DIAGNOSIS, candidates=(first,))))
     assert "unnamed law, Presliding hysteresis" in page.text["diagnosis"]
+
+
+def test_every_finding_stands_beside_the_residual_that_it_explains() -> None:
+    described = [svg["aria-label"] or "" for svg in PAGE.all_of("svg")]
+    drawn = next(text for text in described if text.startswith("Mean residual"))
+    for item in DIAGNOSIS.candidates:
+        assert (f"{effect_by_id(item.effect).title} on {ROBOT.joint_names[0]}" in drawn) == item.significant
+    # Nothing to draw it from: the report goes without.
+    held_out = [one for one in RUNS if one.held_out]
+    assert "Mean residual" not in html_report(MODEL, held_out, diagnosis=DIAGNOSIS)
 
 
 @pytest.mark.slow

@@ -78,12 +78,13 @@ def sections_of(
     created: datetime,
 ) -> list[Section]:
     """The sections in their order; diagnosis and design only where there are any."""
+    learnt = [run.recording for run in runs if not run.held_out]
     return [
         summary_section(identification, runs, diagnosis),
         ladder_section(identification, diagnosis),
         errors_section(identification, runs, diagnosis),
         residuals_section(runs),
-        *([diagnosis_section(identification, diagnosis)] if diagnosis is not None else []),
+        *([diagnosis_section(identification, diagnosis, learnt)] if diagnosis is not None else []),
         parameters_section(identification),
         model_section(identification),
         robot_section(identification),

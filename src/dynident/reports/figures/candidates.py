@@ -32,6 +32,7 @@ def candidates_figure(candidates: Sequence[RankedEffect]) -> Markup:
             fontsize=8,
         )
     axes.set_yticks(places, [f"{item.rank}. {effect_by_id(item.effect).title}" for item in candidates])
+    axes.set_ylim(-0.6, len(candidates) - 0.4)
     axes.set_xlim(0, max(1.12 * max(drops), 1.0))
     panel_title(axes, "drop of the held-out error on its own joints (%); green and ✓: significant")
     axes.grid(False, axis="y")

@@ -14,9 +14,11 @@ from dynident.reports.figures.svg import PREDICTED, panel_title, panels, to_svg
 from dynident.robot.model import FloatArray
 
 _ROW = 1.55
-_ACROSS, _UP = 90, 45
-_MEANS = 40
+# Cells of the density and parts of the mean line at most; fewer where there are few rows.
+_ACROSS, _MEANS = 90, 40
+_ROWS_A_COLUMN, _ROWS_A_MEAN = 30, 25
 _FEWEST = 8
+_TICKS = 6
 
 
 def residual_figure(comparisons: Sequence[Comparison], joints: Sequence[int]) -> Markup:
@@ -47,7 +49,9 @@ def residual_figure(comparisons: Sequence[Comparison], joints: Sequence[int]) ->
 def _density(axes: Axes, x: FloatArray, y: FloatArray) -> None:
     low, high = _range(x)
     reach = max(float(np.quantile(np.abs(y), 0.998)) * 1.15, 1e-12)
-    counts, _, _ = np.histogram2d(x, np.clip(y, -reach, reach), (_ACROSS, _UP), ((low, high), (-reach, reach)))
+    across = int(np.clip(len(x) / _ROWS_A_COLUMN, 24, _ACROSS))
+    cells = (across, across // 2)
+    counts, _, _ = np.histogram2d(x, np.clip(y, -reach, reach), cells, ((low, high), (-reach, reach)))
     if counts.max() > 0:
         shown = np.ma.masked_less(counts.T, 1)
         axes.imshow(
@@ -65,6 +69,7 @@ def _density(axes: Axes, x: FloatArray, y: FloatArray) -> None:
     axes.plot(centres, means, color=PREDICTED, linewidth=1.4, zorder=3)
     axes.set_xlim(low, high)
     axes.set_ylim(-reach, reach)
+    axes.locator_params(axis="x", nbins=_TICKS)
 
 
 def _range(x: FloatArray) -> tuple[float, float]:
@@ -76,8 +81,9 @@ def _range(x: FloatArray) -> tuple[float, float]:
 
 def _means(x: FloatArray, y: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
     """Mean of y in equal parts of x, NaN where there are too few samples."""
-    which = np.clip(((x - low) / (high - low) * _MEANS).astype(np.intp), 0, _MEANS - 1)
-    counts = np.bincount(which, minlength=_MEANS)
-    sums = np.bincount(which, weights=y, minlength=_MEANS)
+    n = int(np.clip(len(x) / _ROWS_A_MEAN, _FEWEST, _MEANS))
+    which = np.clip(((x - low) / (high - low) * n).astype(np.intp), 0, n - 1)
+    counts = np.bincount(which, minlength=n)
+    sums = np.bincount(which, weights=y, minlength=n)
     means = np.where(counts >= _FEWEST, sums / np.maximum(counts, 1), np.nan)
-    return low + (np.arange(_MEANS) + 0.5) * (high - low) / _MEANS, means
+    return low + (np.arange(n) + 0.5) * (high - low) / n, means

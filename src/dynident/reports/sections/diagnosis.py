@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from dynident.diagnosis import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
+from dynident.diagnosis import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern, evidence
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification
+from dynident.recordings import Recording
 from dynident.reports.figures.candidates import candidates_figure
+from dynident.reports.figures.evidence import evidence_figure
 from dynident.reports.numbers import number, p_value, percent, span
 from dynident.reports.section import Section
 from dynident.reports.sections.summary import recommended_is_added
@@ -22,7 +24,7 @@ VERDICTS = {
     "missing_effect": "Something is missing, and it has a name",
     "unexplained": "Something is missing that no effect of the catalogue explains",
 }
-_MOST_SPOTS = 12
+_MOST_SPOTS, _MOST_BARS, _MOST_PANELS = 12, 12, 8
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ class DiagnosisContent:
     headline: str
     summary: str
     figure: Markup | None
+    evidence: Markup | None
     candidates: tuple[CandidateRow, ...]
     recommended: tuple[ChoiceText, ...]
     recommended_added: bool
@@ -87,14 +90,17 @@ class DiagnosisContent:
     next_experiment: NextExperiment | None
 
 
-def diagnosis_section(identification: Identification, diagnosis: Diagnosis) -> Section:
-    """What a diagnosis says."""
+def diagnosis_section(
+    identification: Identification, diagnosis: Diagnosis, recordings: Sequence[Recording] = ()
+) -> Section:
+    """What a diagnosis says; with what each finding explains of the residual in `recordings`."""
     robot = identification.model.robot
     content = DiagnosisContent(
         diagnosis.verdict,
         VERDICTS[diagnosis.verdict],
         diagnosis.summary,
-        candidates_figure(diagnosis.candidates) if diagnosis.candidates else None,
+        candidates_figure(diagnosis.candidates[:_MOST_BARS]) if diagnosis.candidates else None,
+        _evidence(identification, diagnosis, recordings),
         tuple(_candidate(item, robot) for item in diagnosis.candidates),
         tuple(_choice(choice, robot) for choice in diagnosis.recommended),
         recommended_is_added(identification, diagnosis),
@@ -104,6 +110,18 @@ def diagnosis_section(identification: Identification, diagnosis: Diagnosis) -> S
         diagnosis.next_experiment,
     )
     return Section("diagnosis", "Diagnosis", "diagnosis", content)
+
+
+def _evidence(identification: Identification, diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Markup | None:
+    """What the findings explain of the residual of the model that was diagnosed."""
+    findings = [item for item in diagnosis.candidates if item.significant]
+    if not findings or not recordings:
+        return None
+    found = {choice.effect for choice in diagnosis.recommended}
+    models = list(identification.ladder())
+    before = [m for m in models if not found & {choice.effect for choice in m.choices.effects}]
+    shown = evidence((before or models)[-1], findings, recordings)[:_MOST_PANELS]
+    return evidence_figure(shown, identification.model.robot) if shown else None
 
 
 def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
