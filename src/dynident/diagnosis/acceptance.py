@@ -26,7 +26,7 @@ _BLURRED, _DROP_OF_BLURRED = 0.2, 0.25
 # Times the smallest slip distance that is looked for.
 _HARDLY = 2.01
 # What each joint of a group needs for itself.
-_JOINT_DROP, _JOINT_DROP_OF_STICKING = 0.03, 0.2
+_JOINT_DROP, _JOINT_DROP_OF_STICKING = 0.03, 0.08
 JOINT_T = 2.0
 """t of the gain of a joint of a group."""
 LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5

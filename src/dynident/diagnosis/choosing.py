@@ -28,6 +28,8 @@ from dynident.effects import effect_by_id
 _TOO_MANY_NAMES, _DROP_IN_DOUBT = 2, 0.3
 # A group is one effect as long as its joints together would not gain so many times as much, each by itself.
 _ONE_BY_ONE = 1.3
+# Times the sensor's noise that a joint which only sticks does not remove.
+_MORE_THAN_STICKING = 2.0
 # A rival that gains so much of what the chosen effect does is told from it by this t of the difference.
 _NEARLY, _DECIDED = 0.8, 2.0
 
@@ -42,7 +44,9 @@ def choose(
         certain = _other_names(chosen, equal) < _TOO_MANY_NAMES or chosen.drop >= _DROP_IN_DOUBT
         if certain and plausible(data, pool, state.base, state.noise, chosen):
             slim = without_idle_joints(data, pool, state, chosen, judged)
-            if slim is chosen or acceptable(state, data.counts, slim, len(judged)):
+            # A single joint that is left of a group has to stand by itself.
+            whole = slim is chosen or len(slim.candidate.joints) > 1
+            if whole or acceptable(state, data.counts, slim, len(judged)):
                 return slim, equal + _rivals(slim, judged, equal)
         passing = [item for item in passing if item is not chosen]
     return None
@@ -101,9 +105,10 @@ def without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judged
     alone = {} if hardly_resolved(chosen.candidate) else _best_alone(effect.id, judged)
     keep = []
     for name in chosen.candidate.joints:
-        if name in alone and may_be_sticking(alone[name]):
-            continue
         j = pool.observation.robot.joint_names.index(name)
+        little = gain_over_floor(chosen, j, state.floor, data.counts) < _MORE_THAN_STICKING
+        if little and name in alone and may_be_sticking(alone[name]):
+            continue
         gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
         spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
         share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)

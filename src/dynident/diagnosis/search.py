@@ -14,6 +14,8 @@ from dynident.diagnosis.words import Finding
 from dynident.effects import effect_by_id
 from dynident.progress import Progress
 
+_FEW_WAVES = 6.0
+
 Relearn = Callable[[Sequence[Finding]], Products]
 """Products of the same columns, with the torque predicted by the model with these findings in it."""
 
@@ -54,7 +56,7 @@ def _superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str])
     """
     if candidate.columns == chosen.columns:
         return True
-    if candidate.effect in effect_by_id(chosen.effect).covers:
+    if candidate.effect in effect_by_id(chosen.effect).covers and _slow(candidate):
         return set(candidate.joints) <= set(reached)
     if candidate.effect != chosen.effect:
         return False
@@ -62,6 +64,13 @@ def _superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str])
         same = candidate.joints == chosen.joints and candidate.shape == chosen.shape
         return same and (not chosen.runs or candidate.runs == chosen.runs)
     return not candidate.joints or bool(set(candidate.joints) & set(chosen.joints))
+
+
+def _slow(candidate: Candidate) -> bool:
+    """Whether a function of the position has so few waves that a polynomial says much the same."""
+    if effect_by_id(candidate.effect).proposal != "angle_spectrum":
+        return True
+    return max(value for _, value in candidate.shape) < _FEW_WAVES
 
 
 def _around(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,7 +44,8 @@ def rank_all(
         why = f"It is what leaves {effect_by_id(choice.effect).signature}."
         if twins:
             why += f" This data cannot tell it from: {', '.join(twins)}."
-        ranked.append(_ranked(len(ranked) + 1, finding.judged, finding.p, choice.shape, why, twins))
+        item = _narrowed(finding.judged, choice)
+        ranked.append(_ranked(len(ranked) + 1, item, finding.p, choice.shape, why, twins))
     picked = {choice.effect for choice in recommended}
     best: dict[str, Judged] = {}
     for item in first:
@@ -57,6 +58,17 @@ def rank_all(
         why = "What ranks above it explains the same part of the residual." if passed else "That is not enough."
         ranked.append(_ranked(len(ranked) + 1, item, p_value(item, len(first)), item.candidate.shape, why, None))
     return tuple(ranked)
+
+
+def _narrowed(item: Judged, choice: EffectChoice) -> Judged:
+    """A finding on those joints that are recommended in the end: of a group, some may have dropped out."""
+    candidate = item.candidate
+    if candidate.joints == choice.joints:
+        return item
+    kept = item.joints
+    if len(kept) == len(candidate.joints):
+        kept = tuple(j for j, name in zip(kept, candidate.joints, strict=True) if name in choice.joints)
+    return replace(item, joints=kept, candidate=replace(candidate, joints=choice.joints))
 
 
 def _ranked(
