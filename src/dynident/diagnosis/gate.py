@@ -20,7 +20,7 @@ LARGEST_P = 5e-4
 """p of the t of the drop over the stretches of time (3.5 at fifty of them, 3.9 at twenty); calibrated on columns
 shifted in time, which explain nothing."""
 
-_CONSISTENT = ((2.0, 3e-4), (1.5, 3e-5), (1.0, 1e-6))
+_CONSISTENT = ((2.0, 2e-4), (1.5, 3e-5), (1.0, 1e-6))
 """Smaller t that suffice where the amplitudes agree between stretches: least t, largest corrected p of that.
 
 An effect that shows in few stretches (a friction peak at reversals) gains unevenly, so its t is small although every
