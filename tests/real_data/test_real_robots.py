@@ -152,7 +152,7 @@ def test_an_airbot_play_is_predicted_and_its_poor_motion_is_warned_of(read):
     assert any("condition number" in warning for warning in plain.warnings)
     assert any("poorly identified" in warning for warning in plain.warnings)
     found = diagnose(plain, [training])
-    assert held_out(extend(plain, found.recommended, [training], [validation])) < 0.9 * held_out(plain)
+    assert held_out(extend(plain, found.recommended, [training], [validation])) < 0.95 * held_out(plain)
 
 
 def test_a_kr300_whose_motion_is_too_small_is_warned_of_and_gets_no_invented_effects(read):

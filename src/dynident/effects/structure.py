@@ -116,13 +116,12 @@ class BaseTilt(Effect):
         """
         directions = across(signals.robot.gravity)
         torques = [signals.predicted.gravity_torque(direction) for direction in directions]
-        first = signals.robot.joints[0]
-        if first.kind == "revolute":
-            for wave in (ca.cos(signals.q[0]), ca.sin(signals.q[0])):
-                rows = ca.SX(signals.robot.n, 1)
+        for wave in (ca.cos(signals.q[0]), ca.sin(signals.q[0])):
+            rows = ca.SX(signals.robot.n, 1)
+            if signals.robot.joints[0].kind == "revolute":
                 rows[0] = wave
-                torques.append(rows)
-        return [self._robot_column(spec, torque) for spec, torque in zip(self.parameters, torques, strict=False)]
+            torques.append(rows)
+        return [self._robot_column(spec, torque) for spec, torque in zip(self.parameters, torques, strict=True)]
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
         """Nowhere without gravity."""
