@@ -51,6 +51,4 @@ def _panel(axes: Axes, one: Evidence, effort: str) -> None:
     axes.axhline(0, color="#777777", linewidth=0.6)
     axes.set_xlabel(f"{one.variable} ({one.unit})", fontsize=8)
     title = effect_by_id(one.effect).title
-    panel_title(
-        axes, f"{shortened(one.joint)} ({effort}), {title}: {percent(one.explained, 2)} of the residual's squares"
-    )
+    panel_title(axes, f"{shortened(one.joint)} ({effort}), {title}: explains {percent(one.explained, 2)}")

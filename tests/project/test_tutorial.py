@@ -1,0 +1,44 @@
+"""The tutorial holds: its commands and its Python run as they stand, and tell what the text says they tell."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+TEXT = (DOCS / "tutorial.md").read_text(encoding="utf-8")
+FIGURES = runpy.run_path(str(DOCS / "figures.py"))
+
+
+def test_every_figure_is_drawn_by_the_script_and_every_one_drawn_is_shown() -> None:
+    shown = re.findall(r"\]\(figures/(\w+)\.svg\)", TEXT)
+    drawn = re.findall(r'^\s+"(\w+)": \w+\(', (DOCS / "figures.py").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(shown) == sorted(drawn)
+    assert sorted(shown) == sorted(path.stem for path in (DOCS / "figures").glob("*.svg"))
+
+
+@pytest.mark.slow
+def test_the_commands_find_the_spring_and_the_next_experiment_decides(tmp_path: Path) -> None:
+    FIGURES["run"](tmp_path)
+    told = " ".join((tmp_path / "told.txt").read_text(encoding="utf-8").split())
+    assert told.count("The model lacks: Gravity compensating spring on shoulder_lift_joint") == 2
+    assert "Joint spring does not survive held-out data" in told
+    assert told.count("This data cannot tell it from") == 1
+    held_out = r" [\d.]+ % ([\d.]+) %"
+    first = re.search(f"1 first model{held_out}", told)
+    better = re.search(f"2 Gravity compensating spring on shoulder_lift_joint{held_out}", told)
+    assert first is not None
+    assert better is not None
+    assert float(better[1]) < 0.25 * float(first[1])
+    figures = FIGURES["draw"](tmp_path)
+    assert all(figure.startswith("<svg") for figure in figures.values())
+    python = re.findall(r"^```python\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)[0]
+    ended = subprocess.run([sys.executable, "-c", python], cwd=tmp_path, capture_output=True, text=True, timeout=200)
+    assert ended.returncode == 0, ended.stderr
+    assert "Gravity compensating spring on shoulder_lift_joint" in ended.stdout
+    assert "slow_sweep" in ended.stdout
