@@ -1,15 +1,40 @@
-"""Print the table of effects in README.md, from the catalogue: `python docs/effects_table.py`."""
+"""Write what the catalogue says into README.md (the table) and docs/effects.md: `python docs/effects_table.py`."""
 
 from __future__ import annotations
 
-from dynident.effects import CATALOGUE, Effect
+import inspect
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from dynident.effects import CATALOGUE, Effect, ShapeSpec
+from dynident.robot import robot_from_library
+
+HERE = Path(__file__).resolve().parent
+ROBOT = robot_from_library("ur10")
+WHEN = {
+    "angle_spectrum": "where the residual has a line in its spectrum over the joint's position",
+    "time_spectrum": "where the residual has a line in its spectrum over time that the motion has not",
+    "burst": "where a stretch of time is far above the rest",
+}
+INTRODUCTION = """\
+# The catalogue of effects
+
+What can be identified, diagnosed, designed for and simulated. Each effect is one definition, linear in its parameters
+once its shape constants stand; `dynident effects` and `GET /v1/effects` say the same for programs. Symbols are those of
+[Concepts](concepts.md): $q$ the position of a joint, $\\hat\\tau_l$ the torque of the links on it as the model predicts
+it, $\\hat\\Gamma$ all of its predicted torque, $z$ a state that remembers. Units are those of a revolute joint. The
+shape constants that a diagnosis tries are those of a joint of the UR10; the best of them is refined.
+
+`rigid_body`, `rotor_inertia`, `coulomb` and `viscous` are in every model by default. You can add [an effect of your
+own](own-effects.md).
+"""
 
 
 def row(effect: Effect) -> str:
     """One effect as a row of a Markdown table."""
-    formula = effect.formula.replace("|", r"\vert ")
     parameters = ", ".join(f"{spec.name} [{spec.unit}]" for spec in effect.parameters)
-    return f"| `{effect.id}` | ${formula}$ | {parameters} | {effect.signature} |"
+    return f"| `{effect.id}` | ${_formula(effect)}$ | {parameters} | {effect.signature} |"
 
 
 def table() -> str:
@@ -18,5 +43,77 @@ def table() -> str:
     return "\n".join([head, *(row(effect) for effect in CATALOGUE.values())])
 
 
+def page() -> str:
+    """The page of the catalogue."""
+    return "\n".join([INTRODUCTION, *(section(effect) for effect in CATALOGUE.values())])
+
+
+def section(effect: Effect) -> str:
+    """One effect as a section."""
+    parameters = "; ".join(f"{spec.name} [{spec.unit}], {spec.description}" for spec in effect.parameters)
+    lines = [
+        f"- **parameters**: {parameters}",
+        *(f"- **shape constant**: {_shape(effect, spec)}" for spec in effect.shapes),
+        f"- **without it**: {effect.signature}",
+        f"- **easily confused with**: {_names(effect.confused_with)}" if effect.confused_with else "",
+        f"- **the same function as**: {_names(effect.same_function)}; no data can tell them apart"
+        if effect.same_function
+        else "",
+        f"- **tried**: {_tried(effect)}",
+        f"- **sources**: {'; '.join(effect.sources)}",
+    ]
+    told = " ".join(inspect.cleandoc(type(effect).__doc__ or "").split("\n\n")[0].split())
+    listed = "\n".join(line for line in lines if line)
+    return f"## {effect.title}: `{effect.id}`\n\n{told}\n\n$${effect.formula}$$\n\n{listed}\n"
+
+
+def _formula(effect: Effect) -> str:
+    return effect.formula.replace("|", r"\vert ")
+
+
+def _names(identifiers: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in identifiers)
+
+
+def _shape(effect: Effect, spec: ShapeSpec) -> str:
+    unit = "" if spec.unit == "-" else f" {spec.unit}"
+    joints = effect.applicable(ROBOT)
+    if spec.proposal != "grid" or not joints:
+        return f"{spec.name}, {spec.description}"
+    tried = sorted({round(given[spec.name], 6) for given in effect.grid(ROBOT, joints[0]) if spec.name in given})
+    values = [f"{float(f'{value:.3g}'):g}" for value in tried]
+    told = f"{spec.name}, {spec.description}"
+    if len(tried) == 1:
+        return f"{told}: {values[0]}{unit}"
+    if len(tried) <= 4:
+        return f"{told}: {', '.join(values)}{unit} tried"
+    return f"{told}: {len(tried)} values from {values[0]} to {values[-1]}{unit} tried"
+
+
+def _tried(effect: Effect) -> str:
+    if effect.id in ("rigid_body", "rotor_inertia"):
+        return "never; every model has it"
+    if effect.in_some_runs:
+        return "for every run and for the first and last few, where there are several"
+    where = "on the whole robot" if effect.scope == "robot" else "joint by joint"
+    if effect.is_friction and effect.scope == "joint":
+        where += " and on all joints at once"
+    conditions = [WHEN[effect.proposal]] if effect.proposal in WHEN else []
+    if effect.needs_temperature:
+        conditions.append("where temperatures were recorded")
+    if effect.needs_session:
+        conditions.append("where the clock runs on through a session of two minutes or more")
+    return ", ".join([where, *conditions])
+
+
+def write() -> None:
+    """Write both."""
+    readme = HERE.parent / "README.md"
+    text = readme.read_text(encoding="utf-8")
+    marked = re.compile(r"(<!-- python docs/effects_table.py -->\n).*?(\n<!-- end of the table -->)", re.DOTALL)
+    readme.write_text(marked.sub(lambda found: f"{found[1]}{table()}{found[2]}", text), encoding="utf-8")
+    (HERE / "effects.md").write_text(page(), encoding="utf-8")
+
+
 if __name__ == "__main__":
-    print(table())
+    write()

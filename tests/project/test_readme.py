@@ -23,7 +23,12 @@ PROGRAMS = Path(sys.executable).parent
 
 def test_the_table_of_effects_is_that_of_the_catalogue() -> None:
     table = runpy.run_path(str(ROOT / "docs" / "effects_table.py"))["table"]()
-    assert f"\n{table}\n" in README, "put the output of `python docs/effects_table.py` into README.md"
+    assert f"\n{table}\n" in README, "run `python docs/effects_table.py`"
+
+
+def test_the_page_of_effects_is_that_of_the_catalogue() -> None:
+    page = runpy.run_path(str(ROOT / "docs" / "effects_table.py"))["page"]()
+    assert page == (ROOT / "docs" / "effects.md").read_text(encoding="utf-8"), "run `python docs/effects_table.py`"
 
 
 @pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md", *(f"docs/{p.name}" for p in ROOT.glob("docs/*.md"))])
