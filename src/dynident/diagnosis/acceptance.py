@@ -46,6 +46,9 @@ def acceptable(state: State, counts: FloatArray, item: Judged, n_tried: int) -> 
     }
     if resolved and beside & set(effect.confused_with) and item.total_drop < SMALLEST_DROP_OF_STICKING:
         return False
+    # Every sensitivity is a smooth function of the posture: agreement alone says little for one.
+    if effect.first_order and not item.passes_by_t:
+        return False
     if effect.first_order and item.separability < _BLURRED and item.drop < _DROP_OF_BLURRED:
         return False
     return not may_be_sticking(item)

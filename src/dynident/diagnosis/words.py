@@ -41,7 +41,7 @@ def rank_all(
     for finding, choice in zip(picks, recommended, strict=True):
         others = {item.candidate.effect for item in finding.equal} - {choice.effect}
         twins = tuple(sorted(others | set(effect_by_id(choice.effect).same_function)))
-        why = f"It is what leaves {effect_by_id(choice.effect).signature}."
+        why = f"Its mark in a residual: {effect_by_id(choice.effect).signature}."
         if twins:
             why += f" This data cannot tell it from: {', '.join(twins)}."
         item = _narrowed(finding.judged, choice)
