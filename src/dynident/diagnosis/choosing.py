@@ -31,7 +31,7 @@ _ONE_BY_ONE = 1.3
 # Times the sensor's noise that a joint which only sticks does not remove.
 _MORE_THAN_STICKING = 2.0
 # A rival that gains so much of what the chosen effect does is told from it by this t of the difference.
-_NEARLY, _DECIDED = 0.8, 2.0
+_NEARLY, _DECIDED = 0.97, 1.5
 
 
 def choose(
