@@ -128,8 +128,8 @@ def gravity_compensator(site: Site) -> Placed:
     share = site.sized(0.25, 0.5)
     a, b, length = site.between(0.25, 0.4), site.between(0.15, 0.25), site.between(0.1, 0.2)
     x = np.linspace(0, np.pi, 50)
-    l = np.sqrt(a**2 + b**2 + 2 * a * b * np.cos(x))  # noqa: E741
-    largest = np.max(np.abs(a * b * np.sin(x) * (l - length) / l))
+    spring = np.sqrt(a**2 + b**2 + 2 * a * b * np.cos(x))
+    largest = np.max(np.abs(a * b * np.sin(x) * (spring - length) / spring))
     stiffness = share * as_float(site.load[1]) / float(largest)
     low, high = site.robot.joints[1].limits.position or (-3.0, 3.0)
     opposite = (low + high) / 2 + site.between(-0.8, 0.8)

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 from oracles import FloatArray, Motion, arm, fourier_motion, pinocchio_torque, record
 
+from dynident.diagnosis import Comparison, compare
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording
@@ -101,11 +102,15 @@ def nothing(motion: Motion, load: FloatArray) -> FloatArray:
     return np.zeros_like(load)
 
 
+def drives(motion: Motion) -> FloatArray:
+    """Friction and rotor inertia (m, n) that every recording has."""
+    return 0.04 * EFFORT * np.sign(motion.dq) + 0.03 * EFFORT * motion.dq + 0.002 * EFFORT * motion.ddq
+
+
 def recorded(motion: Motion, hidden: Hidden, seed: int, name: str) -> Recording:
     load = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
-    plain = 0.04 * EFFORT * np.sign(motion.dq) + 0.03 * EFFORT * motion.dq + 0.002 * EFFORT * motion.ddq
     noise = NOISE * np.random.default_rng(seed).normal(size=load.shape)
-    return record(ROBOT, motion, load + plain + hidden(motion, load) + noise, name)
+    return record(ROBOT, motion, load + drives(motion) + hidden(motion, load) + noise, name)
 
 
 @dataclass(frozen=True)
@@ -131,3 +136,10 @@ def floor(seed: int = 0) -> FloatArray:
     clean = experiment(seed=seed).identification.held_out
     assert clean is not None
     return clean.rms
+
+
+@cache
+def compared() -> Comparison:
+    """A clean recording beside the plain model."""
+    run = experiment()
+    return compare(run.identification, run.training)

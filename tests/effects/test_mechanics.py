@@ -154,24 +154,6 @@ def test_lagranges_equations_of_the_energy_rows_are_the_rows_of_the_dynamic_mode
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_gravity_rows_are_what_a_change_of_gravity_does_to_pinocchios_regressor(name):
-    robot = arm(name)
-    direction = np.array([0.3, -0.8, 0.5])
-    model = to_pinocchio(robot)
-    data = model.createData()
-    signals = Signals(robot)
-    function = ca.Function("g", [signals.q], [ca.densify(signals.mechanics.gravity_rows(direction))])
-    order = (10 * np.arange(robot.n)[:, None] + FROM_PINOCCHIO).reshape(-1)
-    rest = np.zeros(robot.n)
-    for q in random_states(robot, 5, 7)[0]:
-        model.gravity.linear = robot.gravity + direction
-        tilted = np.array(pin.computeJointTorqueRegressor(model, data, q, rest, rest))[:, order]
-        model.gravity.linear = robot.gravity
-        level = np.array(pin.computeJointTorqueRegressor(model, data, q, rest, rest))[:, order]
-        np.testing.assert_allclose(np.array(function(q)), tilted - level, atol=1e-10)
-
-
-@pytest.mark.parametrize("name", ARMS)
 def test_a_joint_has_entries_only_for_the_links_it_moves(name):
     robot = arm(name)
     rows = Signals(robot).mechanics.rows

@@ -1,14 +1,17 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import uvicorn
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS, wait_for
 
+from dynident_client import Client
 from dynident_service.app import create_app
 from dynident_service.services import Services
 from dynident_service.settings import Settings
@@ -87,3 +90,18 @@ def robot(client: TestClient) -> dict[str, Any]:
 def _ended(services: Services, job_id: str) -> Any:
     job = services.ledger.get(job_id)
     return job if job.state in ("succeeded", "failed", "cancelled") else None
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    """A client of a service that listens on a port of its own."""
+    settings = Settings(data_dir=tmp_path_factory.mktemp("live"), workers=2)
+    server = uvicorn.Server(uvicorn.Config(create_app(settings), port=0, log_level="warning"))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    wait_for(lambda: server.started)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    with Client(f"http://127.0.0.1:{port}") as client:
+        yield client
+    server.should_exit = True
+    thread.join()

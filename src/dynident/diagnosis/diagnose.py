@@ -114,10 +114,9 @@ def diagnose(
 def _start(data: Products, pool: Pool, identification: Identification, floor: FloatArray) -> State:
     """The model as it is, with the contacts that disturb it taken out of the way."""
     base, noise = tuple(range(pool.n_base)), identification.statistics.noise
-    contacts = find_contacts(data, pool, base, noise, identification.preprocessing.torque_cutoff or _BAND)
-    picks = tuple(Finding(judged, (), p) for judged, p in zip(contacts.found, contacts.p_values, strict=True))
+    picks = find_contacts(data, pool, base, noise, identification.preprocessing.torque_cutoff or _BAND)
     for finding in picks:
-        base += finding.judged.candidate.columns
+        base += finding.columns
     return State(base, noise_left(data, base) if picks else noise, floor, picks)
 
 

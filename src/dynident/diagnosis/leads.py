@@ -63,9 +63,7 @@ def session_length(recordings: Sequence[Recording]) -> float:
 
 def run_groups(recordings: Sequence[Recording]) -> list[tuple[str, ...]]:
     """Sets of runs that something may have been attached in: those that say so, single ones, the first or last few."""
-    labels: list[str] = []
-    for recording in recordings:
-        labels += [label for k in range(len(recording.segments)) if (label := recording.run_label(k)) not in labels]
+    labels = list(dict.fromkeys(label for recording in recordings for label in recording.run_labels))
     groups: list[tuple[str, ...]] = []
     if any(recording.payload is not None for recording in recordings):
         groups.append(())

@@ -6,8 +6,6 @@ the residual of all joints at all times of the stretch, as noise or a missing fu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import stats
 
@@ -15,21 +13,16 @@ from dynident.diagnosis.candidates import Candidate, Pool
 from dynident.diagnosis.gate import Judged
 from dynident.diagnosis.products import Products
 from dynident.diagnosis.scoring import fitted_errors
+from dynident.diagnosis.words import Finding
 from dynident.robot.model import FloatArray
 
 CONTACT = "external_contact"
 _EXPLAINED, _LARGEST_P = 0.7, 1e-6
 
 
-@dataclass(frozen=True)
-class Transients:
-    """Contacts that were found, as scored, with the p of each."""
-
-    found: tuple[Judged, ...]
-    p_values: tuple[float, ...]
-
-
-def find_contacts(data: Products, pool: Pool, base: tuple[int, ...], noise: FloatArray, band: float) -> Transients:
+def find_contacts(
+    data: Products, pool: Pool, base: tuple[int, ...], noise: FloatArray, band: float
+) -> tuple[Finding, ...]:
     """Try every burst as a contact.
 
     Parameters
@@ -40,30 +33,25 @@ def find_contacts(data: Products, pool: Pool, base: tuple[int, ...], noise: Floa
         Hz: twice as many independent samples a second come out of the filter.
     """
     tried = [candidate for candidate in pool.candidates if candidate.effect == CONTACT]
-    found: list[Judged] = []
-    p_values: list[float] = []
+    found: list[Finding] = []
     columns = base
     for candidate in tried:
         window = dict(candidate.shape)
-        duration = window["t1"] - window["t0"]
-        judged, p = _tried(data, columns, candidate, noise, 2 * band * duration)
+        judged, p = _tried(data, columns, candidate, noise, 2 * band * (window["t1"] - window["t0"]))
         if judged.drop >= _EXPLAINED and p * len(tried) <= _LARGEST_P:
-            found.append(judged)
-            p_values.append(min(1.0, p * len(tried)))
+            found.append(Finding(judged, (), p * len(tried)))
             columns = columns + candidate.columns
-    return Transients(tuple(found), tuple(p_values))
+    return tuple(found)
 
 
 def _tried(
     data: Products, base: tuple[int, ...], candidate: Candidate, noise: FloatArray, independent: float
 ) -> tuple[Judged, float]:
     before, after, separability, amplitudes = fitted_errors(data, np.array(base, dtype=np.intp), candidate, noise)
-    here = np.flatnonzero(((before - after) / noise**2).sum(axis=1) > 0)
-    # Only the stretches that the contact is in can gain; the others would dilute what it explains.
-    touched = here[np.argsort(-((before - after) / noise**2)[here].sum(axis=1))][: max(1, int(independent))]
     gains = ((before - after) / noise**2).sum(axis=1)
     whole = (before / noise**2).sum(axis=1)
-    strong = touched[gains[touched] > 0.1 * gains[touched].max(initial=0.0)] if len(touched) else touched
+    # Only the stretches that the contact is in gain; the others would dilute what it explains.
+    strong = np.flatnonzero(gains > max(0.1 * float(gains.max(initial=0.0)), 0.0))
     usual = float(np.median(whole))
     excess = float((whole[strong] - usual).sum())
     drop = float(gains[strong].sum()) / excess if excess > 0 else 0.0

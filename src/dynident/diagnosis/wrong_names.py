@@ -15,6 +15,7 @@ from dynident.effects import EffectChoice, effect_by_id
 _LEFT_OVER = 0.12
 """Share of what an effect removed that may be left as the same kind of function: more, and it is another function."""
 
+_KINDS = ("position", "other_joints")
 _MUCH_LEFT_OVER = 1.5
 """The same for any effect of one joint and any variable: what is left is larger than what the effect explained."""
 
@@ -41,20 +42,12 @@ def misnamed(
         if not of_position and len(choice.joints) != 1:
             continue
         least, kinds = (_LEFT_OVER, _KINDS) if of_position else (_MUCH_LEFT_OVER, get_args(Variable))
-        for j in judged.joints:
+        # An effect across two joints has one name and acts on both.
+        here = [j for j in judged.joints if names[j] in choice.joints or (of_position and len(choice.joints) == 1)]
+        for j in here:
             removed = float((judged.before - judged.after)[:, j].sum())
             left = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in kinds]
-            if left and max(left) > least * removed and names[j] in (*choice.joints, *_next(names, choice)):
+            if left and max(left) > least * removed:
                 wrong.append(number)
                 break
     return wrong
-
-
-_KINDS = ("position", "other_joints")
-
-
-def _next(names: Sequence[str], choice: EffectChoice) -> tuple[str, ...]:
-    """The joint after that of an effect across two joints."""
-    if choice.effect != "cable_force":
-        return ()
-    return tuple(names[names.index(joint) + 1] for joint in choice.joints)

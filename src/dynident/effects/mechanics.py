@@ -209,8 +209,3 @@ class Mechanics:
     def energies(self) -> tuple[ca.SX, ca.SX]:
         """(SX (1, 10 n), SX (1, 10 n)): kinetic and potential energy rows, [12.33] and [12.34]."""
         return energy_rows(self.robot, self.q, self.dq, self.gravity)
-
-    def gravity_rows(self, direction: FloatArray) -> ca.SX:
-        """SX (n, 10 n): what one m/s² of gravity along `direction` (3,) adds to the rows."""
-        zero = ca.SX(self.robot.n, 1)
-        return dynamic_rows(self.robot, self.q, zero, zero, ca.SX(ca.DM(direction)))

@@ -61,6 +61,7 @@ def identify(
     choices = choices or IdentificationChoices()
     _check_recordings(robot, recordings, validation)
     _check_temperature(choices.effects, recordings, validation)
+    _check_runs(choices.effects, recordings)
     preprocessing = choices.preprocessing or choose_preprocessing(recordings)
     check_shapes_given(choices.effects)
     choices, reference = _prepared(robot, recordings, preprocessing, choices, part(progress, 0.0, 0.5))
@@ -89,6 +90,7 @@ def extend(
     check_shapes_given(new)
     _check_recordings(identification.model.robot, recordings, validation)
     _check_temperature(new, recordings, validation)
+    _check_runs(new, recordings)
     new = complete_shapes(
         identification.model,
         new,
@@ -257,6 +259,28 @@ def _check_temperature(
                 f"temperature2, …. Record them, or choose warm_up_friction, which needs the time of the session alone",
                 pointer=f"/effects/{index}",
                 title="Temperature needed",
+            )
+
+
+def _check_runs(effects: Sequence[EffectChoice], recordings: Sequence[Recording]) -> None:
+    """Raise where an effect is limited to runs that there are not, or needs to be limited and is not."""
+    labels = dict.fromkeys(label for recording in recordings for label in recording.run_labels)
+    known = {*labels, *(recording.name for recording in recordings)}
+    for index, choice in enumerate(effects):
+        strangers = [run for run in choice.runs if run not in known]
+        if strangers:
+            raise DynidentError(
+                f"{choice.effect} is said to be in {', '.join(strangers)}; the runs are: {', '.join(labels)}",
+                pointer=f"/effects/{index}/runs",
+                title="Unknown run",
+            )
+        stated = any(recording.payload is not None for recording in recordings)
+        if effect_by_id(choice.effect, f"/effects/{index}").in_some_runs and not choice.runs and not stated:
+            raise DynidentError(
+                f"{choice.effect} has to be in some of the runs: name them (runs), out of {', '.join(labels)}, or "
+                "state the payload in the metadata of the measurements that have one",
+                pointer=f"/effects/{index}/runs",
+                title="Runs needed",
             )
 
 

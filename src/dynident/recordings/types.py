@@ -190,6 +190,11 @@ class Recording:
         several = len({item.label for item in self.segments}) > 1
         return f"{self.name}#{self.segments[segment].label}" if several else self.name
 
+    @property
+    def run_labels(self) -> tuple[str, ...]:
+        """What its runs are called, each once."""
+        return tuple(dict.fromkeys(self.run_label(k) for k in range(len(self.segments))))
+
     def with_windows(self, windows: Windows) -> Recording:
         """Give the same recording with other seconds of t to use."""
         return replace(self, windows=windows)

@@ -58,7 +58,7 @@ class Sensing:
         )
         late = [one for one in mine if one.effect == _LATE]
         others = [one for one in mine if one.effect != _LATE]
-        delay = sum(value for one in late for _, value in one.values)
+        delay = sum(dict(one.values).get("delay", 0.0) for one in late)
         reference = true_reference(robot, effects, inertias)
         added = _added(signals, others, reference) if others else None
         return cls(robot, tuple(others), delay, added, signals)
