@@ -49,7 +49,7 @@ def main() -> None:
     reducing = time.perf_counter() - start
     base = np.arange(pool.n_base, dtype=np.intp)
     start = time.perf_counter()
-    before, scores = score_candidates(data, base, pool.candidates, model.statistics.noise, "interleaved")
+    before, scores = score_candidates(data, base, pool.candidates, model.noise, "interleaved")
     scoring = time.perf_counter() - start
     ours = {score.candidate: float(score.after.sum()) / float(before.sum()) for score in scores}
 
@@ -86,7 +86,7 @@ def refitted(
 ) -> tuple[float, float]:
     """Seconds a candidate, and how far the held-out errors are from ours, relative to the error."""
     w, y, stretch = rows_of(pool, recording, model)
-    noise = model.statistics.noise
+    noise = model.noise
     base = tuple(range(pool.n_base))
     plain = held_out(w[:, :, base] / noise[:, None], y / noise, stretch) * noise
     seconds, worst = 0.0, 0.0

@@ -13,7 +13,9 @@ from dynident.estimation import (
     FactorAccumulator,
     Reduction,
     concatenate,
+    condition_number,
     errors,
+    known_values,
     noise_levels,
     ordinary,
     solve,
@@ -67,7 +69,42 @@ def test_ordinary_least_squares_is_numpys():
     np.testing.assert_allclose(solution.values, expected, rtol=1e-10)
     np.testing.assert_allclose(solution.normal_inverse, np.linalg.inv(w.T @ w), rtol=1e-8)
     np.testing.assert_allclose(solution.scales, np.linalg.norm(w, axis=0), rtol=1e-12)
-    assert solution.condition_number == pytest.approx(np.linalg.cond(w), rel=1e-10)
+    assert condition_number(data.reduction()) == pytest.approx(np.linalg.cond(w), rel=1e-10)
+
+
+def test_what_is_known_beforehand_counts_as_rows_of_its_own():
+    data = Rows()
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(2, 2))
+    covariance, values = root @ root.T + 0.1 * np.eye(2), np.array([0.3, -2.0])
+    known = known_values(values, covariance, np.array([1, 4]), N_PARAMETERS)
+    w, y = data.dense(noise=SIGMA)
+    picked = np.zeros((2, N_PARAMETERS))
+    picked[[0, 1], [1, 4]] = 1.0
+    precision = np.linalg.inv(covariance)
+    expected = np.linalg.solve(w.T @ w + picked.T @ precision @ picked, w.T @ y + picked.T @ precision @ values)
+    np.testing.assert_allclose(solve(data.reduction(), SIGMA, known).values, expected, rtol=1e-8)
+
+
+def test_a_value_known_for_certain_stays_what_it_is_and_a_vague_one_changes_nothing():
+    reduction = Rows().reduction()
+    certain = known_values(np.array([3.0]), np.zeros((1, 1)), np.array([2]), N_PARAMETERS)
+    assert weighted(reduction, certain).values[2] == pytest.approx(3.0, abs=1e-6)
+    vague = known_values(np.array([3.0]), np.full((1, 1), 1e16), np.array([2]), N_PARAMETERS)
+    for estimator in (ordinary, weighted):
+        np.testing.assert_allclose(
+            estimator(reduction, vague).values, estimator(reduction).values, rtol=0.02, atol=0.02
+        )
+
+
+def test_the_covariance_counts_what_was_known_once():
+    data = Rows(sigma=np.array([1.0, 1.0, 1.0]), m=4000)
+    reduction = data.reduction(stretch=2.0)
+    known = known_values(data.truth[:1], np.full((1, 1), 1e-8), np.array([0]), N_PARAMETERS)
+    solution = weighted(reduction, known)
+    found = statistics(reduction, solution)
+    assert found.standard_deviations[0] == pytest.approx(1e-4, rel=0.05)
+    assert np.all(found.standard_deviations <= 1.1 * statistics(reduction, weighted(reduction)).standard_deviations)
 
 
 @settings(max_examples=30, deadline=None)

@@ -18,7 +18,6 @@ from dynident.robot import Robot
 from dynident_service.adapters.effects import choices_of, show_choice
 from dynident_service.models import identifications as wire
 from dynident_service.models.common import EffectChoice as WireEffect
-from dynident_service.problems import unusable
 
 
 def choices_from_request(
@@ -28,13 +27,14 @@ def choices_from_request(
 
     The preprocessing is left to the data where there are no recordings to choose it from.
     """
-    if request.prior is not None:
-        raise unusable("a prior is not available in this version; leave it out", "/prior")
     choices = IdentificationChoices(
         effects=choices_of(request.effects),
         model=request.model,
         strategy=request.strategy,
         estimator=request.estimator,
+        steps=request.steps,
+        prior=request.prior,
+        pole=request.pole,
         preprocessing=_preprocessing(request, recordings) if recordings else None,
     )
     check_effects(choices.effects, robot)
@@ -69,7 +69,7 @@ def describe_identification(found: Identification, parent_id: str | None) -> wir
             )
             for one in found.parameters
         ],
-        residual=show_errors(found.fit, found.statistics.noise),
+        residual=show_errors(found.fit, found.noise),
         validation=None if found.held_out is None else show_errors(found.held_out),
         condition_number=finite(found.condition_number),
         n_equations=found.n_equations,

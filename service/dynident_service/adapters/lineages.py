@@ -77,7 +77,7 @@ def rungs_of(found: Identification, name: str, beside: tuple[Identification, str
             removed=[show_choice(one) for one in model.removed],
             effects=[show_choice(one) for one in model.choices.effects],
             n_parameters=model.model.n_parameters,
-            residual=show_errors(model.fit, model.statistics.noise),
+            residual=show_errors(model.fit, model.noise),
             validation=None if model.held_out is None else show_errors(model.held_out),
         )
         for k, (identifier, model) in enumerate(zip(ids, models, strict=True))

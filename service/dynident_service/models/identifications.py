@@ -10,7 +10,8 @@ from dynident_service.models.common import Asked, Computed, EffectChoice, Identi
 
 MODELS = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
 STRATEGIES = Literal["global", "sequential", "separate_friction"]
-ESTIMATORS = Literal["ols", "wls", "irls", "feasible", "iv"]
+ESTIMATORS = Literal["ols", "wls", "irls", "feasible", "iv", "didim", "ekf"]
+STEPS = Literal["link_by_link", "wrist_then_shoulder"]
 DEFAULT_EFFECTS = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 
 Cutoff = float | Literal["auto"] | None
@@ -38,7 +39,13 @@ class IdentificationRequest(Asked):
     model: MODELS = "dynamic"
     strategy: STRATEGIES = "global"
     estimator: ESTIMATORS = "wls"
-    prior: Literal["description"] | None = None
+    steps: STEPS = Field(default="link_by_link", description="Of the sequential strategy")
+    prior: Literal["description"] | None = Field(
+        default=None, description="Inertias that the robot's description gives, weighted by their uncertainty"
+    )
+    pole: float | None = Field(
+        default=None, gt=0, description="a of the filtered model's F(s) = a²/(s + a)² in rad/s; null: from the data"
+    )
     preprocessing: Preprocessing | Literal["auto"] = "auto"
 
 

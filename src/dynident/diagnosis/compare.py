@@ -164,7 +164,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
         dq=dq,
         ddq=ddq,
         load=load,
-        noise=identification.statistics.noise,
+        noise=identification.noise,
         temperature=more[0] if more else None,
     )
 

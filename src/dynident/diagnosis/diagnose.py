@@ -113,7 +113,7 @@ def diagnose(
 
 def _start(data: Products, pool: Pool, identification: Identification, floor: FloatArray) -> State:
     """The model as it is, with the contacts that disturb it taken out of the way."""
-    base, noise = tuple(range(pool.n_base)), identification.statistics.noise
+    base, noise = tuple(range(pool.n_base)), identification.noise
     picks = find_contacts(data, pool, base, noise, identification.preprocessing.torque_cutoff or _BAND)
     for finding in picks:
         base += finding.columns

@@ -172,8 +172,8 @@ def _rows(
         whole, recordings, preprocessing, reference, part(progress, 0.0, 0.6), samples_of=samples.of
     )
     base = tuple(range(model.n_parameters))
-    start = _values(reduction, base, identification.statistics.noise)
-    fits = [_values(reduction, (*base, *columns), identification.statistics.noise) for columns in places]
+    start = _values(reduction, base, identification.noise)
+    fits = [_values(reduction, (*base, *columns), identification.noise) for columns in places]
     rigid = np.array([column.effect == "rigid_body" for column in whole.columns])
     added = np.arange(whole.n_columns) >= model.n_parameters
     parts: list[list[FloatArray]] = []

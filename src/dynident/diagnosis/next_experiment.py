@@ -219,7 +219,7 @@ def _row_weights(identification: Identification, comparisons: Sequence[Compariso
     """(n,): one over the noise that every row would have if rows were independent of each other."""
     rows = sum(len(one.t) for one in comparisons)
     independent = np.clip(identification.statistics.effective_rows / max(rows, 1), 1e-3, 1.0)
-    return np.asarray(np.sqrt(independent) / identification.statistics.noise)
+    return np.asarray(np.sqrt(independent) / identification.noise)
 
 
 def _hardest(model: DesignModel, known: Information, doubt: Doubt) -> _Pairing:

@@ -59,7 +59,7 @@ def refined(
             break
         kept = tuple(kept[i] for i in needed)
         choices = refine_shapes(model, slimmer, recordings, preprocessing, reference)
-    noise = identification.statistics.noise
+    noise = identification.noise
     lasting = sorted(_lasting(model, choices), key=lambda i: -_explained(kept[i], noise))
     return tuple(kept[i] for i in lasting), tuple(choices[i] for i in lasting)
 

@@ -1,10 +1,14 @@
 """y = W χ: solvers and statistics on triangular factors. Knows nothing of robots."""
 
+from dynident.estimation.correlation import correlation_factor
 from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate
+from dynident.estimation.information import Information, known_values
 from dynident.estimation.least_squares import (
     Errors,
     EstimationError,
     Solution,
+    condition_number,
+    equilibrated_condition_number,
     errors,
     noise_levels,
     ordinary,
@@ -12,19 +16,23 @@ from dynident.estimation.least_squares import (
     weighted,
     weighted_factor,
 )
-from dynident.estimation.statistics import Statistics, correlation_factor, statistics
+from dynident.estimation.statistics import Statistics, statistics
 
 __all__ = [
     "EquationFactors",
     "Errors",
     "EstimationError",
     "FactorAccumulator",
+    "Information",
     "Reduction",
     "Solution",
     "Statistics",
     "concatenate",
+    "condition_number",
     "correlation_factor",
+    "equilibrated_condition_number",
     "errors",
+    "known_values",
     "noise_levels",
     "ordinary",
     "solve",

@@ -8,7 +8,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from dynident.errors import DynidentError
+from dynident.estimation.correlation import correlation_factor
 from dynident.estimation.factors import FloatArray, Reduction, triangular
+from dynident.estimation.information import Information, covariance_of
 
 # Rounds of re-estimating the noise of every joint; the third changes no digit that anybody reads.
 _WEIGHT_ROUNDS = 3
@@ -24,12 +26,13 @@ class Solution:
     """Estimates χ (c,), the noise of every equation that the rows were weighted by (n,), and the factor R (c, c).
 
     R is the triangular factor of the weighted W, so that (WᵀW)⁻¹ = R⁻¹R⁻ᵀ; `scales` (c,) are the norms of the
-    weighted columns.
+    weighted columns. `known`: what was known beside the data; its rows are part of R.
     """
 
     values: FloatArray
     noise: FloatArray
     factor: FloatArray
+    known: Information | None = None
 
     @property
     def scales(self) -> FloatArray:
@@ -37,22 +40,9 @@ class Solution:
         return np.asarray(np.linalg.norm(self.factor, axis=0))
 
     @property
-    def condition_number(self) -> float:
-        """cond(W), [12.12], of the weighted observation matrix."""
-        singular = np.linalg.svd(self.factor, compute_uv=False)
-        return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
-
-    @property
-    def equilibrated_condition_number(self) -> float:
-        """cond(W) with all columns scaled to the same size, so that units and magnitudes of parameters do not count."""
-        singular = np.linalg.svd(self.factor / self.scales, compute_uv=False)
-        return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
-
-    @property
     def normal_inverse(self) -> FloatArray:
         """(c, c): (WᵀW)⁻¹ of the weighted W."""
-        inverse = solve_triangular(self.factor, np.eye(len(self.factor)))
-        return np.asarray(inverse @ inverse.T)
+        return covariance_of(self.factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +76,10 @@ class Errors:
         return float(np.sqrt(self.squares.sum() / max(float(self.counts.sum()), 1.0)))
 
 
-def weighted_factor(reduction: Reduction, noise: FloatArray) -> FloatArray:
-    """(c + 1, c + 1): factor of [W | Y] over all equations, each divided by its noise (n,)."""
+def weighted_factor(reduction: Reduction, noise: FloatArray, known: Information | None = None) -> FloatArray:
+    """(c + 1, c + 1): factor of [W | Y] over all equations, each divided by its noise (n,), and of what is known."""
     c = reduction.n_columns
-    parts = []
+    parts = [] if known is None else [known.rows]
     for equation, sigma in zip(reduction.equations, noise, strict=True):
         k = len(equation.columns)
         wide = np.zeros((k + 1, c + 1))
@@ -100,6 +90,23 @@ def weighted_factor(reduction: Reduction, noise: FloatArray) -> FloatArray:
     if len(stacked) < c + 1:
         stacked = np.pad(stacked, [(0, c + 1 - len(stacked)), (0, 0)])
     return triangular(stacked)
+
+
+def condition_number(reduction: Reduction) -> float:
+    """cond(W), [12.12], of the observation matrix as it is: no equation weighted, nothing known beside the data."""
+    return _condition(weighted_factor(reduction, np.ones(len(reduction.equations)))[:-1, :-1])
+
+
+def equilibrated_condition_number(reduction: Reduction, noise: FloatArray) -> float:
+    """cond(W) of the weighted W with columns of the same size: units and magnitudes of parameters do not count."""
+    factor = weighted_factor(reduction, noise)[:-1, :-1]
+    scales = np.linalg.norm(factor, axis=0)
+    return _condition(factor / np.where(scales > 0, scales, 1.0))
+
+
+def _condition(factor: FloatArray) -> float:
+    singular = np.linalg.svd(factor, compute_uv=False)
+    return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
 
 
 def errors(reduction: Reduction, values: FloatArray) -> Errors:
@@ -114,8 +121,8 @@ def errors(reduction: Reduction, values: FloatArray) -> Errors:
     return Errors(np.array(squares), np.array(measured), np.array(counts))
 
 
-def solve(reduction: Reduction, noise: FloatArray) -> Solution:
-    """Least squares [12.5] with every equation weighted by 1 / noise (n,).
+def solve(reduction: Reduction, noise: FloatArray, known: Information | None = None) -> Solution:
+    """Least squares [12.5] with every equation weighted by 1 / noise (n,), and what is known beside the data.
 
     Raises
     ------
@@ -123,33 +130,55 @@ def solve(reduction: Reduction, noise: FloatArray) -> Solution:
         Where there are fewer rows than parameters or W has not full rank.
     """
     c = reduction.n_columns
-    if reduction.n_rows <= c:
+    if reduction.n_rows + (0 if known is None else len(known.right)) <= c:
         raise EstimationError(
             f"{reduction.n_rows} equations cannot determine {c} parameters; use a longer recording or wider windows",
             pointer="/measurement_ids",
             title="Too few samples",
         )
-    r = weighted_factor(reduction, noise)
+    r = weighted_factor(reduction, noise, known)
     factor, right = r[:c, :c], r[:c, c]
     scales = np.linalg.norm(factor, axis=0)
     if np.any(scales == 0) or np.any(np.abs(np.diag(factor)) <= _SINGULAR * scales):
         raise EstimationError(
             "the observation matrix has not full rank on this data", pointer="/effects", title="Not identifiable"
         )
-    return Solution(solve_triangular(factor, right), noise, factor)
+    return Solution(solve_triangular(factor, right), noise, factor, known)
 
 
-def ordinary(reduction: Reduction) -> Solution:
-    """Ordinary least squares: all equations count alike."""
-    return solve(reduction, np.ones(len(reduction.equations)))
+def ordinary(reduction: Reduction, known: Information | None = None) -> Solution:
+    """Ordinary least squares: all equations count alike.
 
-
-def weighted(reduction: Reduction) -> Solution:
-    """Weighted least squares: each equation divided by the standard deviation of its own residual."""
-    solution = ordinary(reduction)
+    What is known beside the data is weighed against the common noise of the equations, independent samples counted.
+    """
+    alike = np.ones(len(reduction.equations))
+    if known is None:
+        return solve(reduction, alike)
+    solution = solve(reduction, alike, known)
     for _ in range(_WEIGHT_ROUNDS):
-        solution = solve(reduction, noise_levels(reduction, solution.values))
+        doubt = doubtful_noise(reduction, solution.values)
+        counts = np.array([float(equation.counts.sum()) for equation in reduction.equations])
+        common = float(np.sqrt(np.sum(counts * doubt**2) / max(float(counts.sum()), 1.0)))
+        solution = solve(reduction, common * alike, known)
     return solution
+
+
+def weighted(reduction: Reduction, known: Information | None = None) -> Solution:
+    """Weighted least squares: each equation divided by the standard deviation of its own residual.
+
+    Where something is known beside the data, each row counts for as much as it is worth as an independent sample.
+    """
+    solution = ordinary(reduction, known)
+    for _ in range(_WEIGHT_ROUNDS):
+        levels = noise_levels if known is None else doubtful_noise
+        solution = solve(reduction, levels(reduction, solution.values), known)
+    return solution
+
+
+def doubtful_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """(n,): noise of every equation, larger by the correlation of its rows: what to weigh other knowledge against."""
+    factors = [correlation_factor(equation, values) for equation in reduction.equations]
+    return noise_levels(reduction, values) * np.sqrt(factors)
 
 
 def noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.estimation.factors import EquationFactors, FloatArray, Reduction
+from dynident.estimation.correlation import correlation_factor
+from dynident.estimation.factors import FloatArray, Reduction
 from dynident.estimation.least_squares import Solution
-
-_FEWEST_STRETCHES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,38 +59,10 @@ def statistics(reduction: Reduction, solution: Solution) -> Statistics:
         variance = float(rest @ rest) / max(counts[j] * share, 1.0)
         noise[j] = np.sqrt(variance)
         meat[np.ix_(equation.columns, equation.columns)] += (variance * inflation[j] / sigma**4) * (w.T @ w)
+    if solution.known is not None:
+        meat += solution.known.factor.T @ solution.known.factor
     covariance = bread @ meat @ bread
     return Statistics(0.5 * (covariance + covariance.T), counts / inflation, noise)
-
-
-def correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
-    """By how much the rows of one equation overstate the information in them (at least 1).
-
-    With g_s = W_sᵀρ_s the score of stretch s and A = WᵀW: Σ g_sᵀ A⁻¹ g_s over what it would be for independent
-    residuals of the same size, σ² (p - Σ tr((A⁻¹A_s)²)); the second term is what the fit itself takes away.
-    """
-    k = len(equation.columns)
-    n_stretches = len(equation.factors)
-    rows = float(equation.counts.sum())
-    if n_stretches < _FEWEST_STRETCHES or k == 0 or rows <= k:
-        return 1.0
-    chi = values[equation.columns]
-    # Columns that this equation hardly sees would make A singular: keep the directions it does see.
-    _, singular, vt = np.linalg.svd(equation.joined[:, :k], full_matrices=False)
-    seen = singular > 1e-9 * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
-    if not seen.any():
-        return 1.0
-    whiten = vt[seen].T / singular[seen]
-    w = equation.factors[:, :, :k]
-    rests = equation.factors[:, :, k] - w @ chi
-    projected = w @ whiten
-    scores = np.einsum("sij,si->sj", projected, rests)
-    grams = np.einsum("sij,sik->sjk", projected, projected)
-    variance = float(np.sum(rests * rests)) / max(rows - seen.sum(), 1.0)
-    expected = variance * (float(seen.sum()) - float(np.sum(grams * grams)))
-    if expected <= 0 or variance == 0:
-        return 1.0
-    return float(max(1.0, np.sum(scores * scores) / expected))
 
 
 def correlations(covariance: FloatArray) -> FloatArray:

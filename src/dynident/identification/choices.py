@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import Literal, get_args
 
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
@@ -12,24 +13,32 @@ from dynident.regressors.base_parameters import DEFAULT_TOLERANCE
 
 ModelName = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
 StrategyName = Literal["global", "sequential", "separate_friction"]
-EstimatorName = Literal["ols", "wls", "irls", "feasible", "iv"]
+EstimatorName = Literal["ols", "wls", "irls", "feasible", "iv", "didim", "ekf"]
+StepsName = Literal["link_by_link", "wrist_then_shoulder"]
+PriorName = Literal["description"]
 
 AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic",)
 AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global",)
 AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls")
+AVAILABLE_PRIORS: tuple[PriorName, ...] = ()
 
 
 @dataclass(frozen=True)
 class IdentificationChoices:
     """What is identified and how.
 
-    `preprocessing` None: chosen from the data. `tolerance` decides which columns count as dependent.
+    `steps` are those of the sequential strategy; `prior` None: the data alone count; `pole` is a of [12.29] in rad/s,
+    for the filtered model, `preprocessing` the filters: None where the data decide. `tolerance` decides which columns
+    count as dependent.
     """
 
     effects: tuple[EffectChoice, ...] = DEFAULT_EFFECTS
     model: ModelName = "dynamic"
     strategy: StrategyName = "global"
     estimator: EstimatorName = "wls"
+    steps: StepsName = "link_by_link"
+    prior: PriorName | None = None
+    pole: float | None = None
     preprocessing: Preprocessing | None = None
     tolerance: float = DEFAULT_TOLERANCE
 
@@ -37,10 +46,16 @@ class IdentificationChoices:
         _known("model", self.model, get_args(ModelName), AVAILABLE_MODELS)
         _known("strategy", self.strategy, get_args(StrategyName), AVAILABLE_STRATEGIES)
         _known("estimator", self.estimator, get_args(EstimatorName), AVAILABLE_ESTIMATORS)
+        _known("steps", self.steps, get_args(StepsName), get_args(StepsName))
+        if self.prior is not None:
+            _known("prior", self.prior, get_args(PriorName), AVAILABLE_PRIORS)
+        if self.pole is not None and not (isfinite(self.pole) and self.pole > 0):
+            raise DynidentError(f"pole is {self.pole}; give a of [12.29] in rad/s, above zero", pointer="/pole")
 
 
 def _known(what: str, value: str, words: tuple[str, ...], available: tuple[str, ...]) -> None:
     if value in available:
         return
     state = "is not available in this version" if value in words else f"is no {what}"
-    raise DynidentError(f"{value!r} {state}; choose from: {', '.join(available)}", pointer=f"/{what}")
+    choice = f"choose from: {', '.join(available)}" if available else "leave it out"
+    raise DynidentError(f"{value!r} {state}; {choice}", pointer=f"/{what}")

@@ -46,7 +46,7 @@ def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
 
 def _t_of_gain(parent: Identification, grown: Identification) -> float:
     """t of the drop of the held-out squared error over stretches of time, all joints in units of their noise."""
-    before, after = _stretch_errors(parent, parent.statistics.noise), _stretch_errors(grown, parent.statistics.noise)
+    before, after = _stretch_errors(parent, parent.noise), _stretch_errors(grown, parent.noise)
     if len(before) != len(after) or len(before) < _FEWEST:
         # Held-out data of another kind: nothing to compare stretch by stretch.
         return _SURE

@@ -1,4 +1,4 @@
-"""The global identification: one system of equations for all parameters (§12.3.3 i, §12.4)."""
+"""From recordings to an identified model: everything that the choices leave open is found, then the model is solved."""
 
 from __future__ import annotations
 
@@ -9,26 +9,21 @@ import numpy as np
 
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
-from dynident.estimation import (
-    EstimationError,
-    Reduction,
-    Solution,
-    errors,
-    ordinary,
-    statistics,
-    weighted,
-)
-from dynident.identification.choices import EstimatorName, IdentificationChoices
+from dynident.estimation import Reduction, condition_number, errors, weighted
+from dynident.identification.checks import check_recordings, check_reduction, check_runs, check_temperature
+from dynident.identification.choices import IdentificationChoices
+from dynident.identification.data import Data, reduced, torque_of
+from dynident.identification.fitting import fit
 from dynident.identification.gain import warnings_of_addition
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.identification.result import Identification
 from dynident.identification.shapes import check_shapes_given, complete_shapes, lacks_shape
-from dynident.identification.warnings import unseen_parameters, warnings_of
+from dynident.identification.warnings import warnings_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.extension import extended_model
 from dynident.regressors.model import Model, build_model
-from dynident.regressors.rows import KeptRows, reduce_and_keep
+from dynident.regressors.rows import KeptRows
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray, Robot
 from dynident.threads import single_threaded
@@ -59,9 +54,9 @@ def identify(
         Where the choices do not fit the robot or the data do not determine the parameters.
     """
     choices = choices or IdentificationChoices()
-    _check_recordings(robot, recordings, validation)
-    _check_temperature(choices.effects, recordings, validation)
-    _check_runs(choices.effects, recordings)
+    check_recordings(robot, recordings, validation)
+    check_temperature(choices.effects, recordings, validation)
+    check_runs(choices.effects, recordings)
     preprocessing = choices.preprocessing or choose_preprocessing(recordings)
     check_shapes_given(choices.effects)
     choices, reference = _prepared(robot, recordings, preprocessing, choices, part(progress, 0.0, 0.5))
@@ -88,9 +83,9 @@ def extend(
     if not new:
         raise DynidentError("all of these effects are in the model already", pointer="/effects", title="Nothing to add")
     check_shapes_given(new)
-    _check_recordings(identification.model.robot, recordings, validation)
-    _check_temperature(new, recordings, validation)
-    _check_runs(new, recordings)
+    check_recordings(identification.model.robot, recordings, validation)
+    check_temperature(new, recordings, validation)
+    check_runs(new, recordings)
     new = complete_shapes(
         identification.model,
         new,
@@ -129,11 +124,6 @@ def extend(
     return replace(grown, warnings=warnings_of_addition(grown) + grown.warnings)
 
 
-def solve_reduced(reduction: Reduction, estimator: EstimatorName) -> Solution:
-    """Solve with the named estimator."""
-    return ordinary(reduction) if estimator == "ols" else weighted(reduction)
-
-
 def identify_model(
     model: Model,
     recordings: Sequence[Recording],
@@ -154,52 +144,45 @@ def identify_model(
         Of a model that this one extends.
     """
     share = 0.9 * len(recordings) / (len(recordings) + len(validation))
-    training, rows = reduce_and_keep(model, recordings, preprocessing, reference, part(progress, 0.0, share), known[0])
-    held_out_data, held_out_rows = None, None
+    training = reduced(model, choices, recordings, preprocessing, reference, part(progress, 0.0, share), known[0])
+    held_out = None
     if validation:
-        held_out_data, held_out_rows = reduce_and_keep(
-            model, validation, preprocessing, reference, part(progress, share, 0.9), known[1]
-        )
+        held_out = torque_of(model, validation, preprocessing, reference, part(progress, share, 0.9), known[1])
     progress(0.9, "solving")
-    found = conclude(model, choices, preprocessing, reference, training, held_out_data, recordings, validation)
-    return replace(found, rows=(rows, held_out_rows))
+    found = conclude(model, choices, training, None if held_out is None else held_out.torque)
+    names = tuple(recording.name for recording in recordings), tuple(recording.name for recording in validation)
+    rows = training.rows, None if held_out is None else held_out.rows
+    return replace(found, measurement_names=names[0], validation_names=names[1], rows=rows)
 
 
 def conclude(
-    model: Model,
-    choices: IdentificationChoices,
-    preprocessing: Preprocessing,
-    reference: FloatArray,
-    training: Reduction,
-    held_out_data: Reduction | None,
-    recordings: Sequence[Recording],
-    validation: Sequence[Recording],
+    model: Model, choices: IdentificationChoices, data: Data, held_out_data: Reduction | None
 ) -> Identification:
     """Solve, judge and describe a model on reduced data."""
-    _check_reduction(model, training)
-    solution = solve_reduced(training, choices.estimator)
-    found = statistics(training, solution)
-    plain = ordinary(training).condition_number
-    smallest = smallest_inertia_eigenvalue(model, solution.values)
+    check_reduction(model, data.equations)
+    found = fit(model, choices, data)
+    values = found.solution.values
+    smallest = smallest_inertia_eigenvalue(model, values)
     result = Identification(
         model=model,
         choices=choices,
-        preprocessing=preprocessing,
-        reference=reference,
-        training=training,
+        preprocessing=data.preprocessing,
+        reference=data.reference,
+        equations=data.equations,
+        training=data.torque,
         held_out_data=held_out_data,
-        solution=solution,
-        statistics=found,
-        fit=errors(training, solution.values),
-        held_out=errors(held_out_data, solution.values) if held_out_data is not None else None,
-        condition_number=plain,
+        solution=found.solution,
+        statistics=found.statistics,
+        fit=errors(data.torque, values),
+        held_out=errors(held_out_data, values) if held_out_data is not None else None,
+        condition_number=condition_number(data.equations),
         inertia_matrix_positive_definite=bool(smallest > 0),
         worst_inertia_eigenvalue=smallest,
         warnings=(),
-        measurement_names=tuple(recording.name for recording in recordings),
-        validation_names=tuple(recording.name for recording in validation),
+        measurement_names=(),
+        validation_names=(),
     )
-    return replace(result, warnings=warnings_of(result))
+    return replace(result, warnings=found.warnings + warnings_of(result))
 
 
 def _prepared(
@@ -224,79 +207,8 @@ def _prepared(
     first = build_model(robot, plain, tolerance=choices.tolerance)
     zeros = np.zeros(10 * robot.n)
     reduction = reduce_recordings(first.observation, recordings, preprocessing, zeros, part(progress, 0.0, 0.5))
-    _check_reduction(first, reduction)
-    reference = first.reference(solve_reduced(reduction, choices.estimator).values)
+    check_reduction(first, reduction)
+    reference = first.reference(weighted(reduction).values)
     others = tuple(choice for choice in choices.effects if choice not in plain)
     found = complete_shapes(first, others, recordings, preprocessing, reference, part(progress, 0.5, 1.0))
     return replace(choices, effects=plain + found), reference
-
-
-def _check_recordings(robot: Robot, recordings: Sequence[Recording], validation: Sequence[Recording]) -> None:
-    if not recordings:
-        raise DynidentError("give at least one measurement to identify from", pointer="/measurement_ids")
-    for pointer, group in (("/measurement_ids", recordings), ("/validation_ids", validation)):
-        for index, recording in enumerate(group):
-            if recording.joint_names != robot.joint_names:
-                raise DynidentError(
-                    f"{recording.name} has the joints {', '.join(recording.joint_names)}; the robot has "
-                    f"{', '.join(robot.joint_names)}",
-                    pointer=f"{pointer}/{index}",
-                    title="Another robot's measurement",
-                )
-
-
-def _check_temperature(
-    effects: Sequence[EffectChoice], recordings: Sequence[Recording], validation: Sequence[Recording]
-) -> None:
-    """Raise where an effect needs the joints' temperature and a recording has none: a guess would pass for data."""
-    for index, choice in enumerate(effects):
-        if not effect_by_id(choice.effect, f"/effects/{index}").needs_temperature:
-            continue
-        cold = [recording.name for recording in (*recordings, *validation) if not recording.has_temperature]
-        if cold:
-            raise DynidentError(
-                f"{choice.effect} needs the temperature of every joint; {', '.join(cold)} has no columns temperature1, "
-                f"temperature2, …. Record them, or choose warm_up_friction, which needs the time of the session alone",
-                pointer=f"/effects/{index}",
-                title="Temperature needed",
-            )
-
-
-def _check_runs(effects: Sequence[EffectChoice], recordings: Sequence[Recording]) -> None:
-    """Raise where an effect is limited to runs that there are not, or needs to be limited and is not."""
-    labels = dict.fromkeys(label for recording in recordings for label in recording.run_labels)
-    known = {*labels, *(recording.name for recording in recordings)}
-    for index, choice in enumerate(effects):
-        strangers = [run for run in choice.runs if run not in known]
-        if strangers:
-            raise DynidentError(
-                f"{choice.effect} is said to be in {', '.join(strangers)}; the runs are: {', '.join(labels)}",
-                pointer=f"/effects/{index}/runs",
-                title="Unknown run",
-            )
-        stated = any(recording.payload is not None for recording in recordings)
-        if effect_by_id(choice.effect, f"/effects/{index}").in_some_runs and not choice.runs and not stated:
-            raise DynidentError(
-                f"{choice.effect} has to be in some of the runs: name them (runs), out of {', '.join(labels)}, or "
-                "state the payload in the metadata of the measurements that have one",
-                pointer=f"/effects/{index}/runs",
-                title="Runs needed",
-            )
-
-
-def _check_reduction(model: Model, reduction: Reduction) -> None:
-    """Raise where the data cannot determine the model, naming what is missing."""
-    if reduction.n_rows == 0:
-        raise EstimationError(
-            "no rows are left after filtering; use a longer recording or wider windows",
-            pointer="/measurement_ids",
-            title="Too few samples",
-        )
-    unseen = unseen_parameters(model, reduction)
-    if unseen:
-        raise EstimationError(
-            f"not identifiable from this data: {', '.join(unseen)} (a joint that does not move enough leaves its "
-            "parameters undetermined); lock that joint, leave its effects out, or record a motion of it",
-            pointer="/measurement_ids",
-            title="Not identifiable",
-        )

@@ -10,6 +10,7 @@ import numpy as np
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
+from dynident.identification.data import Data
 from dynident.identification.identify import conclude
 from dynident.identification.result import Identification
 from dynident.regressors.model import Model, build_model
@@ -44,16 +45,16 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     model = build_model(known.robot, kept, tolerance=choices.tolerance, signals=known.signals)
     combinations = _combinations(known, model)
     held_out = identification.held_out_data
-    smaller = conclude(
-        model,
-        choices,
+    torque = identification.training.combined(combinations)
+    same = identification.equations is identification.training
+    data = Data(
+        torque if same else identification.equations.combined(combinations),
+        torque,
+        (),
         identification.preprocessing,
         identification.reference,
-        identification.training.combined(combinations),
-        None if held_out is None else held_out.combined(combinations),
-        (),
-        (),
     )
+    smaller = conclude(model, choices, data, None if held_out is None else held_out.combined(combinations))
     return replace(
         smaller,
         measurement_names=identification.measurement_names,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.effects import EffectChoice
-from dynident.estimation import Errors, Reduction, Solution, Statistics
+from dynident.estimation import Errors, Reduction, Solution, Statistics, noise_levels
 from dynident.identification.choices import IdentificationChoices
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
@@ -36,16 +36,18 @@ class IdentifiedParameter:
 class Identification:
     """An identified model.
 
-    `reference` (10 n,) are the standard inertial parameters that predicted loads were computed with; `training` and
-    `held_out_data` the reduced recordings; `fit` and `held_out` the errors on them; `names` of the recordings; `added`
-    and `removed` what was added to the model of `parent` or taken out of it; `rows` the filtered rows of both data sets
-    where they are still in memory.
+    `reference` (10 n,) are the standard inertial parameters that predicted loads were computed with; `equations` the
+    rows that the chosen model made of the recordings; `training` and `held_out_data` the joints' torques in them,
+    whatever the model (for the dynamic model `training` is `equations`); `fit` and `held_out` the errors on these;
+    `names` of the recordings; `added` and `removed` what was added to the model of `parent` or taken out of it; `rows`
+    the filtered rows of both data sets where they are still in memory.
     """
 
     model: Model
     choices: IdentificationChoices
     preprocessing: Preprocessing
     reference: FloatArray
+    equations: Reduction
     training: Reduction
     held_out_data: Reduction | None
     solution: Solution
@@ -71,7 +73,7 @@ class Identification:
     @property
     def n_equations(self) -> int:
         """Number of rows r of W."""
-        return self.training.n_rows
+        return self.equations.n_rows
 
     @property
     def equations_per_parameter(self) -> float:
@@ -80,8 +82,15 @@ class Identification:
 
     @property
     def effective_rows(self) -> FloatArray:
-        """(n,): how many independent samples each joint's rows are worth."""
+        """(n,): how many independent samples each equation's rows are worth."""
         return self.statistics.effective_rows
+
+    @property
+    def noise(self) -> FloatArray:
+        """(n,): standard deviation of every joint's residual, N m or N."""
+        if self.equations is self.training:
+            return self.statistics.noise
+        return noise_levels(self.training, self.values)
 
     @property
     def parameters(self) -> tuple[IdentifiedParameter, ...]:

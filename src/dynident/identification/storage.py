@@ -51,7 +51,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
         "solution_factor": identification.solution.factor,
         "covariance": identification.statistics.covariance,
         "effective_rows": identification.statistics.effective_rows,
-        "noise": identification.statistics.noise,
+        "noise": identification.noise,
         "base_kept": np.array(base.kept, dtype=np.int64),
         "base_grouping": base.grouping,
         "base_written": base.written,
@@ -59,6 +59,8 @@ def _arrays(identification: Identification) -> dict[str, Any]:
     }
     _put_errors(arrays, "fit", identification.fit)
     _put_reduction(arrays, "training", identification.training)
+    if identification.equations is not identification.training:
+        _put_reduction(arrays, "equations", identification.equations)
     if identification.held_out is not None and identification.held_out_data is not None:
         _put_errors(arrays, "held_out", identification.held_out)
         _put_reduction(arrays, "held_out_data", identification.held_out_data)
@@ -135,13 +137,15 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
     if tuple(column.name for column in model.columns) != base.names:
         raise ValueError("the catalogue has other columns for these effects")
     held_out = "held_out_squares" in arrays
+    training = _reduction(arrays, "training")
     smallest = float(header["worst_inertia_eigenvalue"])
     return Identification(
         model=model,
         choices=choices,
         preprocessing=_preprocessing(header["preprocessing"]),
         reference=arrays["reference"],
-        training=_reduction(arrays, "training"),
+        equations=_reduction(arrays, "equations") if "equations_size" in arrays else training,
+        training=training,
         held_out_data=_reduction(arrays, "held_out_data") if held_out else None,
         solution=Solution(arrays["values"], arrays["solution_noise"], arrays["solution_factor"]),
         statistics=Statistics(arrays["covariance"], arrays["effective_rows"], arrays["noise"]),
@@ -175,6 +179,9 @@ def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
         model=document["model"],
         strategy=document["strategy"],
         estimator=document["estimator"],
+        steps=document.get("steps", "link_by_link"),
+        prior=document.get("prior"),
+        pole=document.get("pole"),
         preprocessing=_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,
         tolerance=document["tolerance"],
     )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.estimation import Reduction
+from dynident.estimation import Reduction, equilibrated_condition_number
 from dynident.regressors.model import Model
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
 
 def _excitation(identification: Identification) -> list[str]:
     found = []
-    condition = identification.solution.equilibrated_condition_number
+    condition = equilibrated_condition_number(identification.equations, identification.solution.noise)
     if condition > _HIGH_CONDITION:
         found.append(
             f"The condition number of W with columns of equal size is {condition:.0f}: the motion alone does not "

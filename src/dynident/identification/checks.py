@@ -1,0 +1,85 @@
+"""Whether effects, recordings and reduced data fit together, before anything is solved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.errors import DynidentError
+from dynident.estimation import EstimationError, Reduction
+from dynident.identification.warnings import unseen_parameters
+from dynident.recordings import Recording
+from dynident.regressors.model import Model
+from dynident.robot import Robot
+
+
+def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: Sequence[Recording]) -> None:
+    """Raise where there is nothing to identify from, or a measurement is another robot's."""
+    if not recordings:
+        raise DynidentError("give at least one measurement to identify from", pointer="/measurement_ids")
+    for pointer, group in (("/measurement_ids", recordings), ("/validation_ids", validation)):
+        for index, recording in enumerate(group):
+            if recording.joint_names != robot.joint_names:
+                raise DynidentError(
+                    f"{recording.name} has the joints {', '.join(recording.joint_names)}; the robot has "
+                    f"{', '.join(robot.joint_names)}",
+                    pointer=f"{pointer}/{index}",
+                    title="Another robot's measurement",
+                )
+
+
+def check_temperature(
+    effects: Sequence[EffectChoice], recordings: Sequence[Recording], validation: Sequence[Recording]
+) -> None:
+    """Raise where an effect needs the joints' temperature and a recording has none: a guess would pass for data."""
+    for index, choice in enumerate(effects):
+        if not effect_by_id(choice.effect, f"/effects/{index}").needs_temperature:
+            continue
+        cold = [recording.name for recording in (*recordings, *validation) if not recording.has_temperature]
+        if cold:
+            raise DynidentError(
+                f"{choice.effect} needs the temperature of every joint; {', '.join(cold)} has no columns temperature1, "
+                f"temperature2, …. Record them, or choose warm_up_friction, which needs the time of the session alone",
+                pointer=f"/effects/{index}",
+                title="Temperature needed",
+            )
+
+
+def check_runs(effects: Sequence[EffectChoice], recordings: Sequence[Recording]) -> None:
+    """Raise where an effect is limited to runs that there are not, or needs to be limited and is not."""
+    labels = dict.fromkeys(label for recording in recordings for label in recording.run_labels)
+    known = {*labels, *(recording.name for recording in recordings)}
+    for index, choice in enumerate(effects):
+        strangers = [run for run in choice.runs if run not in known]
+        if strangers:
+            raise DynidentError(
+                f"{choice.effect} is said to be in {', '.join(strangers)}; the runs are: {', '.join(labels)}",
+                pointer=f"/effects/{index}/runs",
+                title="Unknown run",
+            )
+        stated = any(recording.payload is not None for recording in recordings)
+        if effect_by_id(choice.effect, f"/effects/{index}").in_some_runs and not choice.runs and not stated:
+            raise DynidentError(
+                f"{choice.effect} has to be in some of the runs: name them (runs), out of {', '.join(labels)}, or "
+                "state the payload in the metadata of the measurements that have one",
+                pointer=f"/effects/{index}/runs",
+                title="Runs needed",
+            )
+
+
+def check_reduction(model: Model, reduction: Reduction) -> None:
+    """Raise where the data cannot determine the model, naming what is missing."""
+    if reduction.n_rows == 0:
+        raise EstimationError(
+            "no rows are left after filtering; use a longer recording or wider windows",
+            pointer="/measurement_ids",
+            title="Too few samples",
+        )
+    unseen = unseen_parameters(model, reduction)
+    if unseen:
+        raise EstimationError(
+            f"not identifiable from this data: {', '.join(unseen)} (a joint that does not move enough leaves its "
+            "parameters undetermined); lock that joint, leave its effects out, or record a motion of it",
+            pointer="/measurement_ids",
+            title="Not identifiable",
+        )

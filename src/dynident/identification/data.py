@@ -1,0 +1,57 @@
+"""What an identification is solved from: recordings, reduced to the columns of one model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dynident.estimation import Reduction
+from dynident.identification.choices import IdentificationChoices
+from dynident.progress import Progress, silent
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model import Model
+from dynident.regressors.rows import KeptRows, reduce_and_keep
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """Recordings reduced to one model's columns, and where they come from.
+
+    `equations` are the rows that the chosen model makes of them; `torque` those of the joints' torques, one equation a
+    joint, which errors are reported in whatever the model (for the dynamic model the same object). `recordings` are
+    there for estimators that go through the samples again; `rows` the filtered rows of `torque` where they are few.
+    """
+
+    equations: Reduction
+    torque: Reduction
+    recordings: tuple[Recording, ...]
+    preprocessing: Preprocessing
+    reference: FloatArray
+    rows: KeptRows | None = None
+
+
+def reduced(
+    model: Model,
+    choices: IdentificationChoices,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress = silent,
+    known: KeptRows | None = None,
+) -> Data:
+    """Reduce recordings to the rows of the chosen model, and of the joints' torques."""
+    return torque_of(model, recordings, preprocessing, reference, progress, known)
+
+
+def torque_of(
+    model: Model,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress = silent,
+    known: KeptRows | None = None,
+) -> Data:
+    """Reduce recordings to the rows of the dynamic model [12.18]."""
+    reduction, rows = reduce_and_keep(model, recordings, preprocessing, reference, progress, known)
+    return Data(reduction, reduction, tuple(recordings), preprocessing, reference, rows)
