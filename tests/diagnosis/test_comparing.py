@@ -9,8 +9,9 @@ from oracles import Motion, fourier_motion, record
 
 from dynident.diagnosis import compare
 from dynident.diagnosis.leads import angle_lines
+from dynident.diagnosis.noise import sensor_noise
 from dynident.diagnosis.patterns import unknown_patterns
-from dynident.diagnosis.residuals import failure_map, noise_floor
+from dynident.diagnosis.residuals import failure_map
 from dynident.errors import DynidentError
 from dynident.recordings import Preprocessing, low_pass, recording_from_arrays
 
@@ -114,7 +115,7 @@ def test_the_noise_floor_is_the_sensors_noise_in_the_band(run):
     for preprocessing in (BAND, Preprocessing(10.0, 4.0, 10), Preprocessing(10.0, None, 1)):
         taps = low_pass(200.0, preprocessing.torque_cutoff)
         expected = NOISE * np.sqrt(np.sum(taps**2))
-        np.testing.assert_allclose(noise_floor([run.training], preprocessing), expected, rtol=0.1)
+        np.testing.assert_allclose(sensor_noise([run.training], preprocessing), expected, rtol=0.1)
 
 
 def test_a_line_over_the_angle_is_found_at_its_number_of_cycles(run):

@@ -52,19 +52,7 @@ def _hidden(robot: Robot, effect: str) -> Hidden:
     return sized[effect]
 
 
-# A joint that sticks for some 10 ms at a reversal has no sign(q̇): small slips and very low Stribeck velocities then
-# predict a little better (5-15 % on a joint that is at 1.05-1.6 times its noise already) although nothing is missing.
-_STICKING = pytest.mark.xfail(strict=False, reason="sticking at reversals passes for presliding or Stribeck friction")
-_LOAD_AS_PRESLIDING = pytest.param(
-    "ur10",
-    "load_dependent_friction",
-    marks=pytest.mark.xfail(strict=False, reason="presliding has a load-proportional part, and it is picked first"),
-)
-_NAMED = [
-    _LOAD_AS_PRESLIDING if (name, effect) == _LOAD_AS_PRESLIDING.values else (name, effect)
-    for name in ARMS
-    for effect in PLACES
-]
+_NAMED = [(name, effect) for name in ARMS for effect in PLACES]
 
 
 @dataclass(frozen=True)
@@ -124,14 +112,7 @@ def test_adding_what_is_recommended_brings_the_error_down_to_the_noise(name: str
     assert others.max() < 1.8
 
 
-@pytest.mark.parametrize(
-    ("name", "effect"),
-    [
-        pytest.param(name, effect, marks=_STICKING) if (name, effect) == ("ur10", "stribeck") else (name, effect)
-        for name in ARMS
-        for effect in PLACES
-    ],
-)
+@pytest.mark.parametrize(("name", "effect"), _NAMED)
 def test_nothing_is_recommended_beside_the_hidden_effect(name: str, effect: str) -> None:
     case = _case(name, effect)
     first = case.diagnosis.candidates[0]
@@ -139,14 +120,8 @@ def test_nothing_is_recommended_beside_the_hidden_effect(name: str, effect: str)
     assert {choice.effect for choice in case.diagnosis.recommended} <= meant
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"),
-    [
-        pytest.param(name, seed, marks=_STICKING) if (name, seed) == ("ur10", 11) else (name, seed)
-        for name in ARMS
-        for seed in (1, 11, 21)
-    ],
-)
+@pytest.mark.parametrize("seed", [1, 11, 21])
+@pytest.mark.parametrize("name", ARMS)
 def test_nothing_is_found_missing_in_a_clean_arm(name: str, seed: int) -> None:
     case = _case(name, "", seed)
     assert case.diagnosis.recommended == ()

@@ -12,10 +12,11 @@ from dynident.diagnosis.compare import Comparison, compare
 from dynident.diagnosis.gate import Judged
 from dynident.diagnosis.leads import find_leads
 from dynident.diagnosis.next_experiment import doubts_of, next_experiment
+from dynident.diagnosis.noise import sensor_noise
 from dynident.diagnosis.patterns import unknown_patterns
 from dynident.diagnosis.products import Products, products
 from dynident.diagnosis.refine import improved, refined
-from dynident.diagnosis.residuals import failure_map, noise_floor
+from dynident.diagnosis.residuals import failure_map
 from dynident.diagnosis.resolution import resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
 from dynident.diagnosis.search import search
@@ -65,7 +66,7 @@ def diagnose(
     resolved = resolution(comparisons, identification.preprocessing)
     leads = find_leads(comparisons, recordings, identification)
     pool = build_pool(model, candidates, leads, resolved)
-    floor = noise_floor(recordings, identification.preprocessing)
+    floor = sensor_noise(recordings, identification.preprocessing)
     reference = identification.next_reference()
     preprocessing = identification.preprocessing
     data = products(reduce_recordings(pool.observation, recordings, preprocessing, reference, part(progress, 0.1, 0.5)))

@@ -13,14 +13,14 @@ from scipy.interpolate import make_interp_spline
 from dynident.diagnosis.autocorrelation import independent_squares
 from dynident.diagnosis.compare import Comparison
 from dynident.diagnosis.repetition import Repeat, Track, own_repeats, tracks
-from dynident.diagnosis.residuals import noise_floor
-from dynident.recordings import Preprocessing, Recording
+from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass
 from dynident.robot.model import FloatArray
 
 NoiseSource = Literal["repeated_periods", "high_frequency"]
 
 _FEWEST_PAIRS = 40
 _DEGREE = 5
+_QUIET = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,32 @@ def floor_of(comparison: Comparison, recording: Recording, preprocessing: Prepro
         The recording beside a model's prediction; the lack of fit is that model's.
     """
     found = from_repetitions(comparison)
-    return found or NoiseFloor(noise_floor([recording], preprocessing), "high_frequency")
+    return found or NoiseFloor(sensor_noise([recording], preprocessing), "high_frequency")
+
+
+def sensor_noise(recordings: Sequence[Recording], preprocessing: Preprocessing) -> FloatArray:
+    """(n,): rms of the torque sensor's noise behind the parallel filter, N m or N.
+
+    From second differences of the raw torque, which motion hardly reaches at a controller's sampling rate: white noise
+    of variance σ² gives them 6 σ². The largest are left out, since friction jumps where a joint turns. Noise that the
+    source has already low-passed is underestimated.
+    """
+    n = recordings[0].n
+    squares, count = np.zeros(n), 0
+    for recording in recordings:
+        for block in filtered_blocks(recording, preprocessing):
+            tau = block.tau[block.used]
+            kept = int(_QUIET * (len(tau) - 2))
+            if kept > 0:
+                second = np.sort(np.diff(tau, 2, axis=0) ** 2, axis=0)
+                squares += second[:kept].sum(axis=0)
+                count += kept
+    # What is left of a normal distribution's variance without its tails.
+    edge = float(stats.norm.ppf(0.5 + 0.5 * _QUIET))
+    share = 1.0 - 2.0 * edge * float(stats.norm.pdf(edge)) / _QUIET
+    variance = squares / (6.0 * share * max(count, 1))
+    taps = low_pass(recordings[0].sampling_rate, preprocessing.torque_cutoff)
+    return np.asarray(np.sqrt(variance * float(taps @ taps)))
 
 
 def from_repetitions(comparison: Comparison) -> NoiseFloor | None:

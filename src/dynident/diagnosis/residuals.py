@@ -5,41 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
 
 from dynident.diagnosis.compare import Comparison
 from dynident.diagnosis.result import FailureSpot
-from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass
 from dynident.robot.model import FloatArray
 
 _BINS = 16
 _FEWEST = 20
-_QUIET = 0.95
-
-
-def noise_floor(recordings: Sequence[Recording], preprocessing: Preprocessing) -> FloatArray:
-    """(n,): rms of the torque sensor's noise behind the parallel filter, N m or N.
-
-    From second differences of the raw torque, which motion hardly reaches at a controller's sampling rate: white noise
-    of variance σ² gives them 6 σ². The largest are left out, since friction jumps where a joint turns. Noise that the
-    source has already low-passed is underestimated.
-    """
-    n = recordings[0].n
-    squares, count = np.zeros(n), 0
-    for recording in recordings:
-        for block in filtered_blocks(recording, preprocessing):
-            tau = block.tau[block.used]
-            kept = int(_QUIET * (len(tau) - 2))
-            if kept > 0:
-                second = np.sort(np.diff(tau, 2, axis=0) ** 2, axis=0)
-                squares += second[:kept].sum(axis=0)
-                count += kept
-    # What is left of a normal distribution's variance without its tails.
-    edge = float(stats.norm.ppf(0.5 + 0.5 * _QUIET))
-    share = 1.0 - 2.0 * edge * float(stats.norm.pdf(edge)) / _QUIET
-    variance = squares / (6.0 * share * max(count, 1))
-    taps = low_pass(recordings[0].sampling_rate, preprocessing.torque_cutoff)
-    return np.asarray(np.sqrt(variance * float(taps @ taps)))
 
 
 def failure_map(comparisons: Sequence[Comparison]) -> tuple[FailureSpot, ...]:
