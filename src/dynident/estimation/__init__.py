@@ -3,6 +3,7 @@
 from dynident.estimation.correlation import correlation_factor
 from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate
 from dynident.estimation.information import Information, known_values
+from dynident.estimation.instrumental import InstrumentalSolution, instrumental
 from dynident.estimation.least_squares import (
     Errors,
     EstimationError,
@@ -24,6 +25,7 @@ __all__ = [
     "EstimationError",
     "FactorAccumulator",
     "Information",
+    "InstrumentalSolution",
     "Reduction",
     "Solution",
     "Statistics",
@@ -32,6 +34,7 @@ __all__ = [
     "correlation_factor",
     "equilibrated_condition_number",
     "errors",
+    "instrumental",
     "known_values",
     "noise_levels",
     "ordinary",

@@ -1,0 +1,141 @@
+"""Instrumental variables: estimates that noise in W does not bias, from triangular factors.
+
+Least squares takes W for exact. Positions carry noise, differentiated twice, so that W does too, and what it shares
+with the residual biases [12.5]. Instruments Z that go with W but not with its noise remove the bias:
+χ = (Zᵀ W)⁻¹ Zᵀ Y (Young 1970; Janot, Vandanjon and Gautier 2014 for robots).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from dynident.estimation.correlation import overstatement
+from dynident.estimation.factors import FloatArray, Reduction, triangular
+from dynident.estimation.information import Information
+from dynident.estimation.least_squares import EstimationError, Solution, noise_levels, weighted_factor
+from dynident.estimation.statistics import Statistics
+
+_ROUNDS = 3
+_SINGULAR = 1e-10
+WEAKEST = 0.1
+"""Instruments that go with the observations by less than this correlation in some direction determine nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class InstrumentalSolution:
+    """Estimates by instrumental variables, and how sure they are.
+
+    `strength` in [0, 1]: the smallest canonical correlation between Z and W; 1 where they are the same.
+    """
+
+    solution: Solution
+    statistics: Statistics
+    strength: float
+
+
+def instrumental(both: Reduction, known: Information | None = None) -> InstrumentalSolution:
+    """Instrumental variables with every equation weighted by 1 / standard deviation of its residual.
+
+    Parameters
+    ----------
+    both : Reduction
+        Rows [Z | W | Y]: columns 0 … c - 1 are the instruments, c … 2 c - 1 those of W that they stand for.
+    known : Information, optional
+        About the c parameters, beside the data.
+
+    Raises
+    ------
+    EstimationError
+        Where the instruments do not determine the parameters.
+    """
+    c = both.n_columns // 2
+    observed = both.select(np.arange(c, 2 * c))
+    twice = None if known is None else Information(np.hstack([known.factor, known.factor]), known.right)
+    noise = np.ones(len(both.equations))
+    solved = _solved(both, noise, None)
+    for _ in range(_ROUNDS):
+        noise = noise_levels(observed, solved.values)
+        if known is not None:
+            noise = noise * np.sqrt(_overstated(both, solved.values))
+        solved = _solved(both, noise, twice)
+    solution = Solution(solved.values, noise, solved.observed, known)
+    return InstrumentalSolution(solution, _statistics(both, observed, solution, solved), solved.strength)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """χ (c,), the factors of the weighted Z and W (c, c), and Z projected on W: Q_zᵀ W (c, c)."""
+
+    values: FloatArray
+    instruments: FloatArray
+    observed: FloatArray
+    projected: FloatArray
+    strength: float
+
+
+def _solved(both: Reduction, noise: FloatArray, twice: Information | None) -> _Solved:
+    c = both.n_columns // 2
+    if both.n_rows <= c:
+        raise EstimationError(
+            f"{both.n_rows} equations cannot determine {c} parameters; use a longer recording or wider windows",
+            pointer="/measurement_ids",
+            title="Too few samples",
+        )
+    r = weighted_factor(both, noise, twice)
+    instruments, projected, right = r[:c, :c], r[:c, c : 2 * c], r[:c, 2 * c]
+    observed = triangular(r[: 2 * c, c : 2 * c])
+    for factor, what in ((instruments, "simulated"), (observed, "measured")):
+        scales = np.linalg.norm(factor, axis=0)
+        if np.any(scales == 0) or np.any(np.abs(np.diag(factor)) <= _SINGULAR * scales):
+            raise EstimationError(
+                f"the observation matrix of the {what} motion has not full rank on this data",
+                pointer="/effects",
+                title="Not identifiable",
+            )
+    # Q_zᵀ Q_w: its singular values are the canonical correlations.
+    common = solve_triangular(observed, projected.T, trans="T").T
+    strength = float(np.linalg.svd(common, compute_uv=False)[-1])
+    if strength < WEAKEST:
+        raise EstimationError(
+            f"the simulated motion goes with the measured one by a correlation of only {strength:.2g} in the direction "
+            "that it shows least: its rows are no instruments for these parameters. Use wls, or data of a robot that "
+            "moves more",
+            pointer="/estimator",
+            title="Weak instruments",
+        )
+    values = solve_triangular(observed, np.linalg.solve(common, right))
+    return _Solved(values, instruments, observed, projected, strength)
+
+
+def _overstated(both: Reduction, values: FloatArray) -> FloatArray:
+    """(n,): by how much the rows of every equation overstate the information in them."""
+    found = []
+    for equation in both.equations:
+        k = len(equation.columns) // 2
+        rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ values[equation.columns[:k]]
+        found.append(overstatement(equation.factors[:, :, :k], rests, float(equation.counts.sum())))
+    return np.array(found)
+
+
+def _statistics(both: Reduction, observed: Reduction, solution: Solution, solved: _Solved) -> Statistics:
+    """(ZᵀW)⁻¹ Zᵀ cov(ρ) Z (WᵀZ)⁻¹, the correlation of the residuals accounted for as in `statistics`."""
+    inflation = _overstated(both, solution.values)
+    counts = np.array([float(e.counts.sum()) for e in both.equations])
+    noise = noise_levels(observed, solution.values)
+    c = observed.n_columns
+    meat = np.zeros((c, c))
+    for j, equation in enumerate(both.equations):
+        k = len(equation.columns) // 2
+        z = equation.joined[:, :k]
+        where = equation.columns[:k]
+        meat[np.ix_(where, where)] += (noise[j] ** 2 * inflation[j] / solution.noise[j] ** 4) * (z.T @ z)
+    if solution.known is not None:
+        meat += solution.known.factor.T @ solution.known.factor
+    whitened = solve_triangular(solved.instruments, meat, trans="T")
+    whitened = solve_triangular(solved.instruments, whitened.T, trans="T")
+    inverse = np.linalg.inv(solved.projected)
+    covariance = inverse @ whitened @ inverse.T
+    return Statistics(0.5 * (covariance + covariance.T), counts / inflation, noise)
