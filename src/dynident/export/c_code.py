@@ -1,0 +1,157 @@
+"""The identified inverse dynamic model as one C99 file that needs nothing but a C compiler and its mathematics library.
+
+The file declares and defines one function that computes the torque of a sample, and where the model has hysteresis a
+state with a function that relaxes it. Compile the file as it is; to get the declarations alone, define
+`…_DECLARATIONS_ONLY` and include it.
+"""
+
+from __future__ import annotations
+
+import textwrap
+
+from dynident.export.c_instructions import SIGN_FUNCTION, c_statements
+from dynident.export.casadi_function import function_of
+from dynident.export.formula import Argument, TorqueFormula, torque_formula
+from dynident.export.names import in_c_comment, slug
+from dynident.export.summary import SIGNS, identification_lines, joint_lines, origin
+from dynident.identification import Identification
+
+_WIDTH = 110
+_STATE = ("z", "q_before")
+
+
+def c_name(identification: Identification) -> str:
+    """What all names in the file begin with."""
+    return f"dynident_{slug(identification.model.robot.name)}"
+
+
+def to_c(identification: Identification) -> str:
+    """Return the C99 source of the identified inverse dynamic model.
+
+    Raises
+    ------
+    DynidentError
+        For an effect of another distribution whose columns use an operation that C code is not written for.
+    """
+    formula, name = torque_formula(identification), c_name(identification)
+    guard = name.upper()
+    parts = [
+        _comment(_header(identification, formula, name)),
+        f"#ifndef {guard}_H\n#define {guard}_H\n",
+        f"#define {guard}_JOINTS {formula.robot.n}\n",
+        _declarations(formula, name),
+        f"#endif /* {guard}_H */\n",
+        f"#ifndef {guard}_DECLARATIONS_ONLY\n\n#include <math.h>\n",
+        _definitions(formula, name),
+        f"#endif /* {guard}_DECLARATIONS_ONLY */\n",
+    ]
+    return "\n".join(parts)
+
+
+def _header(identification: Identification, formula: TorqueFormula, name: str) -> list[str]:
+    lines = [f"{name}.c: inverse dynamic model of a robot, {origin()}.", ""]
+    lines += [*identification_lines(identification), "", SIGNS, "", "Joints, in the order of every array:"]
+    lines += [f"  [{j.number - 1}] {j.name}: {j.kind}, torque in {j.unit}" for j in joint_lines(identification)]
+    lines += ["", f"Arguments of {name}_torque:"]
+    lines += [f"  {one.name}: {one.meaning}" for one in formula.arguments if one.name not in _STATE]
+    if formula.memory:
+        lines.append(f"  state: the past of the run, for effects with hysteresis; {name}_start at its start, then one")
+        lines.append("      call a sample, in the order of time")
+    lines += ["  tau: the torque (out); another array than the others", "", "Base parameters:"]
+    for one in identification.parameters:
+        lines.append(f"  {one.name} = {one.value:.9g} {one.unit} (s. d. {one.standard_deviation:.2g}): {one.grouping}")
+    return lines
+
+
+def _comment(lines: list[str]) -> str:
+    wrapped = []
+    for line in lines:
+        indent = " " * (len(line) - len(line.lstrip()))
+        text = in_c_comment(line).rstrip()
+        wrapped += textwrap.wrap(text, _WIDTH, subsequent_indent=f"{indent}    ") or [""]
+    # Wrapping can leave a pair that begins or ends a comment on no line: it only breaks at blanks.
+    return "/*\n" + "".join(f" * {line}".rstrip() + "\n" for line in wrapped) + " */\n"
+
+
+def _declarations(formula: TorqueFormula, name: str) -> str:
+    text = ""
+    if formula.memory:
+        text += (
+            "typedef struct {\n"
+            f"    double z[{len(formula.memory)}]; /* hysteresis states, -1 to 1 */\n"
+            f"    double q_before[{formula.robot.n}];\n"
+            "    int started;\n"
+            f"}} {name}_state;\n\n"
+            f"void {name}_start({name}_state *state);\n"
+        )
+    return text + f"{_signature(formula, name)};\n"
+
+
+def _signature(formula: TorqueFormula, name: str) -> str:
+    arguments = [_parameter(one) for one in formula.arguments if one.name not in _STATE]
+    if formula.memory:
+        arguments.append(f"{name}_state *state")
+    arguments.append(f"double tau[{formula.robot.n}]")
+    separator = ",\n    "
+    return f"void {name}_torque(\n    {separator.join(arguments)})"
+
+
+def _parameter(argument: Argument) -> str:
+    if argument.name in ("time", "period"):
+        return f"double {_c_argument(argument)}"
+    return f"const double {argument.name}[{argument.size}]"
+
+
+def _c_argument(argument: Argument) -> str:
+    # time is a function of the standard library.
+    return "t" if argument.name == "time" else argument.name
+
+
+def _definitions(formula: TorqueFormula, name: str) -> str:
+    inputs = [_places(argument) for argument in formula.arguments]
+    outputs = [[f"tau[{j}]" for j in range(formula.robot.n)]]
+    if formula.memory:
+        outputs.append([f"state->z[{k}]" for k in range(len(formula.memory))])
+    statements, read = c_statements(function_of(formula), inputs, outputs)
+    body: list[str] = []
+    if formula.memory:
+        body += ["int j;", f"double q_before[{formula.robot.n}];"]
+        body.append(
+            f"for (j = 0; j < {formula.robot.n}; j++) q_before[j] = state->started ? state->q_before[j] : q[j];"
+        )
+    body += [
+        f"(void){_c_argument(argument)};"
+        for argument, places in zip(formula.arguments, inputs, strict=True)
+        if argument.name not in _STATE and not read & set(places)
+    ]
+    body += statements
+    if formula.memory:
+        body.append(f"for (j = 0; j < {formula.robot.n}; j++) state->q_before[j] = q[j];")
+        body.append("state->started = 1;")
+    functions = [SIGN_FUNCTION] if any("sign_of(" in line for line in statements) else []
+    if formula.memory:
+        functions.append(_start(formula, name))
+    functions.append(f"{_signature(formula, name)}\n{_block(body)}")
+    return "\n\n".join(functions) + "\n"
+
+
+def _start(formula: TorqueFormula, name: str) -> str:
+    body = [
+        "int k;",
+        f"for (k = 0; k < {len(formula.memory)}; k++) state->z[k] = 0.0;",
+        f"for (k = 0; k < {formula.robot.n}; k++) state->q_before[k] = 0.0;",
+        "state->started = 0;",
+    ]
+    return f"void {name}_start({name}_state *state)\n{_block(body)}"
+
+
+def _block(body: list[str]) -> str:
+    return "{\n" + "".join(f"    {line}\n" for line in body) + "}"
+
+
+def _places(argument: Argument) -> list[str]:
+    """C expressions of the entries of an argument."""
+    if argument.name in ("time", "period"):
+        return [_c_argument(argument)]
+    owner = "state->z" if argument.name == "z" else argument.name
+    return [f"{owner}[{k}]" for k in range(argument.size)]

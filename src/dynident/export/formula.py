@@ -1,0 +1,109 @@
+"""The torque of an identified model as one expression of the motion: what every program that is exported computes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from dynident.effects import MemorySignal, RunSignal, Signals, reference_size
+from dynident.identification import Identification
+from dynident.robot.model import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Argument:
+    """One input of the formula: a column vector SX (k, 1), and what it is, with its unit."""
+
+    name: str
+    symbol: ca.SX
+    meaning: str
+
+    @property
+    def size(self) -> int:
+        """Number of its entries."""
+        return int(self.symbol.numel())
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueFormula:
+    """Γ = W χ of [12.4] with the identified χ, as a function of `arguments`.
+
+    torque : SX (n, 1)
+    memory : hysteresis states that the model carries from sample to sample, in the order of `z`
+    runs : run signals, in the order of the argument `runs`
+    z_next : SX (number of memory signals, 1), the states after the step from `q_before` to `q`
+    """
+
+    robot: Robot
+    arguments: tuple[Argument, ...]
+    torque: ca.SX
+    memory: tuple[MemorySignal, ...]
+    runs: tuple[RunSignal, ...]
+    z_next: ca.SX
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the arguments, in their order."""
+        return tuple(argument.name for argument in self.arguments)
+
+
+def torque_formula(identification: Identification) -> TorqueFormula:
+    """Return the torque that an identified model predicts, with every constant in it.
+
+    q, dq and ddq are always among the arguments; dddq, ddddq, time, period, temperature, runs, and z with q_before only
+    where an effect of the model needs them.
+    """
+    model = identification.model
+    signals, observation = model.signals, model.observation
+    torque = ca.SX(model.robot.n, 1)
+    for column, value in zip(observation.columns, identification.values, strict=True):
+        torque += column.torque * float(value)
+    reference = ca.DM.zeros(reference_size(model.robot), 1)
+    reference[: len(identification.reference)] = identification.reference
+    torque = ca.substitute(ca.densify(torque), signals.reference, ca.SX(reference))
+    states = [signals.memory(item) for item in observation.memory]
+    arguments = _motion(signals, torque)
+    z_next = ca.SX(0, 1)
+    if states:
+        before, z = ca.SX.sym("q_before", model.robot.n), ca.SX.sym("z", len(states))
+        moved = signals.q - before
+        z_next = ca.vertcat(*(_after(item, z[k], moved[item.joint]) for k, item in enumerate(observation.memory)))
+        torque = ca.substitute(torque, ca.vertcat(*states), z_next)
+        arguments += [
+            Argument("z", z, "hysteresis states, -1 to 1, before the step; 0 at the start of a run"),
+            Argument("q_before", before, "q of the sample before; q itself at the start of a run"),
+        ]
+    if observation.runs:
+        present = ca.vertcat(*(signals.in_runs(item) for item in observation.runs))
+        arguments.append(Argument("runs", present, run_meaning(observation.runs)))
+    return TorqueFormula(model.robot, tuple(arguments), torque, observation.memory, observation.runs, z_next)
+
+
+def run_meaning(runs: tuple[RunSignal, ...]) -> str:
+    """What the entries of the argument `runs` stand for, in words."""
+    kinds = [f"those like {', '.join(one.runs)}" if one.runs else "those that carry the payload" for one in runs]
+    return "1 in runs of a kind, 0 in others: " + "; ".join(kinds)
+
+
+def _motion(signals: Signals, torque: ca.SX) -> list[Argument]:
+    """The signals that the torque depends on; position, velocity and acceleration in any case."""
+    known = (
+        Argument("q", signals.q, "joint positions, rad or m"),
+        Argument("dq", signals.dq, "joint velocities, rad/s or m/s"),
+        Argument("ddq", signals.ddq, "joint accelerations, rad/s^2 or m/s^2"),
+        Argument("dddq", signals.dddq, "third derivative of q, rad/s^3 or m/s^3"),
+        Argument("ddddq", signals.ddddq, "fourth derivative of q, rad/s^4 or m/s^4"),
+        Argument("time", signals.time, "time since the session began, s"),
+        Argument("period", signals.period, "sampling period, s"),
+        Argument("temperature", signals.temperature, "temperature of each joint, degrees Celsius"),
+    )
+    return [one for one in known if one.name in ("q", "dq", "ddq") or ca.depends_on(torque, one.symbol)]
+
+
+def _after(signal: MemorySignal, z: ca.SX, moved: ca.SX) -> ca.SX:
+    """A hysteresis state after the joint has moved on; `dynident.effects.memory.step` as an expression."""
+    if signal.operator == "stop":
+        return ca.fmin(1, ca.fmax(-1, z + moved / signal.slip))
+    direction = ca.sign(moved)
+    return direction - (direction - z) * ca.exp(-ca.fabs(moved) / signal.slip)

@@ -1,0 +1,64 @@
+"""What an exported file says about the model in it, for whoever opens it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynident.effects import EffectChoice
+from dynident.identification import Identification
+from dynident.version import __version__
+
+SIGNS = (
+    "Torque is what the motor gives at the joint, in the direction in which q grows: N m of a revolute joint, N of a "
+    "prismatic one."
+)
+
+
+@dataclass(frozen=True)
+class JointLine:
+    """One joint for people: number from 1, name, kind, and the unit of its torque."""
+
+    number: int
+    name: str
+    kind: str
+    unit: str
+
+
+def joint_lines(identification: Identification) -> list[JointLine]:
+    """The joints in the order of every array."""
+    joints = identification.model.robot.joints
+    return [JointLine(k + 1, joint.name, joint.kind, joint.effort_unit) for k, joint in enumerate(joints)]
+
+
+def origin() -> str:
+    """What wrote the file."""
+    return f"written by dynident {__version__}"
+
+
+def identification_lines(identification: Identification) -> list[str]:
+    """How the model came about and how good it is, a sentence each."""
+    choices = identification.choices
+    lines = [
+        f"Robot: {identification.model.robot.name}",
+        f"Identified from: {', '.join(identification.measurement_names) or 'data without a name'}",
+        f"Model {choices.model}, strategy {choices.strategy}, estimator {choices.estimator}; "
+        f"{identification.model.n_parameters} base parameters from {identification.n_equations} equations",
+        f"Relative error of the torque: {identification.fit.relative_total:.2%} on these data"
+        + _held_out(identification),
+    ]
+    lines += [f"Effect: {effect_line(choice)}" for choice in choices.effects]
+    return lines + [f"Warning: {warning}" for warning in identification.warnings]
+
+
+def effect_line(choice: EffectChoice) -> str:
+    """An effect with its joints, shape constants and runs: "stribeck on joint2 (vs = 0.05)"."""
+    where = f" on {', '.join(choice.joints)}" if choice.joints else ""
+    constants = ", ".join(f"{name} = {value:g}" for name, value in choice.shape)
+    runs = f" in {', '.join(choice.runs)}" if choice.runs else ""
+    return f"{choice.effect}{where}{f' ({constants})' if constants else ''}{runs}"
+
+
+def _held_out(identification: Identification) -> str:
+    if identification.held_out is None:
+        return ", not tried on others"
+    return f", {identification.held_out.relative_total:.2%} on data that no parameter saw"

@@ -1,0 +1,167 @@
+"""C code and CasADi functions compute the torque that the model predicts."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from made_up import PLAIN, FloatArray, made_up, path, predicted, signals
+from oracles import Motion, arm, crooked_urdf
+
+from dynident.effects import CATALOGUE, EffectChoice
+from dynident.errors import DynidentError
+from dynident.export.c_code import c_name, to_c
+from dynident.export.c_instructions import c_statements
+from dynident.export.casadi_function import casadi_bytes, to_casadi
+from dynident.export.formula import torque_formula
+from dynident.identification import Identification
+from dynident.robot import robot_from_urdf
+
+TREE = robot_from_urdf("tree", crooked_urdf(7, 3, (1, 5), (-1, 0, 1, 1, 0, 4, 5)))
+HYSTERESIS = (
+    EffectChoice("presliding", (), (("d0", 0.01), ("law", 1.0))),
+    EffectChoice("presliding", (), (("d0", 0.02), ("law", -1.0))),
+)
+
+
+def every_effect() -> tuple[EffectChoice, ...]:
+    """All of the catalogue, some in runs of their own, a joint with a shape of its own."""
+    special = {
+        "presliding": HYSTERESIS,
+        "payload": (EffectChoice("payload"), EffectChoice("payload", runs=("heavy", "run 2"))),
+        "stribeck": (EffectChoice("stribeck", (), (("vs", 0.2), ("delta", 1.3))),),
+        "external_contact": (EffectChoice("external_contact", (), (("t0", 0.5), ("t1", 1.5))),),
+        "transmission_coupling": (EffectChoice("transmission_coupling", (), (("side", -1.0),)),),
+    }
+    return tuple(one for effect in CATALOGUE for one in special.get(effect, (EffectChoice(effect),)))
+
+
+MODELS = {
+    "plain": lambda: made_up(arm("franka_panda"), PLAIN),
+    "friction alone": lambda: made_up(arm("scara"), ("coulomb", "stribeck")),
+    "hysteresis on a tree": lambda: made_up(TREE, (*PLAIN, *HYSTERESIS, "load_dependent_friction")),
+    "everything": lambda: made_up(arm("ur10"), every_effect()),
+    "everything with a sliding joint": lambda: made_up(arm("scara"), every_effect()),
+}
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def model(request: pytest.FixtureRequest) -> Identification:
+    return MODELS[request.param]()
+
+
+def run_signals(identification: Identification) -> FloatArray:
+    return np.array([1.0, 0.0][: len(identification.model.observation.runs)])
+
+
+def arguments_at(identification: Identification, motion: Motion, k: int) -> dict[str, FloatArray]:
+    """What the exported programs are given at sample k, hysteresis aside."""
+    more = signals(identification.model.robot, len(motion.q))
+    given = {"q": motion.q[k], "dq": motion.dq[k], "ddq": motion.ddq[k], "period": np.array([0.01])}
+    given |= {name: np.atleast_1d(values[k]) for name, values in more.items()}
+    return given | {"runs": run_signals(identification)}
+
+
+def test_a_casadi_function_gives_the_predicted_torque_sample_by_sample(model: Identification) -> None:
+    function = to_casadi(model)
+    motion = path(model.model.robot)
+    expected = predicted(model, motion, run_signals(model))
+    z, before = np.zeros(len(model.model.observation.memory)), motion.q[0]
+    for k, torque in enumerate(expected):
+        given = arguments_at(model, motion, k) | {"z": z, "q_before": before}
+        found = function(**{name: given[name] for name in function.name_in()})
+        np.testing.assert_allclose(np.array(found["tau"])[:, 0], torque, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+        z, before = np.array(found.get("z_next", z)).reshape(-1), motion.q[k]
+
+
+def test_a_casadi_file_read_back_is_the_same_function(tmp_path: Path) -> None:
+    model = MODELS["hysteresis on a tree"]()
+    (tmp_path / "model.casadi").write_bytes(casadi_bytes(model))
+    read, own = ca.Function.load(str(tmp_path / "model.casadi")), to_casadi(model)
+    assert read.name_in() == own.name_in()
+    rng = np.random.default_rng(0)
+    inputs = [rng.uniform(-1, 1, own.size1_in(k)) for k in range(own.n_in())]
+    for one, other in zip(read.call(inputs), own.call(inputs), strict=True):
+        np.testing.assert_array_equal(np.array(one), np.array(other))
+
+
+def test_a_plain_model_asks_for_the_motion_alone() -> None:
+    assert torque_formula(MODELS["plain"]()).names == ("q", "dq", "ddq")
+
+
+def compiled(identification: Identification, folder: Path) -> ctypes.CDLL:
+    """The exported file, as a library, by the strictest compiler options that people use."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("NO C COMPILER: exported C code is not tested here")
+    source, library = folder / "model.c", folder / f"{abs(hash(folder))}.so"
+    source.write_text(to_c(identification), encoding="utf-8")
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2"]
+    command = [compiler, *strict, "-fPIC", "-shared", str(source), "-o", str(library), "-lm"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[:2000]
+    return ctypes.CDLL(str(library))
+
+
+def run_c(library: ctypes.CDLL, identification: Identification, motion: Motion) -> FloatArray:
+    """Torque along a motion, one call a sample."""
+    formula, name = torque_formula(identification), c_name(identification)
+    call = getattr(library, f"{name}_torque")
+    state = ctypes.create_string_buffer(8 * (len(formula.memory) + formula.robot.n + 1))
+    if formula.memory:
+        getattr(library, f"{name}_start")(state)
+    found = np.empty_like(motion.q)
+    for k in range(len(motion.q)):
+        given = arguments_at(identification, motion, k)
+        passed = []
+        for one in formula.names:
+            if one in ("time", "period"):
+                passed.append(ctypes.c_double(given[one][0]))
+            elif one not in ("z", "q_before"):
+                passed.append((ctypes.c_double * len(given[one]))(*given[one]))
+        tau = (ctypes.c_double * formula.robot.n)()
+        call(*passed, *([state] if formula.memory else []), tau)
+        found[k] = tau
+    return found
+
+
+def test_c_code_compiles_without_a_warning_and_gives_the_predicted_torque(
+    model: Identification, tmp_path: Path
+) -> None:
+    motion = path(model.model.robot)
+    expected = predicted(model, motion, run_signals(model))
+    found = run_c(compiled(model, tmp_path), model, motion)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_the_declarations_of_c_code_can_be_included_by_another_file(tmp_path: Path) -> None:
+    model = MODELS["hysteresis on a tree"]()
+    compiled(model, tmp_path)
+    name = c_name(model)
+    (tmp_path / "main.c").write_text(
+        f'#define {name.upper()}_DECLARATIONS_ONLY\n#include "model.c"\n'
+        f"int main(void) {{ double q[{name.upper()}_JOINTS] = {{0}}, tau[{name.upper()}_JOINTS]; {name}_state s; "
+        f"{name}_start(&s); {name}_torque(q, q, q, &s, tau); return tau[0] != tau[0]; }}\n"
+    )
+    command = ["-std=c99", "-Wall", "-Werror", "main.c", "model.c", "-o", "main", "-lm"]
+    subprocess.run([shutil.which("gcc") or "cc", *command], cwd=tmp_path, check=True)
+    subprocess.run([tmp_path / "main"], check=True)
+
+
+def test_names_that_users_give_cannot_break_c_code(tmp_path: Path) -> None:
+    text = crooked_urdf(2).replace('"j0"', '"*/ int x; /* ??/ \\ // ‮ end"').replace("crooked", "7th /* arm */")
+    model = made_up(robot_from_urdf("7th Arm */ ??/ // \\\n ü", text), PLAIN)
+    assert c_name(model) == "dynident_7th_arm"
+    compiled(model, tmp_path)
+
+
+def test_an_operation_that_c_code_is_not_written_for_is_named() -> None:
+    x = ca.SX.sym("x")
+    function = ca.Function("f", [x], [ca.asinh(x)])
+    with pytest.raises(DynidentError, match="CasADi function instead"):
+        c_statements(function, [["x"]], [["y"]])
