@@ -9,10 +9,11 @@ import numpy as np
 
 from dynident.excitation.criteria import CriterionValues
 from dynident.excitation.deciding import Yardstick
+from dynident.excitation.family import Family
 from dynident.excitation.feasible import Shrinking, holdable_postures
-from dynident.excitation.fourier import FourierFamily
 from dynident.excitation.limits import Bounds
 from dynident.excitation.model import DesignModel
+from dynident.excitation.row_models import RowModelName, row_model
 from dynident.excitation.sampling import samples_of_a_period
 from dynident.progress import Progress, silent
 from dynident.robot.model import FloatArray
@@ -40,29 +41,37 @@ class Judge:
 
     def __init__(
         self,
-        family: FourierFamily,
+        family: Family,
         model: DesignModel,
         yardstick: Yardstick,
         *,
         n_samples: int = 0,
+        rows: RowModelName = "dynamic",
     ) -> None:
         self._model, self._yardstick = model, yardstick
         self.n_samples = max(n_samples, samples_of_a_period(model, family))
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
+        self.row_model = row_model(rows, self.n_samples, family.period, family.highest_frequency)
 
     def values(self, x: FloatArray) -> CriterionValues:
         """What coefficients (m, n) are worth."""
-        return self._yardstick.values(self.observe(x), self.n_samples)
+        return self._yardstick.values(self.row_model.rows(self.observe(x), self.velocity(x)), self.n_samples)
 
     def observe(self, x: FloatArray) -> FloatArray:
-        """W (N n, b) of coefficients (m, n)."""
+        """W (N, n, b) of the dynamic model, of coefficients (m, n)."""
         q, dq, ddq, dddq, ddddq = self._basis @ x
         memory = self._model.memory_along(q, periodic=True)
-        return self._model.observe(q, dq, ddq, dddq=dddq, ddddq=ddddq, memory=memory)
+        w = self._model.observe(q, dq, ddq, dddq=dddq, ddddq=ddddq, memory=memory)
+        return w.reshape(*q.shape, -1)
+
+    def velocity(self, x: FloatArray) -> FloatArray:
+        """q̇ (N, n) of coefficients (m, n)."""
+        made: FloatArray = self._basis[1] @ x
+        return made
 
 
 def random_candidates(
-    family: FourierFamily,
+    family: Family,
     bounds: Bounds,
     model: DesignModel,
     judge: Judge,

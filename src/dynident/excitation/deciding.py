@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,28 +19,56 @@ from dynident.robot.pointers import listed, pointer
 
 @dataclass(frozen=True, eq=False)
 class Yardstick:
-    """What a motion is measured by: a criterion, a-priori magnitudes (b,), and whose variances count."""
+    """What a motion is measured by: a criterion, a-priori magnitudes (b,), and whose variances count.
+
+    `earlier` (r, b): rows beside W / √N that stand for what earlier runs have told already.
+    """
 
     choice: CriterionChoice
     a_priori: FloatArray
     deciding: Deciding
     notes: tuple[str, ...] = ()
+    earlier: FloatArray | None = None
 
     @property
     def smooth(self) -> Criterion:
-        """The criterion as it is optimised."""
-        return criterion_of(self.choice, self.a_priori, self.deciding)
+        """The criterion as it is optimised, of W / √N."""
+        criterion = criterion_of(self.choice, self.a_priori, self.deciding)
+        earlier = self.earlier
+        if earlier is None:
+            return criterion
+
+        def with_earlier(w: FloatArray) -> tuple[float, FloatArray]:
+            value, gradient = criterion(np.concatenate([w, earlier]))
+            return value, gradient[: len(w)]
+
+        return with_earlier
 
     def values(self, w: FloatArray, n_samples: int) -> CriterionValues:
         """The true values of W (r, b) at N samples."""
+        if self.earlier is not None:
+            w = np.concatenate([w, np.sqrt(n_samples) * self.earlier])
         return true_values(self.choice, w, n_samples, self.a_priori, self.deciding)
 
 
-def yardstick_of(model: DesignModel, choice: CriterionChoice, noise: Mapping[str, float]) -> Yardstick:
-    """The yardstick of a criterion on a model; see `deciding_of` for what it raises."""
+def yardstick_of(
+    model: DesignModel,
+    choice: CriterionChoice,
+    noise: Mapping[str, float],
+    *,
+    one_equation: bool = False,
+    earlier: FloatArray | None = None,
+) -> Yardstick:
+    """The yardstick of a criterion on a model; see `deciding_of` for what it raises.
+
+    `one_equation`: a sample has one row, not one a joint; the joints' noise then has no part in the criterion.
+    """
     a_priori, assumed = a_priori_values(model, choice)
     notes = assumed if choice.name == "weighted" else ()
-    return Yardstick(choice, a_priori, deciding_of(model, choice, noise), notes)
+    deciding = deciding_of(model, choice, noise)
+    if one_equation:
+        deciding = replace(deciding, row_weights=np.ones(1))
+    return Yardstick(choice, a_priori, deciding, notes, earlier)
 
 
 def with_rivals(effects: tuple[EffectChoice, ...], choice: CriterionChoice) -> tuple[EffectChoice, ...]:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from dynident.errors import DynidentError
 from dynident.excitation.deciding import with_rivals, yardstick_of
+from dynident.excitation.earlier import earlier_rows
 from dynident.excitation.home import check_home, home_candidates, posture_note
 from dynident.excitation.limits import ImpossibleLimitsError, bounds_of, keeps, tightest
-from dynident.excitation.model import design_model
+from dynident.excitation.model import DesignModel, design_model
 from dynident.excitation.motion import in_sequence
 from dynident.excitation.optimise import Budget
 from dynident.excitation.periodic import periodic
@@ -13,16 +17,22 @@ from dynident.excitation.request import JOINT_BY_JOINT, Design, DesignRequest, c
 from dynident.excitation.strokes import course_of, strokes_of
 from dynident.excitation.task import Made, Task
 from dynident.progress import Progress, part, silent
-from dynident.robot.model import Robot
+from dynident.recordings import Recording
+from dynident.robot.model import FloatArray, Robot
 
 
-def design_experiment(robot: Robot, request: DesignRequest, progress: Progress = silent) -> Design:
+def design_experiment(
+    robot: Robot, request: DesignRequest, progress: Progress = silent, earlier: Sequence[Recording] = ()
+) -> Design:
     """Design an experiment.
 
     Parameters
     ----------
     robot : Robot
     request : DesignRequest
+    earlier : sequence of Recording
+        Runs that were recorded before: what they tell of the parameters counts, so that the new experiment complements
+        them.
     progress : Progress
         Told the start, the iteration, the criterion and the tightest limit; may raise to cancel.
 
@@ -42,7 +52,13 @@ def design_experiment(robot: Robot, request: DesignRequest, progress: Progress =
     if request.home is not None:
         check_home(request.home, limits)
     model = design_model(robot, with_rivals(request.wanted_effects, request.criterion))
-    yardstick = yardstick_of(model, request.criterion, request.noise)
+    yardstick = yardstick_of(
+        model,
+        request.criterion,
+        request.noise,
+        one_equation=request.model in ("energy", "power"),
+        earlier=_told(model, earlier, request),
+    )
     task = Task(request, model, yardstick, limits, limits.tightened(), progress)
     progress(0.0, f"{model.n_parameters} base parameters")
     made = _joint_by_joint(task) if request.kind in JOINT_BY_JOINT else periodic(task, budget)
@@ -64,6 +80,18 @@ def design_experiment(robot: Robot, request: DesignRequest, progress: Progress =
         notes=(*made.notes, *model.notes, *limits.notes),
         expected=made.valued.expected,
     )
+
+
+def _told(model: DesignModel, earlier: Sequence[Recording], request: DesignRequest) -> FloatArray | None:
+    if not earlier:
+        return None
+    if request.model != "dynamic":
+        raise DynidentError(
+            f"earlier runs count beside the rows of the dynamic model; a design for the {request.model} model cannot "
+            "take them into account",
+            pointer="/earlier_ids",
+        )
+    return earlier_rows(model, earlier, request)
 
 
 def _joint_by_joint(task: Task) -> Made:

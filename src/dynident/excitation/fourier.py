@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import null_space
 
 from dynident.errors import DynidentError
-from dynident.excitation.motion import Motion
 from dynident.robot.model import FloatArray
 
 
@@ -41,6 +40,20 @@ class FourierFamily:
         """Free coefficients m of one joint; the first is the offset q0."""
         return 2 * self.harmonics - 1
 
+    @property
+    def waves(self) -> int:
+        """The last harmonic."""
+        return self.harmonics
+
+    @property
+    def highest_frequency(self) -> float:
+        """Hz, of the last harmonic."""
+        return self.harmonics / self.period
+
+    def lasting(self, period: float) -> FourierFamily:
+        """The same paths in another time (s)."""
+        return replace(self, period=period)
+
     @cached_property
     def _free(self) -> tuple[FloatArray, FloatArray]:
         """Sine and cosine amplitudes (harmonics, harmonics - 1) for unit free coefficients.
@@ -69,32 +82,3 @@ class FourierFamily:
             made[order, :, 1:middle] = (of_sine * weight) @ sine
             made[order, :, middle:] = (of_cosine * weight) @ cosine
         return made
-
-    def evaluate(self, x: FloatArray, t: FloatArray) -> Motion:
-        """The motion of coefficients x (m, n) at times t."""
-        q, dq, ddq, dddq, _ = self.basis(t) @ x
-        return Motion(t, q, dq, ddq, dddq)
-
-
-@dataclass(frozen=True, eq=False)
-class FourierMotion:
-    """One trajectory of the family, `periods` times over; x (m, n)."""
-
-    family: FourierFamily
-    x: FloatArray
-    periods: int = 1
-
-    @property
-    def duration(self) -> float:
-        """Seconds of all periods."""
-        return self.family.period * self.periods
-
-    def evaluate(self, t: FloatArray) -> Motion:
-        """The motion at times t (m,)."""
-        return self.family.evaluate(self.x, t)
-
-    @property
-    def start(self) -> FloatArray:
-        """Posture (n,) at which it starts and ends, at rest."""
-        posture: FloatArray = self.family.basis(np.zeros(1))[0, 0] @ self.x
-        return posture

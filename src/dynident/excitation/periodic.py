@@ -1,4 +1,4 @@
-"""Experiments that move all joints at once: Fourier trajectories, random or optimised, at one pace or at several."""
+"""Experiments that move all joints at once: periodic trajectories, random or optimised, at one pace or at several."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.excitation.baseline import Candidate, Judge, baseline_of, random_candidates
+from dynident.excitation.families import family_of
+from dynident.excitation.family import Family, PeriodicMotion
 from dynident.excitation.feasible import Shrinking
-from dynident.excitation.fourier import FourierFamily, FourierMotion
 from dynident.excitation.home import with_moves
 from dynident.excitation.limits import Bounds, ImpossibleLimitsError, Margin, keeps, tightest
 from dynident.excitation.optimise import Budget, optimise
@@ -26,16 +27,16 @@ _RANDOM_SHARE = 0.3
 
 
 def periodic(task: Task, budget: Budget) -> Made:
-    """Design a Fourier trajectory, with the moves there and back."""
+    """Design a trajectory of a linear family, with the moves there and back."""
     request, model, bounds, rate = task.request, task.model, task.bounds, task.rate
     wanted = request.trajectory
     steps = max(round(wanted.duration * rate), 1)
-    family = FourierFamily(wanted.harmonics, steps / rate)
+    family = family_of(wanted, steps / rate)
     notes = []
     if abs(family.period - wanted.duration) > 1e-9 * wanted.duration:
         notes.append(f"The period is {family.period:.9g} s: a whole number of sampling periods.")
     notes += task.yardstick.notes
-    judge = Judge(family, model, task.yardstick)
+    judge = Judge(family, model, task.yardstick, rows=request.model)
     candidates = random_candidates(
         family,
         bounds,
@@ -50,7 +51,7 @@ def periodic(task: Task, budget: Budget) -> Made:
         raise _no_room(bounds)
     baseline, best = baseline_of(candidates), candidates[0]
     if request.kind == "optimized":
-        problem = DesignProblem(family, model, task.yardstick.smooth, bounds)
+        problem = DesignProblem(family, model, task.yardstick.smooth, bounds, request.model)
         shrinking = Shrinking(family, bounds, model)
         result = optimise(problem, shrinking, judge, candidates, budget, part(task.progress, 0.15, 0.95))
         best = result.best
@@ -58,7 +59,7 @@ def periodic(task: Task, budget: Budget) -> Made:
         notes.append(f"{completed} before the time was over." if result.out_of_time else f"{completed}.")
     if not np.isfinite(best.values.condition_number):
         notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
-    fine = Judge(family, model, task.yardstick, n_samples=_VALUED_SAMPLES)
+    fine = Judge(family, model, task.yardstick, n_samples=_VALUED_SAMPLES, rows=request.model)
     motions, margins = _verified(task, family, best)
     placed = with_moves(request.home, motions[0], bounds, model, rate)
     pieces = (placed.approach, *(replace(motion, periods=wanted.periods) for motion in motions), placed.retreat)
@@ -75,20 +76,18 @@ def periodic(task: Task, budget: Budget) -> Made:
     )
 
 
-def _valued(task: Task, judge: Judge, motion: FourierMotion) -> Valued:
-    w = judge.observe(motion.x)
+def _valued(task: Task, judge: Judge, motion: PeriodicMotion) -> Valued:
     n_samples = task.request.trajectory.periods * motion.family.period * task.rate
-    return Valued(task.yardstick.values(w, judge.n_samples), task.expected(w, n_samples))
+    w, dq = judge.observe(motion.x), judge.velocity(motion.x)
+    return Valued(judge.values(motion.x), task.expected(w, dq, judge.row_model, n_samples))
 
 
-def _verified(
-    task: Task, family: FourierFamily, best: Candidate
-) -> tuple[tuple[FourierMotion, ...], tuple[Margin, ...]]:
+def _verified(task: Task, family: Family, best: Candidate) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
     """One period of the best candidate at every pace, shrunk by fractions of a percent until the fine grid agrees."""
     x = best.x.copy()
     families = [_at_pace(family, pace, task.rate) for pace in task.request.trajectory.paces]
     for _ in range(_SHRINKS):
-        motions = tuple(FourierMotion(each, x) for each in families)
+        motions = tuple(PeriodicMotion(each, x) for each in families)
         margins = task.verified(motions)
         if keeps(margins):
             return motions, margins
@@ -102,9 +101,9 @@ def _verified(
     )
 
 
-def _at_pace(family: FourierFamily, pace: float, rate: float) -> FourierFamily:
+def _at_pace(family: Family, pace: float, rate: float) -> Family:
     """The family whose trajectories take the same paths at a share `pace` of the speed."""
-    return replace(family, period=np.ceil(family.period / pace * rate - 1e-6) / rate)
+    return family.lasting(float(np.ceil(family.period / pace * rate - 1e-6)) / rate)
 
 
 def _wider(one: Sequence[Margin], other: Sequence[Margin]) -> tuple[Margin, ...]:

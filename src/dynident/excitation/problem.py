@@ -1,4 +1,4 @@
-"""The optimisation problem of a Fourier design: criterion and limits as one smooth function of the coefficients."""
+"""The optimisation problem of a design: criterion and limits as one smooth function of the coefficients."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.excitation.criteria import Criterion
-from dynident.excitation.fourier import FourierFamily
+from dynident.excitation.family import Family
 from dynident.excitation.limits import Bounds
 from dynident.excitation.model import DesignModel
+from dynident.excitation.row_models import RowModelName, row_model
 from dynident.excitation.sampling import samples_of_a_period, smooth_sign
 from dynident.excitation.sensitivity import ObservationGradient
 from dynident.robot.model import FloatArray
@@ -45,23 +46,33 @@ class Evaluation:
 
 
 class DesignProblem:
-    """Criterion and limits over the coefficients x (m, n) of a Fourier family.
+    """Criterion and limits over the coefficients x (m, n) of a family.
 
     Parameters
     ----------
-    family : FourierFamily
+    family : Family
     model : DesignModel
     criterion : Criterion
     bounds : Bounds
+    rows : str
+        The identification model whose rows the criterion is computed from.
     """
 
-    def __init__(self, family: FourierFamily, model: DesignModel, criterion: Criterion, bounds: Bounds) -> None:
+    def __init__(
+        self,
+        family: Family,
+        model: DesignModel,
+        criterion: Criterion,
+        bounds: Bounds,
+        rows: RowModelName = "dynamic",
+    ) -> None:
         self.family, self.bounds = family, bounds
         self.n = model.robot.n
         self.n_samples = samples_of_a_period(model, family)
         self._model = model
         self._criterion = criterion
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
+        self._row_model = row_model(rows, self.n_samples, family.period, family.highest_frequency)
         self._rows = ObservationGradient(model, self.n_samples, smooth_sign(model, bounds))
         b = model.n_parameters
         self._n_parameters = b
@@ -86,16 +97,18 @@ class DesignProblem:
         w = self._rows.evaluate(q, dq, ddq, dddq, ddddq)
         torque = w @ self._nominal
         b = self._n_parameters
-        rows = w[:, :, :b].reshape(-1, b) / np.sqrt(self.n_samples)
-        criterion, of_rows = self._criterion(rows)
+        scale = 1.0 / np.sqrt(self.n_samples)
+        chosen = w[:, :, :b]
+        criterion, of_rows = self._criterion(scale * self._row_model.rows(chosen, dq))
+        of_chosen, of_velocity = self._row_model.pull_back(chosen, dq, scale * of_rows)
         shares = (np.stack([q, dq, ddq, dddq, torque]) - self._middle) * self._per_room
         excess = np.abs(shares) - 1.0
         active = np.maximum(0.0, multipliers.values + multipliers.penalty * excess)
         penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty)
         of_signals = active * np.sign(shares) * self._per_room
         of_w = of_signals[4][:, :, None] * self._nominal
-        of_w[:, :, :b] += of_rows.reshape(self.n_samples, self.n, b) / np.sqrt(self.n_samples)
-        gradient = np.zeros_like(x)
+        of_w[:, :, :b] += of_chosen
+        gradient = self._basis[1].T @ of_velocity
         for basis, of_derivative in zip(self._basis, of_signals[:4], strict=False):
             gradient += basis.T @ of_derivative
         for basis, of_derivative in zip(self._basis, self._rows.pull_back(of_w), strict=False):

@@ -14,6 +14,7 @@ from dynident.excitation.baseline import Baseline
 from dynident.excitation.criteria import CriterionChoice, CriterionValues, check_criterion, check_wishes
 from dynident.excitation.expected import ExpectedParameter
 from dynident.excitation.limits import Margin
+from dynident.excitation.row_models import ROW_MODELS, RowModelName
 from dynident.robot import Limits
 from dynident.robot.model import FloatArray
 
@@ -21,7 +22,7 @@ Kind = Literal["optimized", "random", "constant_velocity", "slow_sweep", "revers
 KINDS: tuple[str, ...] = get_args(Kind)
 JOINT_BY_JOINT = ("constant_velocity", "slow_sweep", "reversals")
 """Kinds in which one joint moves at a time, with the friction of the joints for its default effects."""
-FAMILIES = ("fourier",)
+FAMILIES = ("fourier", "b_spline")
 DEFAULT_STARTS = 4
 
 _FRICTION = tuple(EffectChoice(name) for name in ("coulomb", "viscous", "offset"))
@@ -29,7 +30,7 @@ _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
 _REVERSAL_SPEEDS = (0.01,)
 _AMPLITUDES = (0.004, 0.008, 0.016, 0.032, 0.064)
 _MOST_SAMPLES = 5_000_000
-_SAMPLES_PER_HARMONIC = 4
+_SAMPLES_PER_WAVE = 4
 _MOST_HARMONICS = 100
 
 
@@ -40,12 +41,15 @@ class TrajectoryRequest:
     Parameters
     ----------
     family : str
-        "fourier".
+        "fourier" or "b_spline".
     duration : float
         One period in s; for constant velocity the longest stroke; for a slow sweep the way from one end of a joint's
         range to the other.
     harmonics : int
-        Of the fundamental frequency 1 / duration.
+        Of a Fourier series: of the fundamental frequency 1 / duration.
+    intervals : int
+        Of a B-spline: between its knots, evenly spaced. A joint has as many free coefficients; a Fourier series has
+        2 harmonics - 1.
     periods : int
         How often the period (the set of strokes) is repeated.
     sampling_rate : float
@@ -63,6 +67,7 @@ class TrajectoryRequest:
     family: str = "fourier"
     duration: float = 10.0
     harmonics: int = 5
+    intervals: int = 9
     periods: int = 1
     sampling_rate: float = 100.0
     speeds: tuple[float, ...] | None = None
@@ -98,6 +103,9 @@ class DesignRequest:
     random_trajectories : int
         How many random trajectories stand beside the result.
     seed : int
+    model : str
+        The identification model whose rows the criterion is computed from, for a periodic trajectory: "dynamic",
+        "filtered", "energy" or "power".
     noise : mapping of joint name to N m or N
         Standard deviation of a sample of the joint's torque. With it, the criteria about variances weigh the joints,
         and the standard deviations of the parameters are predicted.
@@ -114,6 +122,7 @@ class DesignRequest:
     random_trajectories: int = 100
     seed: int = 0
     noise: Mapping[str, float] = field(default_factory=dict)
+    model: RowModelName = "dynamic"
 
     @property
     def wanted_effects(self) -> tuple[EffectChoice, ...]:
@@ -186,6 +195,7 @@ class Design:
 def check_request(request: DesignRequest) -> None:
     """Raise `DynidentError` for what cannot be asked; joints, effects and limits are checked where they are used."""
     _one_of(request.kind, KINDS, "kind of design", "/kind")
+    _one_of(request.model, ROW_MODELS, "identification model to design for", "/model")
     check_criterion(request.criterion)
     check_wishes(request.criterion)
     trajectory = request.trajectory
@@ -203,6 +213,12 @@ def check_request(request: DesignRequest) -> None:
     _check_shares(trajectory.paces, "paces", "the speed of the path")
     for amplitude in request.wanted_amplitudes:
         _positive(amplitude, "an amplitude", "/trajectory/amplitudes")
+    alone = request.kind in JOINT_BY_JOINT or len(trajectory.paces) > 1
+    if alone and request.model != "dynamic":
+        raise DynidentError(
+            f"only a periodic trajectory at one pace can be designed for the {request.model} model; leave model out",
+            pointer="/model",
+        )
     if request.kind in JOINT_BY_JOINT:
         return
     if trajectory.joints:
@@ -211,24 +227,31 @@ def check_request(request: DesignRequest) -> None:
             f"{', '.join(JOINT_BY_JOINT)}",
             pointer="/trajectory/joints",
         )
-    _at_least(trajectory.harmonics, 2, "harmonics", "/trajectory/harmonics")
-    if trajectory.harmonics > _MOST_HARMONICS:
-        raise DynidentError(
-            f"harmonics is {trajectory.harmonics}; at most {_MOST_HARMONICS} can be designed",
-            pointer="/trajectory/harmonics",
-        )
-    fastest = trajectory.harmonics / trajectory.duration
-    if trajectory.sampling_rate < _SAMPLES_PER_HARMONIC * fastest:
-        raise DynidentError(
-            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for harmonics up to {fastest:g} Hz; use at "
-            f"least {_SAMPLES_PER_HARMONIC * fastest:g} Hz, fewer harmonics or a longer period",
-            pointer="/trajectory/sampling_rate",
-        )
+    _check_fineness(trajectory)
     samples = trajectory.sampling_rate * trajectory.duration * trajectory.periods * sum(1 / p for p in trajectory.paces)
     if samples > _MOST_SAMPLES:
         raise DynidentError(
             f"the trajectory would have {samples:.0f} samples; at most {_MOST_SAMPLES} can be designed",
             pointer="/trajectory",
+        )
+
+
+def _check_fineness(trajectory: TrajectoryRequest) -> None:
+    """Raise where a periodic trajectory has too few or too many shapes, or where they are too fast for the sampling."""
+    what = "intervals" if trajectory.family == "b_spline" else "harmonics"
+    count, most = (
+        (trajectory.intervals, 2 * _MOST_HARMONICS) if what == "intervals" else (trajectory.harmonics, _MOST_HARMONICS)
+    )
+    _at_least(count, 2, what, f"/trajectory/{what}")
+    if count > most:
+        raise DynidentError(f"{what} is {count}; at most {most} can be designed", pointer=f"/trajectory/{what}")
+    fastest = count / trajectory.duration / (2 if what == "intervals" else 1)
+    least = _SAMPLES_PER_WAVE * fastest
+    if trajectory.sampling_rate < least:
+        raise DynidentError(
+            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for {what} that make {fastest:g} Hz; use "
+            f"at least {least:g} Hz, fewer {what} or a longer period",
+            pointer="/trajectory/sampling_rate",
         )
 
 

@@ -9,12 +9,13 @@ import numpy as np
 
 from dynident.excitation.baseline import Baseline
 from dynident.excitation.criteria import CriterionValues
-from dynident.excitation.deciding import Yardstick
+from dynident.excitation.deciding import Yardstick, row_weights
 from dynident.excitation.expected import ExpectedParameter, expected_parameters
 from dynident.excitation.limits import Bounds, Margin, margins_of
 from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Motion, Piece, in_sequence
 from dynident.excitation.request import DesignRequest
+from dynident.excitation.row_models import EVERY_JOINT, RowModel
 from dynident.progress import Progress, part
 from dynident.robot.model import FloatArray
 
@@ -50,13 +51,16 @@ class Task:
         motion = in_sequence(pieces, self.rate)
         inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
         taken = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
-        w = self.model.observe_along(motion, taken)
-        return Valued(self.yardstick.values(w, len(taken)), self.expected(w, len(inside)))
+        w, dq = self.model.observe_along(motion, taken), motion.dq[taken]
+        expected = self.expected(w.reshape(*dq.shape, -1), dq, EVERY_JOINT, len(inside))
+        return Valued(self.yardstick.values(w, len(taken)), expected)
 
-    def expected(self, w: FloatArray, n_samples: float) -> tuple[ExpectedParameter, ...]:
-        """How well the parameters come out of `n_samples` samples like those of W (m n, b)."""
-        weights, known = self.yardstick.deciding.row_weights, bool(self.request.noise)
-        return expected_parameters(self.model, w, weights, n_samples, noise_known=known)
+    def expected(
+        self, w: FloatArray, dq: FloatArray, rows: RowModel, n_samples: float
+    ) -> tuple[ExpectedParameter, ...]:
+        """How well the parameters come out of `n_samples` samples like those of W (m, n, b) and q̇ (m, n)."""
+        noise = 1.0 / row_weights(self.model, self.request.noise) if self.request.noise else None
+        return expected_parameters(self.model, w, dq, rows, n_samples, noise=noise, earlier=self.yardstick.earlier)
 
 
 @dataclass(frozen=True, eq=False)
