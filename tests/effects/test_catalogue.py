@@ -14,6 +14,7 @@ from dynident.effects import (
     CATALOGUE,
     DEFAULT_EFFECTS,
     EffectChoice,
+    RunSignal,
     ShapeSpec,
     Signals,
     UnknownEffectError,
@@ -146,16 +147,18 @@ def test_stored_energy_changes_by_the_power_of_its_torque(name):
         h = ca.SX(column.energy())
         rate = ca.jtimes(h, s.q, s.dq) + ca.jtimes(h, s.dq, s.ddq)
         power = ca.dot(s.dq, ca.densify(column.torque))
-        function = ca.Function("p", [s.q, s.dq, s.ddq, s.reference], [rate - power, power])
+        present = s.in_runs(RunSignal())
+        function = ca.Function("p", [s.q, s.dq, s.ddq, s.reference, present], [rate - power, power])
         reference = np.random.default_rng(1).normal(size=reference_size(robot))
         for state in zip(*random_states(robot, 4, 9), strict=True):
-            gap, size = (float(value) for value in function(*state, reference))
-            assert abs(gap) < 1e-9 * max(1.0, abs(size))
+            for there in (0.0, 1.0):
+                gap, size = (float(value) for value in function(*state, reference, there))
+                assert abs(gap) < 1e-9 * max(1.0, abs(size))
 
 
 @pytest.mark.parametrize("name", [
     "rigid_body", "rotor_inertia", "joint_spring", "torque_ripple", "gravity_compensator", "cable_force",
-    "rotor_coupling",
+    "rotor_coupling", "payload",
 ])  # fmt: skip
 def test_effects_that_store_energy_say_how_much(name):
     columns = columns_of([EffectChoice(name)], Signals(arm("ur10")))

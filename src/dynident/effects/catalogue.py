@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 
+import casadi as ca
+
 from dynident.effects.disturbances import BaseVibration, ExternalContact, Payload
 from dynident.effects.drive import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
 from dynident.effects.effect import Column, Effect, EffectChoice, ShapeSpec
@@ -166,6 +168,18 @@ def columns_of(choices: Iterable[EffectChoice], signals: Signals) -> list[Column
         made = effect.columns(signals, joints, choice.shape_values)
         if choice.runs or effect.in_some_runs:
             present = signals.in_runs(RunSignal(choice.runs))
-            made = [replace(column, torque=column.torque * present, runs=choice.runs) for column in made]
+            made = [_in_runs(column, present, choice.runs) for column in made]
         columns += made
     return columns
+
+
+def _in_runs(column: Column, present: ca.SX, runs: tuple[str, ...]) -> Column:
+    """The column in the runs where `present` is 1, and nothing in the others."""
+    energy, wrench = column.energy, column.wrench
+    return replace(
+        column,
+        torque=column.torque * present,
+        runs=runs,
+        energy=None if energy is None else lambda: present * energy(),
+        wrench=None if wrench is None else lambda: present * wrench(),
+    )

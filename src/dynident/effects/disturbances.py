@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
 from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, ShapeSpec
 from dynident.effects.newton_euler import tool_jacobian
+from dynident.effects.rigid_body import base_wrench, stored_energy
 from dynident.effects.signals import Signals
 from dynident.robot.model import INERTIAL_NAMES, Robot
 
@@ -36,7 +39,14 @@ class Payload(Effect):
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Ten columns: those of the last link."""
         rows, first = signals.mechanics.rows, 10 * (signals.robot.n - 1)
-        return [self._robot_column(spec, rows[:, first + k]) for k, spec in enumerate(self.parameters)]
+        return [
+            replace(
+                self._robot_column(spec, rows[:, first + k]),
+                energy=partial(stored_energy, signals, first + k),
+                wrench=partial(base_wrench, signals, first + k),
+            )
+            for k, spec in enumerate(self.parameters)
+        ]
 
 
 class ExternalContact(Effect):

@@ -88,7 +88,8 @@ class Column:
     """One column of W: the torque (n, 1) on every joint for a unit value of its parameter.
 
     `name` is the parameter's name with the joint's number behind it, as in [12.1] ("ZZ2", "Fc3"). `energy` gives the
-    row (1, 1) of stored energy, where the effect stores any: called only by models that need it.
+    row (1, 1) of stored energy, where the effect stores any, and `wrench` the reaction (6, 1) of the base, where it is
+    known: both called only by models that need them.
     """
 
     effect: str
@@ -100,6 +101,7 @@ class Column:
     shape: tuple[tuple[str, float], ...] = ()
     energy: Callable[[], ca.SX] | None = None
     runs: tuple[str, ...] = ()
+    wrench: Callable[[], ca.SX] | None = None
 
     @property
     def key(self) -> tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]:

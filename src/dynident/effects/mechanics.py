@@ -106,13 +106,33 @@ def dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) 
     SX (n, 10 n), structurally zero where the torque of a joint cannot depend on a link. Columns are link by link in
     the order of `INERTIAL_NAMES`.
     """
+    return _projected_rows(robot, q, dq, ddq, gravity, of_base=False)
+
+
+def wrench_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) -> ca.SX:
+    """Observation rows of the reaction wrench that the base exerts on the robot, for the standard parameters (§12.8).
+
+    Returns
+    -------
+    SX (6, 10 n) : force, then moment about the origin of the base frame, both along its axes. At rest the force holds
+    the weight. The motors' reaction is inside: neither friction nor torque appears, nor do the rotors as such.
+    """
+    return _projected_rows(robot, q, dq, ddq, gravity, of_base=True)
+
+
+def _projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX, *, of_base: bool) -> ca.SX:
+    """Every link's wrench projected on the unit twists of the joints that carry it, or on the six of the base."""
     n = robot.n
+    zero = ca.SX.zeros(3, 1)
+    base: dict[int, tuple[ca.SX, ca.SX]] = {}
+    if of_base:
+        axes = [ca.SX(ca.DM.eye(3)[:, k]) for k in range(3)]
+        base = {k: (zero, axes[k]) for k in range(3)} | {3 + k: (axes[k], zero) for k in range(3)}
     omegas: list[ca.SX] = []
     alphas: list[ca.SX] = []
     accelerations: list[ca.SX] = []
-    twists: list[dict[int, tuple[ca.SX, ca.SX]]] = []  # joint j -> its unit twist (angular, linear) at this frame
-    rows = [[ca.SX(1, 10) for _ in range(n)] for _ in range(n)]
-    zero = ca.SX.zeros(3, 1)
+    twists: list[dict[int, tuple[ca.SX, ca.SX]]] = []  # row j -> its unit twist (angular, linear) at this frame
+    rows = [[ca.SX(1, 10) for _ in range(n)] for _ in range(6 if of_base else n)]
     for i, (joint, frame) in enumerate(zip(robot.joints, frames_of(robot, q), strict=True)):
         root = joint.parent < 0
         down = frame.rotation.T
@@ -129,12 +149,13 @@ def dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) 
             omega = omega + axis * dq[i]
         else:
             acceleration = acceleration + axis * ddq[i] + 2 * cross(omega, axis * dq[i])
-        inherited = {} if root else twists[joint.parent]
+        inherited = base if root else twists[joint.parent]
         here = {
             j: (ca.mtimes(down, angular), ca.mtimes(down, linear + cross(angular, frame.origin)))
             for j, (angular, linear) in inherited.items()
         }
-        here[i] = (axis, zero) if joint.kind == "revolute" else (zero, axis)
+        if not of_base:
+            here[i] = (axis, zero) if joint.kind == "revolute" else (zero, axis)
         omegas.append(omega)
         alphas.append(alpha)
         accelerations.append(acceleration)
@@ -204,6 +225,11 @@ class Mechanics:
     def rows(self) -> ca.SX:
         """SX (n, 10 n): the dynamic model's rows, [12.18]."""
         return dynamic_rows(self.robot, self.q, self.dq, self.ddq, self.gravity)
+
+    @cached_property
+    def wrenches(self) -> ca.SX:
+        """SX (6, 10 n): the rows of the base's reaction wrench."""
+        return wrench_rows(self.robot, self.q, self.dq, self.ddq, self.gravity)
 
     @cached_property
     def energies(self) -> tuple[ca.SX, ca.SX]:

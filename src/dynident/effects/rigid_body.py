@@ -43,7 +43,8 @@ class RigidBody(Effect):
                 link=signals.robot.joints[link].name,
                 unit=spec.unit,
                 torque=rows[:, 10 * link + k],
-                energy=partial(_stored, signals, 10 * link + k),
+                energy=partial(stored_energy, signals, 10 * link + k),
+                wrench=partial(base_wrench, signals, 10 * link + k),
             )
             for link in joints
             for k, spec in enumerate(self.parameters)
@@ -77,7 +78,12 @@ class RotorInertia(Effect):
         ]
 
 
-def _stored(signals: Signals, index: int) -> ca.SX:
+def base_wrench(signals: Signals, index: int) -> ca.SX:
+    """Reaction (6, 1) of the base for one standard inertial parameter."""
+    return signals.mechanics.wrenches[:, index]
+
+
+def stored_energy(signals: Signals, index: int) -> ca.SX:
     """Kinetic and potential energy of one standard inertial parameter, [12.33] and [12.34]."""
     kinetic, potential = signals.mechanics.energies
     return kinetic[index] + potential[index]

@@ -12,14 +12,11 @@ from dynident.errors import DynidentError
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, BaseParameters, base_parameters
 from dynident.regressors.observation import Observation
 from dynident.robot.model import FloatArray, Robot
+from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
 _INERTIAL = ("rigid_body", "rotor_inertia")
 # Where parameters of the motors' torque stand in `Model.reference`; the rotors' are found with the links'.
 _DRIVE_ROWS = {pair: row for row, pair in enumerate(DRIVE_PARAMETERS) if pair[0] != "rotor_inertia"}
-# How far a description is usually off, as a share; and a link where it says nothing (kg, m).
-_SHARE, _SHARE_WITHOUT, _MASS, _SIZE = 0.2, 1.0, 3.0, 0.15
-# Rotor inertia for an effort limit of 1 N m, and where there is no limit (kg m²).
-_ROTOR, _ROTOR_WHERE_UNKNOWN = 0.02, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +86,8 @@ class Model:
         grouping = self.base.grouping[np.ix_(inertial, everything)]
         seen = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)
         nominal = np.concatenate([nominal, np.zeros(len(rotors))])
-        scale = np.concatenate([_doubt(self.robot), _rotor_doubt(self.robot)[[self._joint(k) for k in rotors]]])
+        of_rotors = usual_rotor_inertias(self.robot)[[self._joint(k) for k in rotors]]
+        scale = np.concatenate([usual_errors(self.robot).reshape(-1), of_rotors])
         gap = values[inertial][seen] - grouping[seen] @ nominal
         return np.asarray(nominal + scale * (np.linalg.pinv(grouping[seen] * scale, rcond=1e-9) @ gap))
 
@@ -167,21 +165,3 @@ def inertial_base_parameters(robot: Robot, *, tolerance: float = DEFAULT_TOLERAN
     """The base inertial parameters of a robot: links alone, without rotors and friction."""
     signals = Signals(robot)
     return base_parameters(robot, columns_of([EffectChoice("rigid_body")], signals), signals, tolerance=tolerance)
-
-
-def _doubt(robot: Robot) -> FloatArray:
-    """(10 n,): usual error of the description's standard inertial parameters."""
-    made = np.empty((robot.n, 10))
-    for link in range(robot.n):
-        mass, size, share = _MASS, _SIZE, _SHARE_WITHOUT
-        if robot.inertias is not None and robot.inertias[link, 9] > 0:
-            mass, share = float(robot.inertias[link, 9]), _SHARE
-            size = _SIZE + float(np.linalg.norm(robot.inertias[link, 6:9])) / mass
-        made[link] = share * mass * np.array([size**2] * 6 + [size] * 3 + [1.0])
-    return made.reshape(-1)
-
-
-def _rotor_doubt(robot: Robot) -> FloatArray:
-    """(n,): size that rotor inertias may well have."""
-    limits = [joint.limits.effort for joint in robot.joints]
-    return np.array([_ROTOR * limit if limit else _ROTOR_WHERE_UNKNOWN for limit in limits])

@@ -23,7 +23,7 @@ _MEMORY, _RUNS = 8, 9
 class Observation:
     """W of one robot for `columns`, as the list of its structural non-zeros.
 
-    Entry k of an evaluation stands in row (joint) `entry_rows[k]` and column `entry_columns[k]`. `memory` are the
+    Entry k of an evaluation stands in row (of W: joint) `entry_rows[k]` and column `entry_columns[k]`. `memory` are the
     hysteresis states that must be supplied, in this order, and `runs` the run signals. `parts`: where it extends
     another, that one and what was put behind it.
     """
@@ -40,7 +40,11 @@ class Observation:
     @classmethod
     def of(cls, robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
         """Build the observation matrix of columns that were made from `signals`."""
-        matrix = _matrix(robot, columns)
+        return cls.of_matrix(robot, columns, _matrix(robot, columns), signals)
+
+    @classmethod
+    def of_matrix(cls, robot: Robot, columns: Sequence[Column], matrix: ca.SX, signals: Signals) -> Observation:
+        """Build another matrix (k, c) of the same columns, of expressions in `signals`; k need not be n."""
         memory, runs = signals.memory_in(matrix), signals.runs_in(matrix)
         rows, cols = matrix.sparsity().get_triplet()
         return cls(

@@ -12,7 +12,8 @@ from dynident.effects.memory import MemoryStates
 from dynident.estimation import FactorAccumulator, Reduction, concatenate
 from dynident.progress import Progress, silent
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
-from dynident.regressors.observation import Observation
+from dynident.recordings.types import BoolArray
+from dynident.regressors.observation import IntArray, Observation
 from dynident.robot.model import FloatArray
 
 _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
@@ -99,15 +100,39 @@ def parallel_filtered(
     recording: Recording, preprocessing: Preprocessing, values: _BlockFunction
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
     """Stream `values` of every block through the parallel filter: (segment, t (m,), rows (m, k)), used rows alone."""
+    return low_passed(sampled(recording, preprocessing, values), recording, preprocessing)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Consecutive rows of one segment at the full rate: t, `used` (m,), values (m, k)."""
+
+    segment: int
+    starts_segment: bool
+    t: FloatArray
+    used: BoolArray
+    values: FloatArray
+
+
+def sampled(recording: Recording, preprocessing: Preprocessing, values: _BlockFunction) -> Iterator[Samples]:
+    """Stream `values` of every block of filtered positions."""
+    for block in filtered_blocks(recording, preprocessing):
+        yield Samples(block.segment, block.starts_segment, block.t, block.used, values(block))
+
+
+def low_passed(
+    samples: Iterable[Samples], recording: Recording, preprocessing: Preprocessing
+) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+    """Stream samples through the parallel filter: (segment, t (m,), rows (m, k)), used rows alone."""
     low_pass = ParallelFilter(recording.sampling_rate, preprocessing.torque_cutoff, preprocessing.decimation)
     segment = -1
-    for block in filtered_blocks(recording, preprocessing):
-        if block.starts_segment and segment >= 0:
+    for part in samples:
+        if part.starts_segment and segment >= 0:
             rest = low_pass.flush()
             if rest.used.any():
                 yield segment, rest.t[rest.used], rest.values[rest.used]
-        segment = block.segment
-        given = low_pass.push(values(block), block.t, block.used, block.starts_segment)
+        segment = part.segment
+        given = low_pass.push(part.values, part.t, part.used, part.starts_segment)
         if given.used.any():
             yield segment, given.t[given.used], given.values[given.used]
     rest = low_pass.flush()
@@ -158,24 +183,57 @@ def reduce_recordings(
     """
     n = observation.robot.n
     layout = [observation.joint_entries(joint) for joint in range(n)]
+
+    def rows_of(recording: Recording) -> Iterator[EquationRows]:
+        given = None if samples_of is None else samples_of(recording)
+        for samples in given or filtered_samples(observation, recording, preprocessing, reference):
+            rows = [
+                np.hstack([samples.values[:, positions], samples.tau[:, joint : joint + 1]])
+                for joint, (positions, _) in enumerate(layout)
+            ]
+            yield EquationRows(samples.t, rows, samples.segment)
+
+    return folded(rows_of, [columns for _, columns in layout], observation.n_columns, recordings, progress)
+
+
+@dataclass(frozen=True, eq=False)
+class EquationRows:
+    """Rows of one segment: t (m,), and [W | Y] (m, p + 1) of every equation."""
+
+    t: FloatArray
+    rows: list[FloatArray]
+    segment: int
+
+
+def folded(
+    rows_of: Callable[[Recording], Iterable[EquationRows]],
+    columns: Sequence[IntArray],
+    n_columns: int,
+    recordings: Sequence[Recording],
+    progress: Progress = silent,
+) -> Reduction:
+    """Fold the equations that `rows_of` makes of every recording into factors.
+
+    Parameters
+    ----------
+    columns : one (p,) array an equation
+        The parameters that each equation contains.
+    n_columns : int
+        Number of all parameters.
+    """
     stretch = stretch_length(recordings)
     total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
     done = 0.0
     parts = []
     for recording in recordings:
-        accumulator = FactorAccumulator([columns for _, columns in layout], observation.n_columns, stretch)
+        accumulator = FactorAccumulator(columns, n_columns, stretch)
         segment = -1
-        given = None if samples_of is None else samples_of(recording)
-        for samples in given or filtered_samples(observation, recording, preprocessing, reference):
-            if samples.segment != segment:
+        for part in rows_of(recording):
+            if part.segment != segment:
                 accumulator.end_stretch()
-                segment = samples.segment
-            rows = [
-                np.hstack([samples.values[:, positions], samples.tau[:, joint : joint + 1]])
-                for joint, (positions, _) in enumerate(layout)
-            ]
-            accumulator.push(samples.t, rows)
-            progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
+                segment = part.segment
+            accumulator.push(part.t, part.rows)
+            progress(min(1.0, (done + part.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += recording.n_samples / recording.sampling_rate
         parts.append(accumulator.finish())
     return concatenate(parts)

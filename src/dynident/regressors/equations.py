@@ -1,0 +1,103 @@
+"""From recordings to the equations of the models beside the dynamic one: streamed, filtered, folded into factors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+import numpy as np
+
+from dynident.estimation import Reduction
+from dynident.progress import Progress, silent
+from dynident.recordings import Preprocessing, Recording, SampleBlock
+from dynident.regressors.forms import Form
+from dynident.regressors.stages import differences, integrated, rated, smoothed
+from dynident.regressors.stream import EquationRows, SampleFunction, Samples, folded, low_passed, sampled
+from dynident.robot.model import FloatArray
+
+# Intervals of the energy model begin every quarter of their length: nearer to each other they repeat each other.
+_OVERLAP = 4
+
+Rows = Iterator[tuple[int, FloatArray, FloatArray]]
+"""(segment, t (m,), [entries | y] (m, k)), used rows alone."""
+
+Treatment = Callable[[Iterable[Samples], Form, Recording, Preprocessing], Rows]
+"""Makes rows of the evaluations of a form beside y."""
+
+
+def plain(samples: Iterable[Samples], form: Form, recording: Recording, preprocessing: Preprocessing) -> Rows:
+    """dS/dt + D, and y, through the parallel filter: the power model [12.52] and the base wrench."""
+    yield from low_passed(rated(samples, form, recording.sampling_rate), recording, preprocessing)
+
+
+def filtered(pole: float) -> Treatment:
+    """As `plain`, behind F(s) with this pole a in rad/s: the filtered dynamic model [12.28] and [12.30]."""
+
+    def rows(samples: Iterable[Samples], form: Form, recording: Recording, preprocessing: Preprocessing) -> Rows:
+        rate = recording.sampling_rate
+        yield from low_passed(smoothed(rated(samples, form, rate), pole, rate), recording, preprocessing)
+
+    return rows
+
+
+def over_intervals(interval: float) -> Treatment:
+    """ΔS + ∫D dt, and ∫y dt, over intervals of about this length in s: the energy model [12.43]-[12.49].
+
+    S and the integrals pass the parallel filter before they are subtracted, so that an interval's ends are not two
+    noisy samples; intervals begin every quarter of their length.
+    """
+
+    def rows(samples: Iterable[Samples], form: Form, recording: Recording, preprocessing: Preprocessing) -> Rows:
+        spacing = recording.period * preprocessing.decimation
+        length = max(1, round(interval / spacing))
+        knots = low_passed(integrated(samples, form, recording.period), recording, preprocessing)
+        yield from differences(knots, length, max(1, length // _OVERLAP), spacing)
+
+    return rows
+
+
+def reduce_form(
+    form: Form,
+    treatment: Treatment,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress = silent,
+) -> Reduction:
+    """Fold the equations of all recordings into triangular factors, one an equation and stretch of time.
+
+    Parameters
+    ----------
+    form : Form
+        Its columns become the reduction's.
+    treatment : Treatment
+        What the model does with them.
+    reference : (10 n,) or (14 n,)
+        Standard inertial parameters of the load prediction.
+    """
+    layout = form.layout
+    n_entries = len(form.entries[0])
+
+    def rows_of(recording: Recording) -> Iterator[EquationRows]:
+        samples = sampled(recording, preprocessing, _evaluations(form, reference, recording))
+        for segment, t, values in treatment(samples, form, recording, preprocessing):
+            rows = [
+                np.hstack([values[:, places], values[:, n_entries + k : n_entries + k + 1]])
+                for k, (places, _) in enumerate(layout)
+            ]
+            yield EquationRows(t, rows, segment)
+
+    return folded(rows_of, [columns for _, columns in layout], form.observation.n_columns, recordings, progress)
+
+
+def _evaluations(form: Form, reference: FloatArray, recording: Recording) -> Callable[[SampleBlock], FloatArray]:
+    """The entries of S and D, and y behind them."""
+    entries = SampleFunction(form.observation, reference, recording)
+    n_entries = len(form.observation.entry_rows)
+
+    def values(block: SampleBlock) -> FloatArray:
+        rows = np.empty((len(block.t), n_entries + form.n_equations))
+        entries.fill(block, rows[:, :n_entries])
+        rows[:, n_entries:] = form.measured(block)
+        return rows
+
+    return values

@@ -1,0 +1,134 @@
+"""What the identification models make of the columns: a part that is differentiated in time, and a part that is not.
+
+Every model of the chapter is d/dt(S χ) + D χ = y, with S and D free of accelerations wherever a column has an energy:
+
+* filtered dynamic [12.35]: S = ∂e/∂q̇ (B1), D = ∂u/∂q - ∂e/∂q (B2), y = Γ;
+* power [12.51] and, integrated, energy [12.43]: S = h = e + u, y = Γᵀq̇;
+* base wrench (§12.8): S = 0, D the reaction of the base, y the measured one.
+
+A column without an energy (friction, a payload's run, a sensitivity) enters D as torque, or as its power.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from dynident.effects import Column, Signals
+from dynident.recordings import SampleBlock
+from dynident.regressors.observation import IntArray, Observation
+from dynident.robot.model import FloatArray, Robot
+
+Measured = Callable[[SampleBlock], FloatArray]
+"""What the equations' right-hand side is at the samples of a block: (m, number of equations)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """d/dt(S χ) + D χ = y of one set of columns.
+
+    `observation` has the rows of S, then those of D, `n_equations` each; `measured` gives y.
+    """
+
+    observation: Observation
+    n_equations: int
+    measured: Measured
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether anything is differentiated."""
+        return len(self.stored[0]) > 0
+
+    @cached_property
+    def entries(self) -> tuple[IntArray, IntArray]:
+        """Row and column of every entry of dS/dt + D, ordered by row, then by column."""
+        places = np.unique(self._places)
+        return places // self._width, places % self._width
+
+    @cached_property
+    def stored(self) -> tuple[IntArray, IntArray]:
+        """Which entries of an evaluation belong to S, and which entries of dS/dt + D they become."""
+        return self._part(self.observation.entry_rows < self.n_equations)
+
+    @cached_property
+    def direct(self) -> tuple[IntArray, IntArray]:
+        """Which entries of an evaluation belong to D, and which entries of dS/dt + D they become."""
+        return self._part(self.observation.entry_rows >= self.n_equations)
+
+    @property
+    def layout(self) -> list[tuple[slice, IntArray]]:
+        """Of every equation: where its entries stand, and their columns."""
+        rows, columns = self.entries
+        borders = np.searchsorted(rows, np.arange(self.n_equations + 1))
+        return [(slice(int(first), int(last)), columns[first:last]) for first, last in pairwise(borders)]
+
+    @property
+    def _width(self) -> int:
+        return max(1, self.observation.n_columns)
+
+    @cached_property
+    def _places(self) -> IntArray:
+        places = self.observation.entry_rows % self.n_equations * self._width + self.observation.entry_columns
+        return np.asarray(places, dtype=np.intp)
+
+    def _part(self, mine: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[IntArray, IntArray]:
+        picked = np.flatnonzero(mine)
+        return picked, np.searchsorted(np.unique(self._places), self._places[picked])
+
+
+def filtered_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
+    """The dynamic model without accelerations, [12.27] and [12.35]-[12.37]: one equation a joint."""
+    with_energy = _with_energy(columns)
+    h = _energies(columns)
+    # The potential energy is what is left of h without velocities: ∂u/∂q - ∂e/∂q = ∂(2u - h)/∂q.
+    u = ca.substitute(h, signals.dq, ca.SX.zeros(robot.n))
+    momentum = ca.jacobian(h, signals.dq).T
+    force = ca.jacobian(2 * u - h, signals.q).T
+    others = [ca.SX(robot.n, 1) if with_energy[k] else column.torque for k, column in enumerate(columns)]
+    stored = _wide(momentum, with_energy, robot.n)
+    direct = _wide(force, with_energy, robot.n) + ca.horzcat(*others)
+    return _form(robot, columns, signals, stored, direct, lambda block: block.tau)
+
+
+def power_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
+    """The power model [12.50]-[12.51], and the integrand of the energy model [12.43]: one equation."""
+    with_energy = _with_energy(columns)
+    others = [
+        ca.SX(1, 1) if with_energy[k] else ca.mtimes(signals.dq.T, column.torque) for k, column in enumerate(columns)
+    ]
+    stored = _wide(_energies(columns), with_energy, 1)
+    return _form(robot, columns, signals, stored, ca.horzcat(*others), _power)
+
+
+def _power(block: SampleBlock) -> FloatArray:
+    """Γᵀq̇ (m, 1)."""
+    return np.asarray(np.einsum("ij,ij->i", block.tau, block.dq)[:, None])
+
+
+def _with_energy(columns: Sequence[Column]) -> list[bool]:
+    return [column.energy is not None for column in columns]
+
+
+def _energies(columns: Sequence[Column]) -> ca.SX:
+    """SX (1, number of columns with an energy)."""
+    return ca.horzcat(ca.SX(1, 0), *(column.energy() for column in columns if column.energy is not None))
+
+
+def _wide(rows: ca.SX, with_energy: Sequence[bool], n_rows: int) -> ca.SX:
+    """The rows (k, number of columns with an energy) with empty columns for those without one."""
+    numbers = np.cumsum(with_energy) - 1
+    return ca.horzcat(
+        *(rows[:, int(k)] if has else ca.SX(n_rows, 1) for k, has in zip(numbers, with_energy, strict=True))
+    )
+
+
+def _form(
+    robot: Robot, columns: Sequence[Column], signals: Signals, stored: ca.SX, direct: ca.SX, measured: Measured
+) -> Form:
+    matrix = ca.sparsify(ca.vertcat(stored, direct))
+    return Form(Observation.of_matrix(robot, columns, matrix, signals), stored.shape[0], measured)
