@@ -242,7 +242,8 @@ def test_a_sliding_joint_without_a_range_is_asked_for_one(scara):
     [
         (replace(QUICK, kind="sequential"), "/kind"),
         (replace(QUICK, criterion=CriterionChoice("best")), "/criterion/name"),
-        (replace(QUICK, trajectory=replace(SHORT, family="b_spline")), "/trajectory/family"),
+        (replace(QUICK, trajectory=replace(SHORT, family="spiral")), "/trajectory/family"),
+        (replace(QUICK, trajectory=replace(SHORT, family="b_spline", intervals=1)), "/trajectory/intervals"),
         (replace(QUICK, trajectory=replace(SHORT, duration=float("nan"))), "/trajectory/duration"),
         (replace(QUICK, trajectory=replace(SHORT, sampling_rate=3.0)), "/trajectory/sampling_rate"),
         (replace(QUICK, trajectory=replace(SHORT, periods=0)), "/trajectory/periods"),

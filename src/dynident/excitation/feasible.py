@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.excitation.fourier import FourierFamily
+from dynident.excitation.family import Family
 from dynident.excitation.limits import Bounds, ImpossibleLimitsError
 from dynident.excitation.model import DesignModel
 from dynident.robot.model import FloatArray
@@ -15,7 +15,7 @@ _POSTURES = 2000
 _HOLDING_SHARE = 0.9
 _CENTRAL_SHARE = 0.8
 _BISECTIONS = 12
-_SAMPLES_PER_HARMONIC = 80
+_SAMPLES_PER_WAVE = 80
 
 
 def static_torque(model: DesignModel, q: FloatArray) -> FloatArray:
@@ -56,11 +56,11 @@ def holdable_postures(bounds: Bounds, model: DesignModel, rng: np.random.Generat
 
 
 class Shrinking:
-    """Takes Fourier coefficients to the largest amplitude at which they keep the limits."""
+    """Takes the coefficients of a family to the largest amplitude at which they keep the limits."""
 
-    def __init__(self, family: FourierFamily, bounds: Bounds, model: DesignModel, *, fine: bool = True) -> None:
+    def __init__(self, family: Family, bounds: Bounds, model: DesignModel, *, fine: bool = True) -> None:
         self._bounds, self._model = bounds, model
-        count = _SAMPLES_PER_HARMONIC * family.harmonics if fine else 2 * _SAMPLES_PER_HARMONIC
+        count = _SAMPLES_PER_WAVE * family.waves if fine else 2 * _SAMPLES_PER_WAVE
         self._basis = family.basis(np.arange(count) * family.period / count)[:4]
 
     def shrink(self, x: FloatArray, most: float = 1.0) -> FloatArray | None:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.errors import DynidentError
+from dynident.excitation.family import PeriodicMotion
 from dynident.excitation.feasible import static_torque
-from dynident.excitation.fourier import FourierMotion
 from dynident.excitation.limits import Bounds, ImpossibleLimitsError
 from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Piece, Rest
@@ -78,7 +78,7 @@ def posture_note(home: FloatArray) -> str:
 
 
 def with_moves(
-    stated: Sequence[float] | None, motion: FourierMotion, bounds: Bounds, model: DesignModel, rate: float
+    stated: Sequence[float] | None, motion: PeriodicMotion, bounds: Bounds, model: DesignModel, rate: float
 ) -> Placed:
     """Moves from home to the motion's start and back, within all limits.
 

@@ -1,4 +1,4 @@
-"""Optimised Fourier trajectories: augmented Lagrangian and L-BFGS with exact gradients, from several starts."""
+"""Optimised periodic trajectories: augmented Lagrangian and L-BFGS with exact gradients, from several starts."""
 
 from __future__ import annotations
 

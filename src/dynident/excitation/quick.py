@@ -9,8 +9,9 @@ import numpy as np
 
 from dynident.excitation.baseline import Judge, random_candidates
 from dynident.excitation.deciding import yardstick_of
+from dynident.excitation.families import family_of
+from dynident.excitation.family import PeriodicMotion
 from dynident.excitation.feasible import static_torque
-from dynident.excitation.fourier import FourierFamily
 from dynident.excitation.home import home_candidates
 from dynident.excitation.limits import Bounds, ImpossibleLimitsError
 from dynident.excitation.model import DesignModel
@@ -26,8 +27,8 @@ _POSTURES = 30
 def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float) -> tuple[Motion, float]:
     """A motion of the kind asked for, and how many samples at `rate` (Hz) the whole experiment has.
 
-    Of a Fourier trajectory one period of the best of a few random ones, at every pace: what is optimised is better. The
-    moves from and to rest are not in it.
+    Of a periodic trajectory one period of the best of a few random ones, at every pace: what is optimised is better.
+    The moves from and to rest are not in it.
 
     Raises
     ------
@@ -44,17 +45,17 @@ def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rat
         motion = in_sequence(course.pieces, rate)
         return motion, float(len(motion.t))
     wanted = request.trajectory
-    family = FourierFamily(wanted.harmonics, wanted.duration)
+    family = family_of(wanted, wanted.duration)
     judge = Judge(family, model, yardstick_of(model, request.criterion, request.noise))
     candidates = random_candidates(family, bounds, model, judge, count=_CANDIDATES, seed=request.seed)
     if not candidates:
         raise ImpossibleLimitsError("no trajectory fits into the limits", pointer="/limits")
     parts, elapsed = [], 0.0
     for pace in wanted.paces:
-        slow = FourierFamily(wanted.harmonics, wanted.duration / pace)
+        slow = family.lasting(wanted.duration / pace)
         # The same number of samples at every pace would count the slow ones too little.
         t = np.arange(0.0, slow.period, wanted.duration / judge.n_samples)
-        part = slow.evaluate(candidates[0].x, t)
+        part = PeriodicMotion(slow, candidates[0].x).evaluate(t)
         parts.append(Motion(elapsed + part.t, part.q, part.dq, part.ddq, part.dddq))
         elapsed += slow.period
     return joined(parts), elapsed * wanted.periods * rate

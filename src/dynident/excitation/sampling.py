@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dynident.effects import effect_by_id
-from dynident.excitation.fourier import FourierFamily
+from dynident.excitation.family import Family
 from dynident.excitation.limits import Bounds
 from dynident.excitation.model import DesignModel
 
 _N_SAMPLES = 100
-_SAMPLES_PER_HARMONIC = 16
+_SAMPLES_PER_WAVE = 16
 # Hysteresis and low-speed friction happen within a few per cent of a period.
 _N_CLOSE_SAMPLES = 600
 # Share of the velocity limit over which sign(q̇) is rounded while optimising, and at most so much of a shape constant.
@@ -16,10 +16,10 @@ _SMOOTH_SIGN = 0.01
 _SHARE_OF_SHAPE = 0.25
 
 
-def samples_of_a_period(model: DesignModel, family: FourierFamily) -> int:
+def samples_of_a_period(model: DesignModel, family: Family) -> int:
     """Number of samples N of one period that the criterion is computed from."""
     close = model.needs_path or bool(_narrow_speeds(model))
-    return max(_N_CLOSE_SAMPLES if close else _N_SAMPLES, _SAMPLES_PER_HARMONIC * family.harmonics)
+    return max(_N_CLOSE_SAMPLES if close else _N_SAMPLES, _SAMPLES_PER_WAVE * family.waves)
 
 
 def smooth_sign(model: DesignModel, bounds: Bounds) -> float:
