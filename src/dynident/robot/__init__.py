@@ -1,5 +1,6 @@
 """What a machine is: joints on a tree, limits, drive chains; from URDF or a modified Denavit-Hartenberg table."""
 
+from dynident.robot.collision import CollisionGeometry, collision_geometry
 from dynident.robot.description import robot_from_description
 from dynident.robot.kinematics import joint_frames, tool_path
 from dynident.robot.model import INERTIAL_NAMES, Description, Drive, Joint, Limits, Robot
@@ -11,11 +12,13 @@ from dynident.robot.well_known import library_names, library_source, library_tab
 
 __all__ = [
     "INERTIAL_NAMES",
+    "CollisionGeometry",
     "Description",
     "Drive",
     "Joint",
     "Limits",
     "Robot",
+    "collision_geometry",
     "joint_frames",
     "library_names",
     "library_source",

@@ -19,13 +19,14 @@ JointKind = Literal["revolute", "prismatic"]
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N. `None` where none is known."""
+    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W. `None` where none is known."""
 
     position: tuple[float, float] | None = None
     velocity: float | None = None
     acceleration: float | None = None
     jerk: float | None = None
     effort: float | None = None
+    power: float | None = None
 
 
 @dataclass(frozen=True)

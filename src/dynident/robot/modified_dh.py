@@ -18,16 +18,19 @@ antecedent              the joint before it: its name or its number, counted fro
 sigma                   0: revolute (default), 1: prismatic
 gamma, b, alpha, d,     constants of the frame (rad, m), 0 by default; numbers, or texts such as "pi/2". The joint
 theta, r                variable is added to theta of a revolute and to r of a prismatic joint
-limits                  position, velocity, acceleration, jerk, effort; any of them
+limits                  position, velocity, acceleration, jerk, effort, power; any of them
 inertia                 XX XY XZ YY YZ ZZ MX MY MZ M of the link in frame j, about its origin [12.1]; 0 by default
 mass_properties         instead of inertia: mass, center_of_mass [x, y, z] and inertia [xx, xy, xz, yy, yz, zz] about
                         the centre of mass, all in frame j
+capsules                what of the link can be touched: [{"from": [x, y, z], "to": [x, y, z], "radius": …}, …] in
+                        frame j (m); without "to" a sphere
 link                    name of the link
 ======================  ================================================================================================
 
 Frame j is placed in its antecedent's frame by Rot(z, γ) Trans(z, b) Rot(x, α) Trans(x, d) Rot(z, θ) Trans(z, r); the
 joint turns about or slides along its own z axis. Where γ and b are 0, as in most serial arms, this is Craig's notation
-too: its α and a of index j - 1 are α and d of row j here. Top-level fields `title` and `source` are kept, not read.
+too: its α and a of index j - 1 are α and d of row j here. The top-level field `base_capsules` is what of the base can
+be touched; `title` and `source` are kept, not read.
 """
 
 from __future__ import annotations
@@ -54,13 +57,15 @@ from dynident.robot.pinocchio_model import PinocchioModel, dynamic_parameters, f
 from dynident.robot.pointers import listed, pointer
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_placement
 from dynident.robot.settings import check_limits, gravity_from, settings_from
+from dynident.robot.shapes import Capsule
 
 TITLE = "Unusable modified Denavit-Hartenberg table"
 _RESERVED = ("base", "universe")
 _CONSTANTS = ("gamma", "b", "alpha", "d", "theta", "r")
-_LIMITS = ("position", "velocity", "acceleration", "jerk", "effort")
+_LIMITS = ("position", "velocity", "acceleration", "jerk", "effort", "power")
 _MASS_PROPERTIES = ("mass", "center_of_mass", "inertia")
-_ROW = ("name", "antecedent", "sigma", *_CONSTANTS, "limits", "inertia", "mass_properties", "link")
+_ROW = ("name", "antecedent", "sigma", *_CONSTANTS, "limits", "inertia", "mass_properties", "capsules", "link")
+_TABLE = ("joints", "gravity", "base_capsules", "title", "source")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +79,7 @@ class Row:
     limits: Limits
     inertia: FloatArray
     link: str
+    capsules: tuple[Capsule, ...] = ()
 
 
 def robot_from_modified_dh(
@@ -98,7 +104,7 @@ def robot_from_modified_dh(
     settings = settings_from(limits, drives, locked_joints, gravity)
     content = table if isinstance(table, str) else json.dumps(table)
     value = parse_json(content, pointer, TITLE)
-    rows = table_rows(value, pointer)
+    _, rows = table_capsules(value, pointer)
     if gravity is None and isinstance(value, Mapping) and "gravity" in value:
         stated = expect_numbers(value["gravity"], 3, f"{pointer}/gravity", TITLE)
         settings = settings_from(limits, drives, locked_joints, gravity_from(stated).tolist())
@@ -117,7 +123,7 @@ def table_rows(value: object, at: str = "") -> tuple[Row, ...]:
     """Check the JSON value of a table and return its rows, antecedents first."""
     if isinstance(value, Mapping):
         value, at = (
-            expect_mapping(value, ("joints", "gravity", "title", "source"), at, TITLE).get("joints"),
+            expect_mapping(value, _TABLE, at, TITLE).get("joints"),
             f"{at}/joints",
         )
     if not isinstance(value, (list, tuple)) or not value:
@@ -126,6 +132,13 @@ def table_rows(value: object, at: str = "") -> tuple[Row, ...]:
     for index, item in enumerate(value):
         rows.append(_row(item, rows, pointer(index, within=at)))
     return tuple(rows)
+
+
+def table_capsules(value: object, at: str = "") -> tuple[tuple[Capsule, ...], tuple[Row, ...]]:
+    """The capsules of the base, and the rows with theirs, of the JSON value of a table."""
+    rows = table_rows(value, at)
+    base = value.get("base_capsules", []) if isinstance(value, Mapping) else []
+    return _capsules(base, f"{at}/base_capsules"), rows
 
 
 def placement_from(gamma: float, b: float, alpha: float, d: float, theta: float, r: float) -> FloatArray:
@@ -162,6 +175,7 @@ def _row(item: object, above: Sequence[Row], at: str) -> Row:
         limits=_limits(fields.get("limits", {}), name, f"{at}/limits"),
         inertia=_inertia(fields, at),
         link=expect_text(link, f"{at}/link", TITLE) if link else "",
+        capsules=_capsules(fields.get("capsules", []), f"{at}/capsules"),
     )
 
 
@@ -203,6 +217,23 @@ def _inertia(fields: Mapping[str, Any], at: str) -> FloatArray:
     if values[9] < 0 or (values[9] == 0 and np.any(values)):
         raise DynidentError("A link with inertia has a positive mass M.", pointer=f"{at}/M", title=TITLE)
     return values
+
+
+def _capsules(value: object, at: str) -> tuple[Capsule, ...]:
+    if not isinstance(value, (list, tuple)):
+        raise DynidentError("Expected a list of capsules.", pointer=at, title=TITLE)
+    made = []
+    for index, item in enumerate(value):
+        place = pointer(index, within=at)
+        fields = expect_mapping(item, ("from", "to", "radius"), place, TITLE)
+        start = np.array(expect_numbers(fields.get("from"), 3, f"{place}/from", TITLE))
+        end = np.array(expect_numbers(fields["to"], 3, f"{place}/to", TITLE)) if "to" in fields else start
+        radius = expect_number(fields.get("radius"), f"{place}/radius", TITLE)
+        if radius <= 0:
+            detail = f"The radius is {radius}; expected a positive number."
+            raise DynidentError(detail, pointer=f"{place}/radius", title=TITLE)
+        made.append(Capsule(start, end, radius))
+    return tuple(made)
 
 
 def _about_origin(value: object, at: str) -> FloatArray:

@@ -1,0 +1,161 @@
+"""What of a robot can be touched: the collision geometry of its description, fixed to the frames of its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dynident.robot.json_fields import parse_json
+from dynident.robot.kinematics import joint_motion
+from dynident.robot.model import FloatArray, Joint, Robot
+from dynident.robot.modified_dh import TITLE, table_capsules
+from dynident.robot.pointers import listed
+from dynident.robot.shapes import Capsule, Shape
+from dynident.robot.urdf_collision import CollisionReader, origin_of
+from dynident.robot.urdf_xml import Element, parse
+
+BASE = -1
+"""The joint of what does not move."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """All that moves with one joint (`BASE`: nothing moves it), as shapes in that joint's frame."""
+
+    name: str
+    joint: int
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionGeometry:
+    """Bodies that have shapes, the base first; `bare` are moving bodies without any, `notes` say what is missing."""
+
+    bodies: tuple[Body, ...]
+    bare: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def collision_geometry(
+    robot: Robot, *, mesh_folders: Sequence[Path] = (), link_radius: float | None = None
+) -> CollisionGeometry:
+    """The collision geometry of a robot's description.
+
+    A URDF has it in <collision>: boxes, cylinders, spheres, capsules, and meshes, which count by the convex hulls of a
+    few slices. A modified Denavit-Hartenberg table has it in `capsules`.
+
+    Parameters
+    ----------
+    robot : Robot
+    mesh_folders : sequence of Path
+        Where the files of meshes are looked for.
+    link_radius : float, optional
+        Links without geometry become capsules of this radius (m) from their joint's origin to those of the next.
+
+    Raises
+    ------
+    DynidentError
+        A shape in the description is not one (line, link).
+    """
+    shapes: dict[int, list[Shape]] = {index: [] for index in range(BASE, robot.n)}
+    names = {BASE: "base"}
+    unread: list[str] = []
+    described = _of_urdf(robot, mesh_folders, unread) if robot.description.format == "urdf" else _of_table(robot)
+    for link, joint, found in described:
+        if joint == BASE and link and found and not shapes[BASE]:
+            names[BASE] = link
+        shapes[joint].extend(found)
+    names |= {index: joint.link or joint.name for index, joint in enumerate(robot.joints)}
+    notes = [f"Collision meshes that could not be read, and are not checked: {listed(unread)}."] if unread else []
+    bare = [index for index in range(robot.n) if not shapes[index]]
+    if link_radius is not None and bare:
+        for index in [joint for joint in range(BASE, robot.n) if not shapes[joint]]:
+            shapes[index].extend(_between_origins(robot, index, link_radius))
+        notes.append(
+            f"Capsules of radius {link_radius:g} m between the joints' origins stand for "
+            f"{listed(names[index] for index in bare)}."
+        )
+        bare = []
+    bodies = tuple(Body(names[index], index, tuple(found)) for index, found in sorted(shapes.items()) if found)
+    return CollisionGeometry(bodies, tuple(names[index] for index in bare), tuple(notes))
+
+
+def _of_urdf(
+    robot: Robot, mesh_folders: Sequence[Path], unread: list[str]
+) -> Iterator[tuple[str, int, tuple[Shape, ...]]]:
+    root = parse(robot.description.content)
+    reader = CollisionReader(mesh_folders, unread)
+    places = _places(robot, root)
+    for link in root.all("link"):
+        name = link.attributes["name"]
+        joint, placement = places[name]
+        yield name, joint, reader.shapes_of(link, placement)
+
+
+def _places(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:
+    """Of every link of a URDF the moving joint that carries it, and its placement (4, 4) in that joint's frame."""
+    joints = list(root.all("joint"))
+    child_of = {joint.attributes["name"]: _end(joint, "child") for joint in joints}
+    roots = {link.attributes["name"] for link in root.all("link")} - set(child_of.values())
+    places: dict[str, tuple[int, FloatArray]] = {name: (BASE, np.eye(4)) for name in roots}
+    waiting = joints
+    while waiting:
+        later = []
+        for joint in waiting:
+            parent = places.get(_end(joint, "parent"))
+            if parent is None:
+                later.append(joint)
+                continue
+            name = joint.attributes["name"]
+            if name in robot.joint_names:
+                places[child_of[name]] = (robot.joint_names.index(name), np.eye(4))
+            else:
+                fixed = (
+                    parent[1] @ origin_of(joint, f"joint '{name}'") @ _held(joint, robot.locked_joints.get(name, 0.0))
+                )
+                places[child_of[name]] = (parent[0], fixed)
+        waiting = later
+    return places
+
+
+def _held(joint: Element, value: float) -> FloatArray:
+    """The transform (4, 4) behind the placement of a joint that is held at a position."""
+    if value == 0.0:
+        return np.eye(4)
+    axis_element = joint.first("axis")
+    axis = np.array([1.0, 0.0, 0.0])
+    if axis_element is not None:
+        axis = np.array([float(word) for word in axis_element.attributes["xyz"].split()])
+    kind = "prismatic" if joint.attributes["type"] == "prismatic" else "revolute"
+    held = Joint("", kind, BASE, np.eye(4), axis / np.linalg.norm(axis))
+    return joint_motion(held, np.array([value]))[0]
+
+
+def _end(joint: Element, end: str) -> str:
+    element = joint.first(end)
+    return "" if element is None else element.attributes["link"]
+
+
+def _of_table(robot: Robot) -> Iterator[tuple[str, int, tuple[Shape, ...]]]:
+    base, rows = table_capsules(parse_json(robot.description.content, "", TITLE))
+    yield "", BASE, base
+    places: list[tuple[int, FloatArray]] = []
+    for row in rows:
+        carrier, placement = places[row.antecedent] if row.antecedent >= 0 else (BASE, np.eye(4))
+        if row.name in robot.joint_names:
+            carrier, placement = robot.joint_names.index(row.name), np.eye(4)
+        else:
+            held = Joint(row.name, row.kind, BASE, row.placement, np.array([0.0, 0.0, 1.0]))
+            value = np.array([robot.locked_joints.get(row.name, 0.0)])
+            placement = placement @ row.placement @ joint_motion(held, value)[0]
+        places.append((carrier, placement))
+        yield row.link or row.name, carrier, tuple(capsule.moved(placement) for capsule in row.capsules)
+
+
+def _between_origins(robot: Robot, joint: int, radius: float) -> list[Capsule]:
+    origin = np.zeros(3)
+    ends = [other.placement[:3, 3] for other in robot.joints if other.parent == joint]
+    return [Capsule(origin, end, radius) for end in ends or [origin]]

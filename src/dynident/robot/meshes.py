@@ -1,0 +1,116 @@
+"""Meshes of a link as a few convex pieces."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from pathlib import Path
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from dynident.robot.model import FloatArray
+from dynident.robot.shapes import Hull, capsule_around
+
+_MOST_SLICES = 3
+_WORTH_SLICING = 0.95
+"""A finer slicing must bring the volume of the capsules around the slices down to this share."""
+_PREFIXES = ("package://", "model://", "file://")
+
+
+def mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
+    """The file that a mesh's name means: an absolute path, or one below a folder; `None` where there is none.
+
+    Of package://robot/meshes/x.stl both robot/meshes/x.stl and meshes/x.stl are looked for in the folders.
+    """
+    packaged = not uri.startswith("file://") and any(uri.startswith(prefix) for prefix in _PREFIXES)
+    name = uri
+    for prefix in _PREFIXES:
+        name = name.removeprefix(prefix)
+    path = Path(name)
+    tried = [folder / part for folder in folders for part in _tails(path, packaged)]
+    if path.is_absolute() and not packaged:
+        tried.insert(0, path)
+    return next((one for one in tried if one.is_file()), None)
+
+
+def _tails(path: Path, packaged: bool) -> list[Path]:
+    parts = [part for part in path.parts if part not in ("/", "..")]
+    if not parts:
+        return []
+    return [Path(*parts), Path(*parts[1:])] if packaged and len(parts) > 1 else [Path(*parts)]
+
+
+def hulls_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> tuple[Hull, ...]:
+    """A mesh as convex pieces, placed by `placement` (4, 4): slices across a principal axis, where these fit closer.
+
+    Raises
+    ------
+    ValueError
+        The file cannot be read as a mesh.
+    """
+    try:
+        model = coal.MeshLoader().load(str(file), scale)
+    except (ValueError, RuntimeError, OSError) as error:
+        raise ValueError(str(error).strip().splitlines()[0] if str(error).strip() else "unreadable") from None
+    points = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
+    corners = [(face[0], face[1], face[2]) for face in map(model.tri_indices, range(model.num_tris))]
+    if not len(points) or not corners:
+        raise ValueError("it has no triangles")
+    placed = points @ placement[:3, :3].T + placement[:3, 3]
+    return tuple(Hull(piece) for piece in sliced(placed, np.array(corners, dtype=np.intp)))
+
+
+def sliced(points: FloatArray, triangles: NDArray[np.intp]) -> list[FloatArray]:
+    """Corners of the convex pieces of a mesh: points (m, 3), triangles (k, 3)."""
+    used = np.unique(triangles)
+    axes = np.linalg.svd(points[used] - points[used].mean(axis=0), full_matrices=False)[2]
+    best = [_hull(points[used])]
+    least = _volume(best)
+    for count in range(2, _MOST_SLICES + 1):
+        for axis in axes:
+            pieces = [_hull(piece) for piece in _slices(points, triangles, axis, count) if len(piece)]
+            volume = _volume(pieces)
+            if volume < _WORTH_SLICING * least:
+                best, least = pieces, volume
+    return best
+
+
+def _slices(points: FloatArray, triangles: NDArray[np.intp], axis: FloatArray, count: int) -> list[FloatArray]:
+    """Points of the surface in each of `count` slices: corners inside, and where edges cross the slices' borders."""
+    along = points @ axis
+    borders = np.linspace(along.min(), along.max(), count + 1)
+    edges = np.unique(
+        np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])), axis=0
+    )
+    used = np.unique(triangles)
+    made = []
+    for low, high in itertools.pairwise(borders):
+        inside = points[used[(along[used] >= low) & (along[used] <= high)]]
+        crossing = [_crossings(points, along, edges, border) for border in (low, high)]
+        made.append(np.concatenate([inside, *crossing]))
+    return made
+
+
+def _crossings(points: FloatArray, along: FloatArray, edges: NDArray[np.intp], border: float) -> FloatArray:
+    a, b = edges.T
+    crossed = (along[a] - border) * (along[b] - border) < 0
+    a, b = a[crossed], b[crossed]
+    share = (border - along[a]) / (along[b] - along[a])
+    found: FloatArray = points[a] + share[:, None] * (points[b] - points[a])
+    return found
+
+
+def _hull(points: FloatArray) -> FloatArray:
+    """The corners of the convex hull; all points where they are flat."""
+    try:
+        corners: FloatArray = points[ConvexHull(points).vertices]
+    except QhullError:
+        return points
+    return corners
+
+
+def _volume(pieces: list[FloatArray]) -> float:
+    return sum(capsule_around(piece).volume for piece in pieces)

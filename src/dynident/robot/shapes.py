@@ -1,0 +1,147 @@
+"""Shapes that a link can be touched at, and capsules that enclose them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.robot.model import FloatArray
+
+_RIM = 24
+_AROUND = np.arange(_RIM) * (2 * np.pi / _RIM)
+_CENTRING = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Capsule:
+    """All points within `radius` of the segment from `start` to `end` (3,); a sphere where the two are the same."""
+
+    start: FloatArray
+    end: FloatArray
+    radius: float
+
+    @property
+    def volume(self) -> float:
+        """m³."""
+        length = float(np.linalg.norm(self.end - self.start))
+        return float(np.pi * self.radius**2 * (length + 4 / 3 * self.radius))
+
+    def contains(self, other: Capsule) -> bool:
+        """Whether `other` lies inside of it."""
+        room = self.radius - other.radius
+        return all(distance_to_segment(point, self.start, self.end) <= room for point in (other.start, other.end))
+
+    def moved(self, placement: FloatArray) -> Capsule:
+        """The same in the frame that `placement` (4, 4) takes its coordinates to."""
+        start, end = (placement[:3, :3] @ point + placement[:3, 3] for point in (self.start, self.end))
+        return Capsule(start, end, self.radius)
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder:
+    """A cylinder about the z axis of `placement` (4, 4), its middle at the origin there."""
+
+    placement: FloatArray
+    radius: float
+    length: float
+
+    @property
+    def corners(self) -> FloatArray:
+        """Points (m, 3) whose convex hull encloses it."""
+        # The polygon goes around the circle, not within it.
+        radius = self.radius / np.cos(np.pi / _RIM)
+        rim = np.column_stack([radius * np.cos(_AROUND), radius * np.sin(_AROUND), np.zeros(_RIM)])
+        half = np.array([0.0, 0.0, 0.5 * self.length])
+        return _placed(self.placement, np.concatenate([rim - half, rim + half]))
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A box of edges `size` (3,) along the axes of `placement` (4, 4), its middle at the origin there."""
+
+    placement: FloatArray
+    size: FloatArray
+
+    @property
+    def corners(self) -> FloatArray:
+        """Its corners (8, 3)."""
+        signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, -1).T
+        return _placed(self.placement, signs * self.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """The convex hull of `corners` (m, 3)."""
+
+    corners: FloatArray
+
+
+Shape = Capsule | Cylinder | Block | Hull
+
+
+def enclosing_capsule(shape: Shape) -> Capsule:
+    """A small capsule around a shape."""
+    return shape if isinstance(shape, Capsule) else capsule_around(shape.corners)
+
+
+def capsule_around(points: FloatArray) -> Capsule:
+    """A small capsule that contains points (m, 3): the smallest of those about their principal axes, or a sphere."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    directions = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+    centre = _centre_of(points - middle) + middle
+    ball = Capsule(centre, centre, float(np.linalg.norm(points - centre, axis=1).max()))
+    return min([ball, *(_about(points, direction) for direction in directions)], key=lambda found: found.volume)
+
+
+def without_contained(capsules: tuple[Capsule, ...]) -> tuple[Capsule, ...]:
+    """Capsules without those that lie inside another of them."""
+    kept: list[Capsule] = []
+    for candidate in sorted(capsules, key=lambda item: -item.volume):
+        if not any(other.contains(candidate) for other in kept):
+            kept.append(candidate)
+    return tuple(kept)
+
+
+def distance_to_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> float:
+    """Distance of a point from a segment (all (3,))."""
+    way = end - start
+    length = float(way @ way)
+    share = 0.0 if length == 0.0 else float(np.clip((point - start) @ way / length, 0.0, 1.0))
+    return float(np.linalg.norm(start + share * way - point))
+
+
+def _about(points: FloatArray, direction: FloatArray) -> Capsule:
+    """The capsule around points whose axis has this direction."""
+    along = points @ direction
+    across = points - np.outer(along, direction)
+    middle = 0.5 * (across.min(axis=0) + across.max(axis=0))
+    centre = _centre_of(across - middle) + middle
+    centre = centre - (centre @ direction) * direction
+    off = np.linalg.norm(across - centre, axis=1)
+    radius = float(off.max())
+    # A point off the axis may stand out beyond an end of the segment as far as the ball around the end reaches there.
+    reach = np.sqrt(np.maximum(radius**2 - off**2, 0.0))
+    low, high = float((along + reach).min()), float((along - reach).max())
+    if low > high:
+        low = high = 0.5 * (low + high)
+        radius = float(np.linalg.norm(points - centre - low * direction, axis=1).max())
+    return Capsule(centre + low * direction, centre + high * direction, radius)
+
+
+def _centre_of(points: FloatArray) -> FloatArray:
+    """Nearly the centre of the smallest ball around points (m, 3): towards the farthest one, step by step."""
+    centre: FloatArray = np.zeros(3)
+    best, least = centre, np.inf
+    for step in range(1, _CENTRING):
+        distance = np.linalg.norm(points - centre, axis=1)
+        farthest = int(distance.argmax())
+        if distance[farthest] < least:
+            best, least = centre, float(distance[farthest])
+        centre = centre + (points[farthest] - centre) / (step + 1)
+    return best
+
+
+def _placed(placement: FloatArray, points: FloatArray) -> FloatArray:
+    placed: FloatArray = points @ placement[:3, :3].T + placement[:3, 3]
+    return placed

@@ -1,0 +1,118 @@
+"""The <collision> elements of a URDF as shapes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dynident.robot.meshes import hulls_of_mesh, mesh_file
+from dynident.robot.model import FloatArray
+from dynident.robot.shapes import Block, Capsule, Cylinder, Shape
+from dynident.robot.urdf_xml import Element, urdf_error
+
+_SHAPES = ("box", "cylinder", "sphere", "capsule", "mesh")
+
+
+class CollisionReader:
+    """Reads the shapes of links; the names of meshes that cannot be read are added to `unread`.
+
+    Parameters
+    ----------
+    mesh_folders : sequence of Path
+    unread : list of str
+    """
+
+    def __init__(self, mesh_folders: Sequence[Path], unread: list[str]) -> None:
+        self._folders = tuple(mesh_folders)
+        self._unread = unread
+
+    def shapes_of(self, link: Element, placement: FloatArray) -> tuple[Shape, ...]:
+        """The shapes of a link in the frame that `placement` (4, 4) takes the link's coordinates to.
+
+        Raises
+        ------
+        DynidentError
+            A shape without its sizes, or with sizes that are none (line, link).
+        """
+        owner = f"link '{link.attributes['name']}'"
+        found: list[Shape] = []
+        for collision in link.all("collision"):
+            geometry = collision.first("geometry")
+            for element in [] if geometry is None else geometry.children:
+                if element.tag in _SHAPES:
+                    found.extend(self._shapes(element, placement @ origin_of(collision, owner), owner))
+        return tuple(found)
+
+    def _shapes(self, element: Element, placement: FloatArray, owner: str) -> Sequence[Shape]:
+        if element.tag == "mesh":
+            return self._mesh(element, placement, owner)
+        if element.tag == "box":
+            return [Block(placement, _sizes(element, "size", owner, 3))]
+        radius = float(_sizes(element, "radius", owner, 1)[0])
+        if element.tag == "sphere":
+            return [Capsule(placement[:3, 3], placement[:3, 3], radius)]
+        length = float(_sizes(element, "length", owner, 1)[0])
+        if element.tag == "cylinder":
+            return [Cylinder(placement, radius, length)]
+        half = 0.5 * length * placement[:3, 2]
+        return [Capsule(placement[:3, 3] - half, placement[:3, 3] + half, radius)]
+
+    def _mesh(self, element: Element, placement: FloatArray, owner: str) -> Sequence[Shape]:
+        uri = element.attributes.get("filename", "")
+        scale = _numbers(element, "scale", owner, 3) if "scale" in element.attributes else np.ones(3)
+        file = mesh_file(uri, self._folders)
+        if file is None:
+            self._unread.append(f"{uri or 'a mesh without a filename'} of {owner} (not found)")
+            return []
+        try:
+            return hulls_of_mesh(file, scale, placement)
+        except ValueError as error:
+            self._unread.append(f"{uri} of {owner} ({error})")
+            return []
+
+
+def origin_of(element: Element, owner: str) -> FloatArray:
+    """The placement (4, 4) that the <origin> of an element gives; the identity without one."""
+    made = np.eye(4)
+    origin = element.first("origin")
+    if origin is None:
+        return made
+    if "xyz" in origin.attributes:
+        made[:3, 3] = _numbers(origin, "xyz", owner, 3)
+    if "quat_xyzw" in origin.attributes:
+        made[:3, :3] = Rotation.from_quat(_numbers(origin, "quat_xyzw", owner, 4)).as_matrix()
+    elif "rpy" in origin.attributes:
+        made[:3, :3] = Rotation.from_euler("xyz", _numbers(origin, "rpy", owner, 3)).as_matrix()
+    return made
+
+
+def _sizes(element: Element, attribute: str, owner: str, count: int) -> FloatArray:
+    values = _numbers(element, attribute, owner, count)
+    if not (values > 0).all():
+        raise urdf_error(
+            f'{attribute}="{element.attributes[attribute]}" of the <{element.tag}> in the <collision> of {owner}; '
+            "expected positive lengths in m.",
+            element.line,
+            "",
+        )
+    return values
+
+
+def _numbers(element: Element, attribute: str, owner: str, count: int) -> FloatArray:
+    written = element.attributes.get(attribute, "")
+    try:
+        values = [float(word) for word in written.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        wanted = "a number" if count == 1 else f"{count} numbers"
+        raise urdf_error(
+            f'{attribute}="{written}" of the <{element.tag}> in the <collision> of {owner}; expected {wanted}.',
+            element.line,
+            "",
+        )
+    return np.array(values)
