@@ -14,7 +14,7 @@ from dynident.robot.model import FloatArray, Robot
 
 _TITLE = "Unusable virtual robot"
 # Torque that these scale takes energy out of the motion; with a negative value the virtual robot would run away.
-_NEVER_NEGATIVE = frozenset({("coulomb", "Fc"), ("viscous", "Fv"), ("rotor_inertia", "Ia"), ("presliding", "Fz")})
+NEVER_NEGATIVE = frozenset({("coulomb", "Fc"), ("viscous", "Fv"), ("rotor_inertia", "Ia"), ("presliding", "Fz")})
 
 
 @dataclass(frozen=True)
@@ -151,10 +151,10 @@ def _check(effect: TrueEffect, robot: Robot, pointer: str) -> None:
             raise DynidentError(
                 f"{effect.effect} has no parameter {name!r}; it has: {', '.join(known)}", pointer=where, title=_TITLE
             )
-        if not math.isfinite(value) or (value < 0 and (effect.effect, name) in _NEVER_NEGATIVE):
+        if not math.isfinite(value) or (value < 0 and (effect.effect, name) in NEVER_NEGATIVE):
             raise DynidentError(
                 f"{name} of {effect.effect} on {effect.joint or 'the robot'} is {value}; expected a finite number"
-                + (", zero or above" if (effect.effect, name) in _NEVER_NEGATIVE else ""),
+                + (", zero or above" if (effect.effect, name) in NEVER_NEGATIVE else ""),
                 pointer=where,
                 title=_TITLE,
             )

@@ -1,0 +1,35 @@
+"""Is an identified model to be trusted: the validations of §12.7, each with a verdict and its reason."""
+
+from dynident.validation.filters import FiltersBySimulation, FilterTrial, filters_by_simulation
+from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
+from dynident.validation.method import Method, available_methods, method_of
+from dynident.validation.methods import MethodResult, MethodsValidation, validate_methods
+from dynident.validation.noise import SensorNoise, sensor_noise
+from dynident.validation.on_recordings import RecordingErrors, TorqueValidation, validate_cross, validate_direct
+from dynident.validation.simulation import SimulationValidation, validate_simulation
+from dynident.validation.verdict import LARGEST_ERROR, Judged, Verdict
+
+__all__ = [
+    "LARGEST_ERROR",
+    "FilterTrial",
+    "FiltersBySimulation",
+    "InertiaMatrixValidation",
+    "Judged",
+    "Method",
+    "MethodResult",
+    "MethodsValidation",
+    "RecordingErrors",
+    "SensorNoise",
+    "SimulationValidation",
+    "TorqueValidation",
+    "Verdict",
+    "available_methods",
+    "filters_by_simulation",
+    "method_of",
+    "sensor_noise",
+    "validate_cross",
+    "validate_direct",
+    "validate_inertia_matrix",
+    "validate_methods",
+    "validate_simulation",
+]

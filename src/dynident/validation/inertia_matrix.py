@@ -1,0 +1,196 @@
+"""Is the inertia matrix positive definite over the whole joint range (§12.7, [Yoshida 00])?
+
+A search for the worst posture, not a few samples: minima of the smallest eigenvalue are sought from the worst of many
+random postures, with the exact gradient. The eigenvalue λ of S(q) v = λ v, ||v|| = 1, changes with the posture by
+vᵀ (∂S/∂q) v.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import minimize
+
+from dynident.identification import Identification
+from dynident.identification.inertia import random_postures
+from dynident.progress import Progress, silent
+from dynident.regressors.model import Model
+from dynident.robot.model import FloatArray, Robot
+from dynident.threads import single_threaded
+from dynident.validation.verdict import Judged
+
+_INERTIAL = ("rigid_body", "rotor_inertia")
+_SAMPLES = 2000
+_STARTS = 16
+_ITERATIONS = 80
+_SURE = 1.96
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaMatrixValidation:
+    """The worst posture that was found.
+
+    `posture` (n,) in rad or m; `smallest_eigenvalue` of A(q) scaled to a unit diagonal there, and its
+    `standard_deviation` from the parameters' (both None where nothing was evaluated); `sampled` the smallest eigenvalue
+    among the random postures alone; `evaluations` postures that were tried in all.
+    """
+
+    joint_names: tuple[str, ...]
+    posture: FloatArray | None
+    smallest_eigenvalue: float | None
+    standard_deviation: float | None
+    sampled: float | None
+    evaluations: int
+    judged: Judged
+
+
+@single_threaded
+def validate_inertia_matrix(
+    identification: Identification, *, seed: int = 0, progress: Progress = silent
+) -> InertiaMatrixValidation:
+    """Search the joint range for the posture where the inertia matrix is least positive.
+
+    Scaled to a unit diagonal, because a wrist's inertia is a thousandth of a shoulder's: the sign is what counts.
+    Joints without limits are searched over a full turn (± 1 m).
+    """
+    model, values = identification.model, identification.values
+    if not any(column.effect in _INERTIAL for column in model.kept):
+        judged = Judged("not_evaluated", "The model has no inertial parameters: there is no inertia matrix.")
+        return InertiaMatrixValidation(model.robot.joint_names, None, None, None, None, 0, judged)
+    search = _Search(model, values)
+    postures = random_postures(model.robot, _SAMPLES, seed)
+    progress(0.0, "sampling postures")
+    sampled = search.sample(postures)
+    low, high = joint_range(model.robot)
+    starts = postures[np.argsort(sampled)[:_STARTS]]
+    for number, start in enumerate(starts):
+        progress((number + 1) / (len(starts) + 1), f"searching for the worst posture, start {number + 1}")
+        search.descend(start, low, high)
+    deviation = search.standard_deviation(identification.statistics.covariance)
+    return InertiaMatrixValidation(
+        joint_names=model.robot.joint_names,
+        posture=search.worst,
+        smallest_eigenvalue=search.smallest,
+        standard_deviation=deviation,
+        sampled=float(sampled.min()),
+        evaluations=search.evaluations,
+        judged=_judged(model.robot, search.worst, search.smallest, deviation),
+    )
+
+
+def joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper ends (n,) of the postures that are searched, those that `random_postures` draws from."""
+    ends = []
+    for joint in robot.joints:
+        turning = joint.kind == "revolute"
+        low, high = joint.limits.position or ((-np.pi, np.pi) if turning else (-1.0, 1.0))
+        ends.append((max(low, -2 * np.pi), min(high, 2 * np.pi)) if turning else (low, high))
+    low, high = np.array(ends, dtype=np.float64).T
+    return low, high
+
+
+class _Search:
+    """Postures that were tried, the worst of them kept."""
+
+    def __init__(self, model: Model, values: FloatArray) -> None:
+        self._values = values
+        self._matrix, self._slope, self._parts = _functions(model, values)
+        self.worst = np.zeros(model.robot.n)
+        self.smallest = float("inf")
+        self.evaluations = 0
+
+    def sample(self, postures: FloatArray) -> FloatArray:
+        """Smallest scaled eigenvalue (k,) at postures (k, n)."""
+        n = postures.shape[1]
+        stacked = np.asarray(self._matrix.map(len(postures))(postures.T), dtype=np.float64)
+        matrices = stacked.reshape(n, len(postures), n).transpose(1, 0, 2)
+        return np.array([self._eigen(q, a)[0] for q, a in zip(postures, matrices, strict=True)])
+
+    def descend(self, start: FloatArray, low: FloatArray, high: FloatArray) -> None:
+        """Go to a local minimum of the smallest eigenvalue."""
+        minimize(
+            self._value_and_gradient,
+            start,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=list(zip(low, high, strict=True)),
+            options={"maxiter": _ITERATIONS},
+        )
+
+    def standard_deviation(self, covariance: FloatArray) -> float:
+        """Of the eigenvalue at the worst posture, from the covariance (b, b) of the parameters."""
+        a = np.asarray(self._matrix(self.worst), dtype=np.float64)
+        value, v, scale = _smallest(a)
+        u = v * scale
+        weights = np.zeros_like(a)
+        np.fill_diagonal(weights, np.sign(np.diag(a)) * value * (v * scale) ** 2)
+        direction = np.outer(u, u) - weights
+        parts = np.asarray(self._parts(self.worst), dtype=np.float64)
+        gradient = direction.reshape(-1) @ parts
+        return float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
+
+    def _value_and_gradient(self, q: FloatArray) -> tuple[float, FloatArray]:
+        a = np.asarray(self._matrix(q), dtype=np.float64)
+        value, v, scale = self._eigen(q, a)
+        # vᵀ S v with S = D A D, D = diag(A)^-½: the derivative of D comes in through the diagonal.
+        gradient = np.asarray(self._slope(q, v * scale, value * (v * scale) ** 2), dtype=np.float64).reshape(-1)
+        return value, gradient
+
+    def _eigen(self, q: FloatArray, a: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        self.evaluations += 1
+        found = _smallest(a)
+        if found[0] < self.smallest:
+            self.smallest, self.worst = found[0], np.array(q, dtype=np.float64)
+        return found
+
+
+def _smallest(a: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    """Smallest eigenvalue of A (n, n) scaled to a unit diagonal, its vector (n,), and the scale (n,).
+
+    A diagonal entry that is not positive is scaled to minus one: the matrix is indefinite there.
+    """
+    diagonal = np.abs(np.diag(a))
+    scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12 * max(float(diagonal.max()), 1e-300)))
+    values, vectors = np.linalg.eigh(a * np.outer(scale, scale))
+    return float(values[0]), vectors[:, 0], scale
+
+
+def _functions(model: Model, values: FloatArray) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """q -> A(q); (q, u, w) -> gradient of uᵀAu - wᵀ|diag A|; q -> ∂A/∂χ (n², b)."""
+    signals = model.signals
+    n = model.robot.n
+    parts = []
+    for column in model.kept:
+        inertial = column.effect in _INERTIAL
+        parts.append(ca.jacobian(column.torque, signals.ddq) if inertial else ca.SX(n, n))
+    matrix = ca.SX(n, n)
+    for each, value in zip(parts, values, strict=True):
+        matrix += float(value) * each
+    matrix = 0.5 * (matrix + matrix.T)
+    stacked = ca.horzcat(*(ca.densify(ca.reshape(each, n * n, 1)) for each in parts))
+    u, w = ca.SX.sym("u", n), ca.SX.sym("w", n)
+    form = ca.mtimes([u.T, matrix, u]) - ca.dot(w, ca.fabs(ca.diag(matrix)))
+    gradient = ca.gradient(form, signals.q)
+    return (
+        ca.Function("inertia_matrix", [signals.q], [ca.cse(ca.densify(matrix))]),
+        ca.Function("slope", [signals.q, u, w], [ca.cse(ca.densify(gradient))]),
+        ca.Function("parts", [signals.q], [stacked]),
+    )
+
+
+def _judged(robot: Robot, posture: FloatArray, value: float, deviation: float) -> Judged:
+    where = "at " + ", ".join(f"{name} = {x:.2f}" for name, x in zip(robot.joint_names, posture, strict=True))
+    units = "rad" if all(joint.kind == "revolute" for joint in robot.joints) else "rad or m"
+    size = f"{value:.3g} ± {_SURE * deviation:.2g}"
+    found = f"its smallest eigenvalue, scaled to a unit diagonal, is {size} {where} ({units})"
+    if value <= 0:
+        doubt = (
+            " Within its uncertainty it may be positive: a feasible estimate that predicts as well may exist."
+            if value + _SURE * deviation > 0
+            else ""
+        )
+        return Judged("fail", f"The inertia matrix is not positive definite in every posture: {found}.{doubt}")
+    doubt = " The parameters' uncertainty includes zero." if value - _SURE * deviation <= 0 else ""
+    return Judged("pass", f"The inertia matrix is positive definite; in the worst posture found {found}.{doubt}")

@@ -1,0 +1,228 @@
+"""Different methods on the same data, to compare their results (§12.7)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.estimation import Errors, Reduction, errors
+from dynident.identification import Identification
+from dynident.identification.choices import IdentificationChoices, ModelName
+from dynident.identification.data import Data, reduced, torque_of
+from dynident.identification.fit import Fit
+from dynident.identification.fitting import fit
+from dynident.progress import Progress, part, silent
+from dynident.recordings import Recording
+from dynident.robot.model import FloatArray
+from dynident.threads import single_threaded
+from dynident.validation.method import Method, available_methods
+from dynident.validation.verdict import Judged
+
+# A method agrees where its error is within this factor of the best one's …
+_AS_GOOD = 1.15
+# … and its parameters differ by no more than this, root mean square, in units of their standard deviations.
+_FAR = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class MethodResult:
+    """What a method finds on the data that all of them share.
+
+    `held_out`: torque errors on the validation data, on the identification's own where there is none. `distance` (b,)
+    of every parameter from the reference method's, in units of their joint standard deviation. `torque_distance`: how
+    far its predicted torque is from that of the reference method, as a share of the measured torque. `problem`: why
+    there is no result, else "". `seconds` that the solution took, the reduction of the data not counted.
+    """
+
+    method: Method
+    values: FloatArray | None
+    standard_deviations: FloatArray | None
+    fit: Errors | None
+    held_out: Errors | None
+    distance: FloatArray | None
+    torque_distance: float | None
+    seconds: float
+    warnings: tuple[str, ...]
+    problem: str = ""
+
+    @property
+    def distance_rms(self) -> float | None:
+        """Root mean square of the distance over all parameters."""
+        return None if self.distance is None else float(np.sqrt(np.mean(self.distance**2)))
+
+    @property
+    def farthest(self) -> int | None:
+        """The parameter that is farthest from the reference method's."""
+        return None if self.distance is None else int(np.argmax(self.distance))
+
+
+@dataclass(frozen=True, eq=False)
+class MethodsValidation:
+    """All methods on the same data; the first of `results` is the one that others are held against.
+
+    `held_out`: whether errors are those of data that no parameter saw.
+    """
+
+    parameters: tuple[str, ...]
+    results: tuple[MethodResult, ...]
+    held_out: bool
+    judged: Judged
+
+
+@single_threaded
+def validate_methods(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording] = (),
+    methods: Sequence[Method] | None = None,
+    progress: Progress = silent,
+) -> MethodsValidation:
+    """Identify the same effects from the same recordings by different methods, and hold the results together.
+
+    The recordings are reduced once for every model; strategies and estimators are small algebra on that, unless they go
+    through the samples themselves.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        What the model was identified from.
+    validation : sequence of Recording
+        Data that no parameter sees.
+    methods : sequence of Method, optional
+        All that are available where none are given.
+
+    Raises
+    ------
+    DynidentError
+        For methods that are not available, or no recording.
+    """
+    if not recordings:
+        raise DynidentError("give the measurements that the model was identified from", pointer="/measurement_ids")
+    chosen = tuple(dict.fromkeys(methods)) if methods else available_methods(identification.choices)
+    for method in chosen:
+        method.of(identification.choices)
+    model, preprocessing, reference = identification.model, identification.preprocessing, identification.reference
+    tried = torque_of(model, validation, preprocessing, reference, part(progress, 0.0, 0.1)) if validation else None
+    data: dict[ModelName, Data | DynidentError] = {}
+    results: list[MethodResult] = []
+    for number, method in enumerate(chosen):
+        share = part(progress, 0.1 + 0.9 * number / len(chosen), 0.1 + 0.9 * (number + 1) / len(chosen))
+        share(0.0, method.words)
+        choices = method.of(identification.choices)
+        if method.model not in data:
+            data[method.model] = _data_of(identification, choices, recordings, share)
+        results.append(_result(identification, choices, method, data[method.model], tried, results))
+    judged = _judged(identification, results, tried is not None)
+    names = tuple(column.name for column in model.kept)
+    return MethodsValidation(names, tuple(results), tried is not None, judged)
+
+
+def _data_of(
+    identification: Identification, choices: IdentificationChoices, recordings: Sequence[Recording], progress: Progress
+) -> Data | DynidentError:
+    """The recordings reduced to the rows of a model, or why they cannot be."""
+    try:
+        return reduced(
+            identification.model,
+            choices,
+            recordings,
+            identification.preprocessing,
+            identification.reference,
+            progress,
+        )
+    except DynidentError as error:
+        return error
+
+
+def _result(
+    identification: Identification,
+    choices: IdentificationChoices,
+    method: Method,
+    data: Data | DynidentError,
+    tried: Data | None,
+    before: Sequence[MethodResult],
+) -> MethodResult:
+    began = perf_counter()
+    try:
+        if isinstance(data, DynidentError):
+            raise data
+        found = fit(identification.model, choices, data)
+    except DynidentError as error:
+        return MethodResult(
+            method, None, None, None, None, None, None, perf_counter() - began, (), problem=error.detail
+        )
+    values, deviations = found.solution.values, found.statistics.standard_deviations
+    seconds = perf_counter() - began
+    shown = data.torque if tried is None else tried.torque
+    reference = next((one for one in before if one.values is not None), None)
+    other = (values, deviations) if reference is None else (reference.values, reference.standard_deviations)
+    return MethodResult(
+        method=method,
+        values=values,
+        standard_deviations=deviations,
+        fit=errors(data.torque, values),
+        held_out=errors(shown, values),
+        distance=_distance(found, *other),
+        torque_distance=_torque_distance(shown, values, other[0]),
+        seconds=seconds,
+        warnings=found.warnings,
+    )
+
+
+def _distance(found: Fit, values: FloatArray | None, deviations: FloatArray | None) -> FloatArray:
+    own = found.solution.values
+    if values is None or deviations is None:
+        return np.zeros(len(own))
+    joint = np.hypot(found.statistics.standard_deviations, deviations)
+    gap = np.abs(own - values)
+    return np.asarray(np.where(gap > 0, gap / np.maximum(joint, np.finfo(float).tiny), 0.0))
+
+
+def _torque_distance(reduction: Reduction, values: FloatArray, others: FloatArray | None) -> float:
+    """||W (χ - χ')|| / ||Y|| on the rows of the joints' torques."""
+    if others is None:
+        return 0.0
+    gap = values - others
+    squares = measured = 0.0
+    for equation in reduction.equations:
+        k = len(equation.columns)
+        torque = equation.joined[:, :k] @ gap[equation.columns]
+        squares += float(torque @ torque)
+        measured += float(equation.joined[:, k] @ equation.joined[:, k])
+    return float(np.sqrt(squares / measured)) if measured > 0 else 0.0
+
+
+def _judged(identification: Identification, results: Sequence[MethodResult], held_out: bool) -> Judged:
+    solved = [one for one in results if one.held_out is not None]
+    if len(solved) < 2:
+        reasons = "; ".join(f"{one.method.words}: {one.problem}" for one in results if one.problem)
+        return Judged("not_evaluated", "Fewer than two methods gave a result" + (f" ({reasons})." if reasons else "."))
+    on = "on data that no parameter saw" if held_out else "on the identification's own data"
+    totals = [one.held_out.relative_total for one in solved if one.held_out is not None]
+    best = min(totals)
+    worse = [
+        f"{one.method.words} ({total:.1%})"
+        for one, total in zip(solved, totals, strict=True)
+        if total > _AS_GOOD * best
+    ]
+    far = [
+        f"{one.method.words} ({one.distance_rms:.1f}, most in {identification.model.kept[one.farthest].name})"
+        for one in solved
+        if one.distance_rms is not None and one.farthest is not None and one.distance_rms > _FAR
+    ]
+    range_text = f"{len(solved)} methods predict {on} with errors from {best:.1%} to {max(totals):.1%}"
+    if not worse and not far:
+        return Judged(
+            "pass",
+            f"{range_text}, and their parameters agree within {_FAR:.0f} standard deviations (root mean square).",
+        )
+    told = []
+    if worse:
+        told.append(f"worse than the best by more than {_AS_GOOD - 1:.0%}: {', '.join(worse)}")
+    if far:
+        told.append(f"parameters off by more than {_FAR:.0f} standard deviations (root mean square): {', '.join(far)}")
+    return Judged("fail", f"{range_text}; {'; '.join(told)}.")

@@ -1,0 +1,52 @@
+"""The noise of a recording's sensors, from what no motion of a robot explains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.recordings import Recording, filtered_blocks
+from dynident.recordings.preprocessing import Preprocessing
+from dynident.robot.model import FloatArray
+
+# Of a smooth signal nothing is left after so many differences; white noise of variance σ² leaves C(2k, k) σ².
+_DIFFERENCES = 6
+_LEFT = 924.0
+# Torque jumps with friction where a joint reverses: the middle of its differences does not see that.
+_MEDIAN_OF_NORMAL = 0.6745
+
+
+@dataclass(frozen=True, eq=False)
+class SensorNoise:
+    """Standard deviations (n,) of white noise on positions (rad or m) and torques (N m or N)."""
+
+    position: FloatArray
+    torque: FloatArray
+
+
+def sensor_noise(recording: Recording) -> SensorNoise:
+    """White noise of a recording, from high differences of its unfiltered signals inside the windows.
+
+    Raises
+    ------
+    DynidentError
+        Where there are too few samples.
+    """
+    unfiltered = Preprocessing(None, None)
+    position: list[FloatArray] = []
+    torque: list[FloatArray] = []
+    for block in filtered_blocks(recording, unfiltered):
+        used = np.flatnonzero(block.used)
+        if len(used) > 2 * _DIFFERENCES:
+            rows = slice(used[0], used[-1] + 1)
+            position.append(np.diff(block.q[rows], _DIFFERENCES, axis=0))
+            torque.append(np.diff(block.tau[rows], _DIFFERENCES, axis=0))
+    if not position:
+        raise DynidentError(
+            f"{recording.name} has too few samples inside its windows to tell its noise", pointer="/measurement_ids"
+        )
+    joint, effort = np.concatenate(position), np.concatenate(torque)
+    spread = np.median(np.abs(effort), axis=0) / _MEDIAN_OF_NORMAL
+    return SensorNoise(np.sqrt(np.mean(joint**2, axis=0) / _LEFT), np.asarray(spread / np.sqrt(_LEFT)))

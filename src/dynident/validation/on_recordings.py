@@ -1,0 +1,146 @@
+"""Direct validation on the recordings of the identification, cross validation on others (§12.7)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.estimation import Errors, errors
+from dynident.identification import Identification
+from dynident.identification.data import torque_of
+from dynident.progress import Progress, part, silent
+from dynident.recordings import Recording
+from dynident.threads import single_threaded
+from dynident.validation.verdict import LARGEST_ERROR, Judged
+
+# A cross validation that is worse than the fit by more than this factor says that the data do not determine the model.
+_OVERFIT = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingErrors:
+    """Errors of a model on one recording, on the joints' filtered torques."""
+
+    name: str
+    errors: Errors
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueValidation:
+    """Errors on every recording and on all together; `judged` against `limit`, a relative error."""
+
+    recordings: tuple[RecordingErrors, ...]
+    total: Errors
+    limit: float
+    judged: Judged
+
+
+@single_threaded
+def validate_direct(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    limit: float = LARGEST_ERROR,
+    progress: Progress = silent,
+) -> TorqueValidation:
+    """Direct validation: the error vector on the trajectory that the model was identified from.
+
+    Parameters
+    ----------
+    limit : float
+        Largest relative error over all joints that passes.
+
+    Raises
+    ------
+    DynidentError
+        For a limit that is not above zero, or no recording at all.
+    """
+    each, total = _tried(identification, recordings, limit, progress)
+    return TorqueValidation(each, total, limit, _judged(identification, total, limit, "the identification's own data"))
+
+
+@single_threaded
+def validate_cross(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    limit: float = LARGEST_ERROR,
+    progress: Progress = silent,
+) -> TorqueValidation:
+    """Cross validation: the error on trajectories that were not used for the identification.
+
+    It also fails where the error is much larger than that of the fit: then the data did not determine the model.
+
+    Parameters
+    ----------
+    limit : float
+        Largest relative error over all joints that passes.
+
+    Raises
+    ------
+    DynidentError
+        For a limit that is not above zero, or no recording at all.
+    """
+    each, total = _tried(identification, recordings, limit, progress)
+    judged = _judged(identification, total, limit, "data that no parameter saw")
+    own = identification.fit.relative_total
+    if judged.verdict == "pass" and total.relative_total > _OVERFIT * own and _clearly_worse(identification, total):
+        judged = Judged(
+            "fail",
+            f"The error is {total.relative_total:.1%} on data that no parameter saw, against {own:.1%} in the fit: the "
+            "identification's motion does not determine the model, or this motion shows what that one did not.",
+        )
+    return TorqueValidation(each, total, limit, judged)
+
+
+def check_limit(limit: float) -> None:
+    """Raise `DynidentError` where a relative error is no share above zero."""
+    if not (np.isfinite(limit) and limit > 0):
+        raise DynidentError(f"limit is {limit}; give a relative error above 0, such as 0.15", pointer="/limit")
+
+
+def _tried(
+    identification: Identification, recordings: Sequence[Recording], limit: float, progress: Progress
+) -> tuple[tuple[RecordingErrors, ...], Errors]:
+    check_limit(limit)
+    if not recordings:
+        raise DynidentError("give at least one measurement to validate on", pointer="/measurement_ids")
+    found = []
+    for index, recording in enumerate(recordings):
+        share = part(progress, index / len(recordings), (index + 1) / len(recordings))
+        data = torque_of(
+            identification.model, [recording], identification.preprocessing, identification.reference, share
+        )
+        found.append(RecordingErrors(recording.name, errors(data.torque, identification.values)))
+    each = [one.errors for one in found]
+    total = Errors(*(np.sum([getattr(one, name) for one in each], axis=0) for name in _SUMMED))
+    return tuple(found), total
+
+
+_SUMMED = ("squares", "measured", "counts")
+
+
+def _judged(identification: Identification, total: Errors, limit: float, on_what: str) -> Judged:
+    names = identification.model.robot.joint_names
+    if not total.counts.any():
+        return Judged("not_evaluated", "No sample is left inside the windows and clear of the segments' ends.")
+    relative = total.relative
+    useless = [f"{name} ({relative[j]:.0%})" for j, name in enumerate(names) if relative[j] >= 1.0]
+    worst = int(np.argmax(relative))
+    error = f"The torque error on {on_what} is {total.relative_total:.1%}"
+    if total.relative_total > limit:
+        return Judged(
+            "fail", f"{error}, above the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
+        )
+    if useless:
+        return Judged("fail", f"{error}, but on {', '.join(useless)} predicting nothing would be as good.")
+    return Judged(
+        "pass", f"{error}, within the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
+    )
+
+
+def _clearly_worse(identification: Identification, total: Errors) -> bool:
+    """Whether the residual itself grew, not only its share in a smaller torque."""
+    own = identification.fit
+    return bool(np.any(total.rms > _OVERFIT * own.rms))

@@ -1,0 +1,144 @@
+"""The response of a simulator with the identified parameters against the recorded response (§12.7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import fftconvolve
+
+from dynident.errors import DynidentError
+from dynident.estimation import Errors
+from dynident.identification import Identification
+from dynident.progress import Progress, part, silent
+from dynident.recordings import Recording, low_pass
+from dynident.robot.model import FloatArray
+from dynident.simulation import Sensors
+from dynident.simulation.truth import NEVER_NEGATIVE
+from dynident.threads import single_threaded
+from dynident.validation.on_recordings import check_limit
+from dynident.validation.simulator import RecordedMotion, recorded_motion, simulator_of
+from dynident.validation.verdict import LARGEST_ERROR, Judged
+
+LONGEST = 20.0
+"""Seconds of a recording that are simulated at most."""
+
+# Of the joint's range in the recording: how far the simulated joint may be off, root mean square.
+_OFF = 0.02
+_SURE = 1.96
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationValidation:
+    """A simulated robot that followed the recorded motion.
+
+    `torque`: errors of the simulated torque against the measured one, both behind the same low-pass; `position` (n,)
+    root mean square distance of the simulated from the recorded positions, rad or m, and `position_share` (n,) the same
+    over the range that the joint moved through; `duration` in s. None where nothing could be simulated.
+    """
+
+    name: str
+    duration: float
+    torque: Errors | None
+    position: FloatArray | None
+    position_share: FloatArray | None
+    limit: float
+    judged: Judged
+
+
+@single_threaded
+def validate_simulation(
+    identification: Identification,
+    recording: Recording,
+    limit: float = LARGEST_ERROR,
+    longest: float = LONGEST,
+    progress: Progress = silent,
+) -> SimulationValidation:
+    """Let a robot with the identified parameters make the recorded motion under joint control.
+
+    Unlike a prediction of torque along the recorded positions, this integrates the equation of motion: parameters that
+    make an indefinite inertia matrix, or friction that drives, do not follow.
+
+    Parameters
+    ----------
+    limit : float
+        Largest relative torque error over all joints that passes.
+    longest : float
+        Seconds that are simulated at most, from the longest unbroken stretch of the recording.
+
+    Raises
+    ------
+    DynidentError
+        For a limit or duration that is not above zero, or a recording without motion to follow.
+    """
+    check_limit(limit)
+    if not (np.isfinite(longest) and longest > 0):
+        raise DynidentError(f"longest is {longest} s; give a duration above 0", pointer="/longest")
+    motion = recorded_motion(recording, identification.preprocessing, longest)
+    duration = motion.reference.duration
+    impossible = _impossible(identification)
+    if impossible:
+        judged = Judged("fail", f"No robot has the identified parameters: {impossible}.")
+        return SimulationValidation(recording.name, duration, None, None, None, limit, judged)
+    try:
+        virtual = simulator_of(identification).robot
+        sensors = Sensors(recording.sampling_rate, None, torque_noise=0.0)
+        measured = virtual.measure(motion.reference, sensors, run=motion.label, progress=part(progress, 0.05, 1.0))
+    except DynidentError as error:
+        judged = Judged("fail", f"No robot with the identified parameters makes this motion: {error.detail}.")
+        return SimulationValidation(recording.name, duration, None, None, None, limit, judged)
+    count = min(len(measured.tau), len(motion.tau))
+    errors = _torque_errors(identification, recording, measured.tau[:count], motion.tau[:count])
+    off = measured.truth.q[:count] - motion.reference.q[:count]
+    position = np.sqrt(np.mean(off**2, axis=0))
+    span = np.maximum(np.ptp(motion.reference.q, axis=0), 1e-9)
+    share = np.where(np.ptp(motion.reference.q, axis=0) > 1e-3, position / span, 0.0)
+    judged = _judged(identification, motion, errors, share, limit)
+    return SimulationValidation(recording.name, duration, errors, position, share, limit, judged)
+
+
+def _impossible(identification: Identification) -> str:
+    """Parameters that are below zero by more than chance, where nature allows no such sign, and what they are."""
+    deviations = identification.statistics.standard_deviations
+    return ", ".join(
+        f"{column.name} is {value:.3g} ± {_SURE * deviation:.2g} {column.unit}, below zero"
+        for column, value, deviation in zip(identification.model.kept, identification.values, deviations, strict=True)
+        if (column.effect, column.parameter) in NEVER_NEGATIVE and value < -_SURE * deviation
+    )
+
+
+def _torque_errors(
+    identification: Identification, recording: Recording, simulated: FloatArray, measured: FloatArray
+) -> Errors | None:
+    """Behind the parallel filter's low-pass, without the rows that it has not filled; None where none are left."""
+    taps = low_pass(recording.sampling_rate, identification.preprocessing.torque_cutoff)
+    if len(measured) < 2 * len(taps):
+        return None
+    smooth = [fftconvolve(tau, taps[:, None], mode="valid", axes=0) for tau in (measured, simulated)]
+    rest = smooth[0] - smooth[1]
+    counts = np.full(rest.shape[1], float(len(rest)))
+    return Errors((rest**2).sum(axis=0), (smooth[0] ** 2).sum(axis=0), counts)
+
+
+def _judged(
+    identification: Identification, motion: RecordedMotion, errors: Errors | None, share: FloatArray, limit: float
+) -> Judged:
+    if errors is None:
+        return Judged(
+            "not_evaluated",
+            f"The longest unbroken stretch, {motion.reference.duration:.1f} s, is too short for the torque filter.",
+        )
+    names = identification.model.robot.joint_names
+    worst = int(np.argmax(errors.relative))
+    text = (
+        f"Over {motion.reference.duration:.1f} s the simulated torque is {errors.relative_total:.1%} off the measured "
+        f"one (largest on {names[worst]}, {errors.relative[worst]:.1%})"
+    )
+    if errors.relative_total > limit:
+        return Judged("fail", f"{text}, above the limit of {limit:.1%}.")
+    lost = [f"{name} ({share[j]:.1%})" for j, name in enumerate(names) if share[j] > _OFF]
+    if lost:
+        left = f"but the simulated robot leaves the recorded motion by more than {_OFF:.0%} of the range on"
+        return Judged("fail", f"{text}, {left} {', '.join(lost)}.")
+    followed = f"and it follows the recorded motion within {share.max():.2%} of every joint's range"
+    return Judged("pass", f"{text}, within the limit of {limit:.1%}, {followed}.")
