@@ -167,8 +167,3 @@ def test_an_amplitude_beyond_the_range_is_refused_with_the_range(scara):
     trajectory = TrajectoryRequest(amplitudes=(50.0,))
     with pytest.raises(ImpossibleLimitsError, match=r"shoulder.*its range is"):
         design_experiment(scara, DesignRequest(kind="reversals", trajectory=trajectory))
-
-
-def test_single_joints_cannot_be_asked_of_a_motion_of_all_joints(scara):
-    with pytest.raises(DynidentError, match="moves all joints"):
-        design_experiment(scara, replace(QUICK, trajectory=replace(SHORT, joints=("elbow",))))

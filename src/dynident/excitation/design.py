@@ -9,6 +9,7 @@ from dynident.excitation.deciding import with_rivals, yardstick_of
 from dynident.excitation.earlier import earlier_rows
 from dynident.excitation.home import check_home, home_candidates, posture_note
 from dynident.excitation.limits import ImpossibleLimitsError, bounds_of, keeps, tightest
+from dynident.excitation.locked import locked_bounds, locked_model, locked_note, moving_joints
 from dynident.excitation.model import DesignModel, design_model
 from dynident.excitation.motion import in_sequence
 from dynident.excitation.optimise import Budget
@@ -52,6 +53,12 @@ def design_experiment(
     if request.home is not None:
         check_home(request.home, limits)
     model = design_model(robot, with_rivals(request.wanted_effects, request.criterion))
+    bounds, notes = limits.tightened(), list[str]()
+    if request.trajectory.joints and request.kind not in JOINT_BY_JOINT:
+        home = home_candidates(request.home, bounds, model)[0]
+        moving = moving_joints(request.trajectory.joints, robot.joint_names)
+        model, bounds = locked_model(model, home, moving), locked_bounds(bounds, home, moving)
+        notes.append(locked_note(robot.joint_names, moving))
     yardstick = yardstick_of(
         model,
         request.criterion,
@@ -59,7 +66,7 @@ def design_experiment(
         one_equation=request.model in ("energy", "power"),
         earlier=_told(model, earlier, request),
     )
-    task = Task(request, model, yardstick, limits, limits.tightened(), progress)
+    task = Task(request, model, yardstick, limits, bounds, progress)
     progress(0.0, f"{model.n_parameters} base parameters")
     made = _joint_by_joint(task) if request.kind in JOINT_BY_JOINT else periodic(task, budget)
     motion = in_sequence(made.pieces, task.rate)
@@ -77,7 +84,7 @@ def design_experiment(
         criterion_values=made.valued.values,
         baseline=made.baseline,
         margins=made.margins,
-        notes=(*made.notes, *model.notes, *limits.notes),
+        notes=(*made.notes, *notes, *model.notes, *limits.notes),
         expected=made.valued.expected,
     )
 
@@ -85,6 +92,12 @@ def design_experiment(
 def _told(model: DesignModel, earlier: Sequence[Recording], request: DesignRequest) -> FloatArray | None:
     if not earlier:
         return None
+    if not model.counted.all():
+        raise DynidentError(
+            "with locked joints, the parameters are grouped in another way than in earlier runs of all joints; leave "
+            "the earlier runs out, or let all joints move",
+            pointer="/earlier_ids",
+        )
     if request.model != "dynamic":
         raise DynidentError(
             f"earlier runs count beside the rows of the dynamic model; a design for the {request.model} model cannot "

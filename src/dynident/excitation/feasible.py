@@ -74,11 +74,12 @@ class Shrinking:
         inside = (b.position_low < x[0]) & (x[0] < b.position_high)
         made[0, inside] = x[0, inside]
         q, dq, ddq, dddq = self._basis[:, :, 1:] @ made[1:]
-        with np.errstate(divide="ignore"):
+        # A joint that is locked has neither room nor motion: 0 / 0.
+        with np.errstate(divide="ignore", invalid="ignore"):
             scale = min(
                 most,
-                float(((b.position_high - made[0]) / np.maximum(q.max(axis=0), 0.0)).min()),
-                float(((made[0] - b.position_low) / np.maximum(-q.min(axis=0), 0.0)).min()),
+                float(np.nanmin((b.position_high - made[0]) / np.maximum(q.max(axis=0), 0.0))),
+                float(np.nanmin((made[0] - b.position_low) / np.maximum(-q.min(axis=0), 0.0))),
                 float((b.velocity / np.abs(dq).max(axis=0)).min()),
                 float((b.acceleration / np.abs(ddq).max(axis=0)).min()),
                 float((b.jerk / np.abs(dddq).max(axis=0)).min()),

@@ -37,7 +37,7 @@ class DesignModel:
     `choices` are the effects that `columns` are made of: the `n_chosen` columns of the effects chosen first, then the
     links' inertial ones where they are not among them, since they predict the torque. `base` is chosen from all of
     them. `reference` are standard inertial parameters for effects that depend on the load, and behind them
-    what else predicted torque is made of, zero.
+    what else predicted torque is made of, zero. Equations of joints that `counted` (n,) leaves out tell nothing.
     """
 
     robot: Robot
@@ -48,6 +48,7 @@ class DesignModel:
     base: BaseParameters
     reference: FloatArray
     notes: tuple[str, ...]
+    counted: NDArray[np.bool_]
 
     @property
     def kept(self) -> tuple[Column, ...]:
@@ -109,6 +110,7 @@ class DesignModel:
         )
         w = np.zeros((len(q), self.robot.n, observation.n_columns))
         w[:, observation.entry_rows, observation.entry_columns] = entries
+        w[:, ~self.counted] = 0.0
         return w.reshape(-1, observation.n_columns)
 
     def observe_along(self, motion: Motion, taken: IntArray) -> FloatArray:
@@ -185,7 +187,9 @@ def design_model(
         columns += [column for column in links if column.name not in present]
         choices += (_LINKS,)
     base = base_parameters(robot, columns, signals)
-    return DesignModel(robot, choices, signals, tuple(columns), len(chosen), base, known, tuple(notes))
+    return DesignModel(
+        robot, choices, signals, tuple(columns), len(chosen), base, known, tuple(notes), np.full(robot.n, True)
+    )
 
 
 def _beyond_a_trajectory(column: Column, signals: Signals) -> bool:

@@ -46,7 +46,7 @@ class Evaluation:
 
 
 class DesignProblem:
-    """Criterion and limits over the coefficients x (m, n) of a family.
+    """Criterion and limits over the coefficients x (m, n) of a family; those of joints without range stay as they are.
 
     Parameters
     ----------
@@ -77,9 +77,12 @@ class DesignProblem:
         b = model.n_parameters
         self._n_parameters = b
         self._nominal = model.nominal
+        self._counted = model.counted[:, None]
         self._middle = np.zeros((5, 1, self.n))
         self._middle[0, 0] = bounds.middle
         room = np.stack([bounds.half_range, bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque])
+        self._moving = bounds.half_range > 0
+        room[0, ~self._moving] = np.inf
         # An absent limit has infinite room: its share is zero, and it never acts.
         self._per_room = 1.0 / (_SHARE_OF_LIMITS * room[:, None, :])
 
@@ -98,7 +101,7 @@ class DesignProblem:
         torque = w @ self._nominal
         b = self._n_parameters
         scale = 1.0 / np.sqrt(self.n_samples)
-        chosen = w[:, :, :b]
+        chosen = w[:, :, :b] * self._counted
         criterion, of_rows = self._criterion(scale * self._row_model.rows(chosen, dq))
         of_chosen, of_velocity = self._row_model.pull_back(chosen, dq, scale * of_rows)
         shares = (np.stack([q, dq, ddq, dddq, torque]) - self._middle) * self._per_room
@@ -107,10 +110,11 @@ class DesignProblem:
         penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty)
         of_signals = active * np.sign(shares) * self._per_room
         of_w = of_signals[4][:, :, None] * self._nominal
-        of_w[:, :, :b] += of_chosen
+        of_w[:, :, :b] += of_chosen * self._counted
         gradient = self._basis[1].T @ of_velocity
         for basis, of_derivative in zip(self._basis, of_signals[:4], strict=False):
             gradient += basis.T @ of_derivative
         for basis, of_derivative in zip(self._basis, self._rows.pull_back(of_w), strict=False):
             gradient += basis.T @ of_derivative
+        gradient[:, ~self._moving] = 0.0
         return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess)

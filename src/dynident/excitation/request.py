@@ -59,7 +59,8 @@ class TrajectoryRequest:
     amplitudes : tuple of float, optional
         For reversals: how far a joint goes back and forth, in rad or m.
     joints : tuple of str
-        For motions of one joint at a time: those that move; all where empty.
+        Those that move; all where empty. In an optimised or random trajectory the others are locked at home, and the
+        parameters are those that this shows.
     paces : tuple of float
         For Fourier trajectories: the same path is run at each of these shares of its speed, one after the other.
     """
@@ -221,12 +222,6 @@ def check_request(request: DesignRequest) -> None:
         )
     if request.kind in JOINT_BY_JOINT:
         return
-    if trajectory.joints:
-        raise DynidentError(
-            f"a trajectory of kind {request.kind!r} moves all joints; leave joints out, or choose one of: "
-            f"{', '.join(JOINT_BY_JOINT)}",
-            pointer="/trajectory/joints",
-        )
     _check_fineness(trajectory)
     samples = trajectory.sampling_rate * trajectory.duration * trajectory.periods * sum(1 / p for p in trajectory.paces)
     if samples > _MOST_SAMPLES:

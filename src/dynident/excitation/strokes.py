@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.errors import DynidentError
 from dynident.excitation.limits import Bounds, ImpossibleLimitsError
+from dynident.excitation.locked import moving_joints
 from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Piece
 from dynident.excitation.moves import move_within_torque
 from dynident.excitation.request import DesignRequest
 from dynident.progress import Progress, silent
 from dynident.robot.model import FloatArray
-from dynident.robot.pointers import listed
 
 # Of the position range, and at most so far (rad, m).
 _STROKE_SHARE, _LONGEST_STROKE = 0.8, np.pi
@@ -45,24 +44,12 @@ class Stroke:
 
 def strokes_of(request: DesignRequest, bounds: Bounds, home: FloatArray) -> tuple[Stroke, ...]:
     """The strokes that a request for a motion of one joint at a time asks for, around home (n,), joint by joint."""
-    joints = _joints_of(request, bounds)
+    joints = [int(j) for j in np.flatnonzero(moving_joints(request.trajectory.joints, bounds.names))]
     if request.kind == "slow_sweep":
         return _sweeps(bounds, joints, request.trajectory.duration)
     if request.kind == "reversals":
         return _reversals(bounds, home, joints, request.wanted_speeds, request.wanted_amplitudes)
     return _constant_speeds(bounds, home, joints, request.wanted_speeds, request.trajectory.duration)
-
-
-def _joints_of(request: DesignRequest, bounds: Bounds) -> list[int]:
-    wanted = request.trajectory.joints or bounds.names
-    unknown = [name for name in wanted if name not in bounds.names]
-    if unknown:
-        raise DynidentError(
-            f"There is no joint {listed(unknown)}; joints: {listed(bounds.names)}.",
-            pointer="/trajectory/joints",
-            title="Unknown joint",
-        )
-    return [j for j, name in enumerate(bounds.names) if name in wanted]
 
 
 def _constant_speeds(
