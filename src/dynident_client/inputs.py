@@ -70,7 +70,7 @@ class Designs(Collection[Design]):
         """
         return self._post({"robot_id": id_of(robot), "kind": kind, **more})
 
-    def trajectory(self, design: Record | str, format: Literal["csv", "parquet", "json"] = "csv") -> bytes:
+    def trajectory(self, design: Record | str, format: Literal["csv", "parquet", "json", "ros2"] = "csv") -> bytes:
         """Read the trajectory: t, q…, dq…, ddq… at the sampling rate."""
         return self._transport.get_bytes(f"{self.path}/{id_of(design)}/trajectory", format=format)
 

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from dynident.effects.catalogue import check_shape, joints_of
 from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
 from dynident.excitation.request import check_request
+from dynident.excitation.ros2 import joint_trajectory
 from dynident.robot import Robot
 from dynident.simulation import Reference
 from dynident_service.adapters.effects import choices_of
@@ -37,9 +38,8 @@ def request_of(asked: wire.DesignRequest, robot: Robot) -> DesignRequest:
 
 def design_request(asked: wire.DesignRequest) -> DesignRequest:
     """Take a design off the wire as it is."""
-    if asked.model not in (None, "dynamic"):
-        detail = f"designs for the {asked.model} model are not available in this version; leave it out"
-        raise unusable(detail, "/model")
+    if asked.model == "base_wrench":
+        raise unusable("a design for the base_wrench model is not available; choose dynamic, or leave it out", "/model")
     trajectory, criterion = asked.trajectory, asked.criterion
     return DesignRequest(
         kind=asked.kind,
@@ -69,6 +69,7 @@ def design_request(asked: wire.DesignRequest) -> DesignRequest:
         random_trajectories=asked.random_trajectories,
         seed=asked.seed,
         noise=asked.noise,
+        model=asked.model or "dynamic",
     )
 
 
@@ -157,6 +158,12 @@ def trajectory_as_samples(path: Path, joints: list[str]) -> wire.TrajectorySampl
         dq=reference.dq.tolist(),
         ddq=reference.ddq.tolist(),
     )
+
+
+def trajectory_for_ros2(path: Path, joints: list[str]) -> Iterator[str]:
+    """Give a stored trajectory as a JointTrajectory message in YAML, a line or four at a time."""
+    reference = stored_reference(path, joints)
+    return joint_trajectory(joints, reference.t, reference.q, reference.dq, reference.ddq)
 
 
 def stored_reference(path: Path, joints: list[str]) -> Reference:

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from dynident.diagnosis import Diagnosis
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
+from dynident.excitation.row_models import ROW_MODELS, RowModelName
 from dynident.identification import Identification, from_bytes
 from dynident.identification.choices import EstimatorName
 from dynident.progress import Progress, part
@@ -154,6 +155,14 @@ def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetada
 def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
     """The recordings alone."""
     return [item.recording for item in measurements]
+
+
+def row_model_of(name: str) -> RowModelName:
+    """The identification model that a design is for, by its name."""
+    for known in ROW_MODELS:
+        if name == known:
+            return known
+    raise DynidentError(f"no design is for the model {name!r}; choose from: {', '.join(ROW_MODELS)}", pointer="--model")
 
 
 def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:

@@ -12,16 +12,19 @@ import pyarrow.parquet as pq
 from dynident.diagnosis import Comparison
 from dynident.errors import DynidentError
 from dynident.excitation import Design, design_table
+from dynident.excitation.ros2 import joint_trajectory
 from dynident_service.cli.inputs import write_whole
 
 ENDINGS = (".csv", ".parquet")
+TRAJECTORY_ENDINGS = (*ENDINGS, ".yaml")
 _SIGNALS = ("measured", "predicted", "residual", "band", "q", "dq")
 
 
-def check_ending(path: Path) -> None:
+def check_ending(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:
     """Raise before the work begins where its result could not be written."""
-    if path.suffix not in ENDINGS:
-        raise DynidentError(f"cannot write {path.name}; the file's ending has to be .csv or .parquet", pointer="--out")
+    if path.suffix not in endings:
+        known = f"{', '.join(endings[:-1])} or {endings[-1]}"
+        raise DynidentError(f"cannot write {path.name}; the file's ending has to be {known}", pointer="--out")
     if not path.parent.is_dir():
         raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
 
@@ -37,9 +40,13 @@ def write_table(table: pa.Table, path: Path) -> None:
     write_whole(path, sink.getvalue().to_pybytes())
 
 
-def trajectory_table(design: Design) -> pa.Table:
-    """Columns t, q_<joint>…, dq_<joint>…, ddq_<joint>…."""
-    return design_table(design)
+def write_trajectory(design: Design, path: Path) -> None:
+    """Write a trajectory as a table of t, q_<joint>…, dq_<joint>…, ddq_<joint>…, or as a message for ROS 2."""
+    if path.suffix == ".yaml":
+        lines = joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
+        write_whole(path, "".join(lines).encode())
+    else:
+        write_table(design_table(design), path)
 
 
 def comparison_table(found: Comparison) -> pa.Table:

@@ -19,7 +19,7 @@ from dynident.simulation import (
     measurement_table,
 )
 from dynident_service.cli.inputs import write_whole
-from dynident_service.cli.tables import trajectory_table, write_table
+from dynident_service.cli.tables import write_table, write_trajectory
 from dynident_service.demo.scenario import Scenario
 
 # Where a joint stands still, or nearly so for a while, it may stick, and its torque is then not determined by any
@@ -82,7 +82,7 @@ def measure(scenario: Scenario, designs: Sequence[Design], folder: Path, progres
             temperature = scenario.temperature(reference.t)
             reference = replace(reference, temperature=np.repeat(temperature[:, None], scenario.robot.n, axis=1))
         found = virtual.measure(reference, sensors, run=course.name, seed=seed, progress=share)
-        write_table(trajectory_table(design), folder / f"trajectory_{course.name}.csv")
+        write_trajectory(design, folder / f"trajectory_{course.name}.csv")
         runs.append(_written(found, design, begins, folder / f"{course.name}.csv"))
         done += design.duration
     return runs

@@ -77,6 +77,9 @@ class DesignRequest(Asked):
     noise: dict[str, float] = Field(
         default={}, description="By joint: standard deviation of a sample of its torque, N m or N"
     )
+    earlier_ids: list[Identifier] = Field(
+        default=[], max_length=100, description="Measurements that the new experiment is to complement"
+    )
 
 
 class CriterionValues(Shown):

@@ -10,7 +10,7 @@ from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from dynident_service.models.common import Page, plain
 from dynident_service.models.designs import DesignRequest, DesignResult, DesignView, TrajectorySamples
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
-from dynident_service.routes.needs import needed_robot
+from dynident_service.routes.needs import needed_measurements, needed_robot
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
 
@@ -18,6 +18,7 @@ router = APIRouter(prefix="/v1/designs", tags=["designs"])
 
 JOB = NewJob("design", "dynident_service.work.designs:design")
 PARQUET = "application/vnd.apache.parquet"
+YAML = "application/yaml"
 
 
 @router.post("", status_code=202)
@@ -28,7 +29,10 @@ def create_design(body: DesignRequest, services: ServicesDep, retry: RetryKeyDep
 
     robot = needed_robot(services, body.robot_id)
     request_of(body, robot_of(robot.request))
-    needs = (RestsOn(robot.id, "robot", "robot", "/robot_id"),)
+    needs = (
+        RestsOn(robot.id, "robot", "robot", "/robot_id"),
+        *needed_measurements(services, robot, body.earlier_ids, "earlier", "/earlier_ids"),
+    )
     new = NewResource("design", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
     return show(make(services, new, response))
 
@@ -56,13 +60,17 @@ def delete_design(design_id: str, services: ServicesDep) -> None:
 @router.get(
     "/{design_id}/trajectory",
     response_model=TrajectorySamples,
-    responses={200: {"content": {"text/csv": {}, PARQUET: {}}}},
+    responses={200: {"content": {"text/csv": {}, PARQUET: {}, YAML: {}}}},
 )
 def get_trajectory(
-    design_id: str, services: ServicesDep, format: Annotated[Literal["csv", "parquet", "json"], Query()] = "csv"
+    design_id: str,
+    services: ServicesDep,
+    format: Annotated[
+        Literal["csv", "parquet", "json", "ros2"], Query(description="ros2: a JointTrajectory message in YAML")
+    ] = "csv",
 ) -> Response:
     """Give t, q…, dq…, ddq… at the sampling rate, with the moves from and to rest."""
-    from dynident_service.adapters.designs import trajectory_as_csv, trajectory_as_samples
+    from dynident_service.adapters.designs import trajectory_as_csv, trajectory_as_samples, trajectory_for_ros2
 
     found = succeeded(services.resources.get("design", design_id))
     path = services.objects.path(found.objects["trajectory"].key)
@@ -72,6 +80,9 @@ def get_trajectory(
         headers = {"Content-Disposition": f'attachment; filename="{design_id}.csv"'}
         return StreamingResponse(trajectory_as_csv(path), media_type="text/csv", headers=headers)
     joints = DesignResult.model_validate(found.result).joints
+    if format == "ros2":
+        headers = {"Content-Disposition": f'attachment; filename="{design_id}.yaml"'}
+        return StreamingResponse(trajectory_for_ros2(path, joints), media_type=YAML, headers=headers)
     return JSONResponse(trajectory_as_samples(path, joints).model_dump())
 
 

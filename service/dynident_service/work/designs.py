@@ -10,14 +10,15 @@ from dynident_service.adapters.designs import describe_design, request_of, write
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.designs import DesignRequest
-from dynident_service.work.means import robot_by_id
+from dynident_service.work.means import recordings_by_id, robot_by_id
 
 
 def design(task: Task) -> Outcome:
     """Design an experiment."""
     asked = DesignRequest.model_validate(task.subject.request)
     robot = robot_by_id(task, asked.robot_id)
-    found = design_experiment(robot, request_of(asked, robot), task.progress)
+    earlier = recordings_by_id(task, asked.earlier_ids)
+    found = design_experiment(robot, request_of(asked, robot), task.progress, earlier)
     with tempfile.TemporaryDirectory() as folder:
         path = write_trajectory(found, Path(folder) / "trajectory.parquet")
         trajectory = task.keep("trajectory", path, "application/vnd.apache.parquet")

@@ -44,20 +44,28 @@ def design(
             help="Design the next experiment that a diagnosis proposes (`dynident diagnose --out`).",
         ),
     ] = None,
+    model: Annotated[
+        str, typer.Option("--model", help="Rows that the criterion is computed from: dynamic, filtered, energy, power.")
+    ] = "dynamic",
+    earlier: Annotated[
+        list[Path] | None,
+        typer.Option("--earlier", metavar="FILE", help="Measurement that the experiment complements; may be repeated."),
+    ] = None,
     seed: Seed = 0,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The trajectory, .csv or .parquet.")] = Path(
-        "trajectory.csv"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
+    ] = Path("trajectory.csv"),
     as_json: Json = False,
 ) -> None:
     """Design an exciting trajectory within the robot's limits."""
     from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
+    from dynident.progress import part
     from dynident_service.adapters.designs import describe_design
     from dynident_service.cli import inputs, tables, terminal
     from dynident_service.cli.designing import limits_of, proposed_design, show_design
     from dynident_service.models.common import plain
 
-    tables.check_ending(out)
+    tables.check_ending(out, tables.TRAJECTORY_ENDINGS)
     machine = inputs.robot_of(robot)
     asked = DesignRequest(
         kind=kind,
@@ -66,11 +74,18 @@ def design(
         trajectory=TrajectoryRequest(duration=duration, harmonics=harmonics, periods=periods, sampling_rate=rate),
         time_budget=time_budget,
         seed=seed,
+        model=inputs.row_model_of(model),
     )
     request = replace(asked if diagnosis is None else proposed_design(diagnosis), limits=limits_of(limits))
-    with terminal.progress_bar("design") as progress:
-        found = design_experiment(machine, request, progress)
-    tables.write_table(tables.trajectory_table(found), out)
+    with (
+        terminal.progress_bar("design") as progress,
+        inputs.loaded(earlier or [], machine, inputs.FileOptions(), part(progress, 0.0, 0.1)) as (
+            runs,
+            _,
+        ),
+    ):
+        found = design_experiment(machine, request, part(progress, 0.1, 1.0), inputs.recordings_of(runs))
+    tables.write_trajectory(found, out)
     if as_json:
         terminal.print_json(plain(describe_design(found)))
         return
