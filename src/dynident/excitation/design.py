@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dynident.errors import DynidentError
+from dynident.excitation.checks import check_request
 from dynident.excitation.deciding import with_rivals, yardstick_of
 from dynident.excitation.earlier import earlier_rows
 from dynident.excitation.home import check_home, home_candidates, posture_note
@@ -14,7 +15,7 @@ from dynident.excitation.model import DesignModel, design_model
 from dynident.excitation.motion import in_sequence
 from dynident.excitation.optimise import Budget
 from dynident.excitation.periodic import periodic
-from dynident.excitation.request import JOINT_BY_JOINT, Design, DesignRequest, check_request
+from dynident.excitation.request import JOINT_BY_JOINT, Design, DesignRequest
 from dynident.excitation.strokes import course_of, strokes_of
 from dynident.excitation.task import Made, Task
 from dynident.progress import Progress, part, silent
