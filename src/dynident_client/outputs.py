@@ -145,11 +145,16 @@ class Validations(Collection[Validation]):
         *,
         measurements: Sequence[Record | str] | None = None,
         name: str | None = None,
+        **more: Any,
     ) -> Validation:
-        """Try a model: "direct", "cross", "inertia_matrix", …."""
+        """Try a model.
+
+        `kind`: "direct", "cross", "inertia_matrix", "payload", "methods", "simulation" or "filters". `more`: limit,
+        methods, cutoffs, longest, mass, seed, as in the contract.
+        """
         measurement_ids = None if measurements is None else [id_of(one) for one in measurements]
         body = {"identification_id": id_of(identification), "kind": kind, "measurement_ids": measurement_ids}
-        return self._post({**body, "name": name})
+        return self._post({**body, "name": name, **more})
 
 
 class Reports(Collection[Report]):

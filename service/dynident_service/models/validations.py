@@ -2,29 +2,62 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
-from dynident_service.models.identifications import ErrorsView
+from dynident_service.models.identifications import ESTIMATORS, MODELS, STEPS, STRATEGIES, ErrorsView, UsedPreprocessing
 
-ValidationKind = Literal["direct", "cross", "inertia_matrix", "payload", "methods", "simulation"]
-AVAILABLE: tuple[ValidationKind, ...] = ("direct", "cross", "inertia_matrix")
+ValidationKind = Literal["direct", "cross", "inertia_matrix", "payload", "methods", "simulation", "filters"]
+AVAILABLE: tuple[ValidationKind, ...] = ("direct", "cross", "inertia_matrix", "methods", "simulation", "filters")
+VerdictWord = Literal["pass", "fail", "not_evaluated"]
+
+
+class MethodRequest(Asked):
+    """One way to identify."""
+
+    model: MODELS = "dynamic"
+    strategy: STRATEGIES = "global"
+    estimator: ESTIMATORS = "wls"
+    steps: STEPS = Field(default="link_by_link", description="Of the sequential strategy")
+    prior: Literal["description"] | None = None
 
 
 class ValidationRequest(Asked):
     """Which model is to be tried, and how."""
 
     identification_id: Identifier
-    kind: ValidationKind
+    kind: ValidationKind = Field(
+        description="direct: errors on the identification's own data; cross: on data that the model has not seen; "
+        "inertia_matrix: a search for the posture where it is least positive; payload: a known load found from runs "
+        "with it; methods: all methods on the same data; simulation: a simulated robot against the recorded one; "
+        "filters: cut-off frequencies chosen by simulating the identification"
+    )
     measurement_ids: list[Identifier] | None = Field(
         default=None,
         min_length=1,
         max_length=100,
-        description="For cross validation: data the model has not seen; else its validation data",
+        description="cross, methods: data that the model has not seen, else its validation data; simulation, filters: "
+        "the motion to simulate, else a measurement of the identification; payload: the runs with the load",
     )
     name: Name | None = None
+    limit: float | None = Field(
+        default=None, gt=0, le=10, description="direct, cross, simulation: largest relative error that passes (0.15)"
+    )
+    methods: list[MethodRequest] | None = Field(
+        default=None, min_length=1, max_length=100, description="methods: which; all that are available if null"
+    )
+    cutoffs: list[Annotated[float, Field(gt=0)]] | None = Field(
+        default=None, min_length=1, max_length=20, description="filters: position cut-offs in Hz to try"
+    )
+    longest: float | None = Field(
+        default=None, gt=0, le=300, description="simulation, filters: seconds that are simulated at most"
+    )
+    mass: float | None = Field(
+        default=None, gt=0, description="payload: the known mass in kg, where the measurements do not state it"
+    )
+    seed: int = Field(default=0, ge=0, description="Of what is drawn at random: postures, noise")
 
 
 class MeasurementErrors(Shown):
@@ -35,15 +68,105 @@ class MeasurementErrors(Shown):
     errors: ErrorsView
 
 
+class MethodView(Shown):
+    """What one method gave on the data that all of them share."""
+
+    method: str = Field(description="In words")
+    model: str
+    strategy: str
+    estimator: str
+    steps: str
+    prior: str | None
+    problem: str | None = Field(description="Why there is no result")
+    values: list[float | None] | None = Field(description="Parameters in the order of `parameters`")
+    standard_deviations: list[float | None] | None
+    fit: ErrorsView | None
+    held_out: ErrorsView | None = Field(description="On validation data; on the identification's own without any")
+    distance: list[float | None] | None = Field(
+        description="Of every parameter from the first method's, in units of their joint standard deviation"
+    )
+    distance_rms: float | None
+    farthest: str | None = Field(description="The parameter that is farthest from the first method's")
+    torque_distance: float | None = Field(
+        description="How far the predicted torque is from the first method's, as a share of the measured"
+    )
+    seconds: float = Field(description="That the solution took")
+    warnings: list[str]
+
+
+class SimulationOnMeasurement(Shown):
+    """A simulated robot that followed a recorded motion."""
+
+    measurement_id: str
+    name: str
+    duration: float = Field(description="Seconds that were simulated")
+    torque: ErrorsView | None = Field(description="Simulated against measured torque")
+    position: list[float | None] | None = Field(description="rad or m, root mean square, per joint")
+    position_share: list[float | None] | None = Field(description="The same over the range the joint moved through")
+    verdict: VerdictWord
+    reason: str
+
+
+class FilterTrialView(Shown):
+    """What one choice of filters leaves in the parameters of the simulated identification."""
+
+    preprocessing: UsedPreprocessing
+    error: float | None = Field(description="Share of the torque that wrong parameters cost")
+    bias: float | None = Field(description="The part of it that is the same in every draw of the noise")
+    worst: str | None = Field(description="The parameter with the largest bias, in its standard deviations")
+    worst_bias: float | None
+    problem: str | None
+
+
+class FiltersView(Shown):
+    """Filters by simulation of the identification."""
+
+    used: FilterTrialView
+    chosen: FilterTrialView
+    trials: list[FilterTrialView]
+    position_noise: list[float | None] = Field(description="Of the encoders, rad or m, per joint")
+    torque_noise: list[float | None] = Field(description="N m or N, per joint")
+
+
+class LoadParameterView(Shown):
+    """One parameter of the load, found from runs with it."""
+
+    name: str
+    value: float
+    unit: str
+    standard_deviation: float | None
+    interval: tuple[float | None, float | None] = Field(description="Holds the true value in 95 of 100 cases")
+
+
+class PayloadView(Shown):
+    """A load found from runs with it, beside what it is said to be."""
+
+    stated_mass: float
+    identifiable: bool
+    parameters: list[LoadParameterView]
+
+
 class ValidationResult(Shown):
-    """What the model is worth by one test."""
+    """What the model is worth by one test, with the verdict and its reason in a sentence."""
 
     kind: ValidationKind
+    verdict: VerdictWord
+    reason: str
+    limit: float | None = Field(default=None, description="The relative error that was the limit")
     measurements: list[MeasurementErrors] = Field(default=[])
+    total: ErrorsView | None = Field(default=None, description="Over all measurements")
     inertia_matrix_positive_definite: bool | None = None
     smallest_eigenvalue: float | None = Field(
-        default=None, description="Of the inertia matrix scaled to a unit diagonal, over random postures"
+        default=None, description="Of the inertia matrix scaled to a unit diagonal, in the worst posture found"
     )
+    eigenvalue_standard_deviation: float | None = None
+    worst_posture: dict[str, float] | None = Field(default=None, description="rad or m, by joint")
+    postures_tried: int | None = None
+    parameters: list[str] = Field(default=[], description="Names of the parameters that methods are compared by")
+    methods: list[MethodView] = Field(default=[])
+    simulations: list[SimulationOnMeasurement] = Field(default=[])
+    filters: FiltersView | None = None
+    payload: PayloadView | None = None
 
 
 class ValidationView(Computed[ValidationRequest, ValidationResult]):

@@ -6,9 +6,10 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
+from dynident.errors import DynidentError
 from dynident_service.models.common import Page, plain
 from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.validations import AVAILABLE, ValidationRequest, ValidationView
+from dynident_service.models.validations import AVAILABLE, ValidationKind, ValidationRequest, ValidationView
 from dynident_service.problems import ProblemError, unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
 from dynident_service.routes.needs import needed_measurements, needed_model
@@ -28,6 +29,7 @@ def create_validation(
     if body.kind not in AVAILABLE:
         detail = f"The validation {body.kind!r} is not available in this version; choose from: {', '.join(AVAILABLE)}."
         raise ProblemError(501, detail, title="Validation not available", available=list(AVAILABLE))
+    _check_fields(body)
     model = needed_model(services, body.identification_id)
     needs = (
         RestsOn(model.id, "identification", "identification", "/identification_id"),
@@ -62,21 +64,69 @@ def show(resource: Resource) -> ValidationView:
     return computed(ValidationView, resource)
 
 
+def _check_fields(body: ValidationRequest) -> None:
+    """Refuse what the test that is asked for does not take."""
+    for field, kinds in _TAKEN_BY.items():
+        if body.kind not in kinds and getattr(body, field) is not None:
+            raise unusable(f"{body.kind} takes no {field}; leave it out", f"/{field}")
+    if body.methods is not None:
+        from dynident.identification import IdentificationChoices
+        from dynident_service.adapters.validations import methods_of
+
+        for index, method in enumerate(methods_of(body.methods) or ()):
+            try:
+                method.of(IdentificationChoices())
+            except DynidentError as error:
+                raise unusable(error.detail, f"/methods/{index}{error.pointer}") from error
+
+
 def _measurements(services: Services, body: ValidationRequest, model: Resource) -> tuple[RestsOn, ...]:
     asked = StoredIdentification.model_validate(model.request)
-    if body.kind == "inertia_matrix" or (body.kind == "direct" and body.measurement_ids is not None):
-        if body.measurement_ids is None:
-            return ()
-        raise unusable(f"{body.kind} takes no measurements; leave measurement_ids out", "/measurement_ids")
-    if body.kind == "direct":
-        chosen = asked.measurement_ids
-    else:
-        chosen = body.measurement_ids or asked.validation_ids
-        if not chosen:
-            raise unusable("the model has no validation data; give measurement_ids", "/measurement_ids")
+    robot = services.resources.get("robot", model.one("robot"))
+    chosen = _chosen(body, asked)
+    if body.kind in ("cross", "methods"):
         for index, identifier in enumerate(chosen):
             if identifier in asked.measurement_ids:
                 detail = f"the model was identified from {identifier!r}; give data that it has not seen"
                 raise unusable(detail, f"/measurement_ids/{index}")
-    robot = services.resources.get("robot", model.one("robot"))
-    return needed_measurements(services, robot, chosen, "measurement", "/measurement_ids")
+    needs = needed_measurements(services, robot, chosen, "measurement", "/measurement_ids")
+    if body.kind == "methods":
+        needs += needed_measurements(services, robot, asked.measurement_ids, "training", "/identification_id")
+    return needs
+
+
+def _chosen(body: ValidationRequest, asked: StoredIdentification) -> list[str]:
+    """The measurements that the test is made on."""
+    given = body.measurement_ids
+    match body.kind:
+        case "direct":
+            return asked.measurement_ids
+        case "inertia_matrix":
+            return []
+        case "cross":
+            if not (given or asked.validation_ids):
+                raise unusable("the model has no validation data; give measurement_ids", "/measurement_ids")
+            return given or asked.validation_ids
+        case "methods":
+            return given or asked.validation_ids
+        case "payload":
+            if not given:
+                raise unusable("give the measurements with the load", "/measurement_ids")
+            return given
+        case "simulation":
+            return given or (asked.validation_ids or asked.measurement_ids)[:1]
+        case "filters":
+            if given is not None and len(given) > 1:
+                raise unusable("filters are chosen on one measurement; give one", "/measurement_ids/1")
+            return given or asked.measurement_ids[:1]
+
+
+_SIMULATED: tuple[ValidationKind, ...] = ("simulation", "filters")
+_TAKEN_BY: dict[str, tuple[ValidationKind, ...]] = {
+    "measurement_ids": ("cross", "methods", "payload", *_SIMULATED),
+    "limit": ("direct", "cross", "simulation"),
+    "methods": ("methods",),
+    "cutoffs": ("filters",),
+    "longest": _SIMULATED,
+    "mass": ("payload",),
+}

@@ -7,7 +7,7 @@ from dynident.validation.methods import MethodResult, MethodsValidation, validat
 from dynident.validation.noise import SensorNoise, sensor_noise
 from dynident.validation.on_recordings import RecordingErrors, TorqueValidation, validate_cross, validate_direct
 from dynident.validation.simulation import SimulationValidation, validate_simulation
-from dynident.validation.verdict import LARGEST_ERROR, Judged, Verdict
+from dynident.validation.verdict import LARGEST_ERROR, Judged, Verdict, together
 
 __all__ = [
     "LARGEST_ERROR",
@@ -27,6 +27,7 @@ __all__ = [
     "filters_by_simulation",
     "method_of",
     "sensor_noise",
+    "together",
     "validate_cross",
     "validate_direct",
     "validate_inertia_matrix",

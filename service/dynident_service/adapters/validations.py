@@ -1,0 +1,151 @@
+"""Validations between the contract and the science."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynident.robot.model import FloatArray
+from dynident.validation import (
+    FiltersBySimulation,
+    FilterTrial,
+    InertiaMatrixValidation,
+    Method,
+    MethodResult,
+    MethodsValidation,
+    SimulationValidation,
+    TorqueValidation,
+    together,
+)
+from dynident_service.adapters.identifications import finite, numbers, show_errors, show_preprocessing
+from dynident_service.models import validations as wire
+
+
+def methods_of(asked: Sequence[wire.MethodRequest] | None) -> tuple[Method, ...] | None:
+    """Take methods off the wire."""
+    if asked is None:
+        return None
+    return tuple(Method(one.model, one.strategy, one.estimator, one.prior, one.steps) for one in asked)
+
+
+def describe_torque(
+    kind: wire.ValidationKind, found: TorqueValidation, measurement_ids: Sequence[str]
+) -> wire.ValidationResult:
+    """Describe a direct or cross validation."""
+    return wire.ValidationResult(
+        kind=kind,
+        verdict=found.judged.verdict,
+        reason=found.judged.reason,
+        limit=found.limit,
+        measurements=[
+            wire.MeasurementErrors(measurement_id=identifier, name=one.name, errors=show_errors(one.errors))
+            for identifier, one in zip(measurement_ids, found.recordings, strict=True)
+        ],
+        total=show_errors(found.total),
+    )
+
+
+def describe_inertia_matrix(found: InertiaMatrixValidation) -> wire.ValidationResult:
+    """Describe the search for the worst posture."""
+    value = found.smallest_eigenvalue
+    posture = found.posture
+    return wire.ValidationResult(
+        kind="inertia_matrix",
+        verdict=found.judged.verdict,
+        reason=found.judged.reason,
+        inertia_matrix_positive_definite=None if value is None else value > 0,
+        smallest_eigenvalue=None if value is None else finite(value),
+        eigenvalue_standard_deviation=None if found.standard_deviation is None else finite(found.standard_deviation),
+        worst_posture=None if posture is None else dict(zip(found.joint_names, posture.tolist(), strict=True)),
+        postures_tried=found.evaluations,
+    )
+
+
+def describe_methods(found: MethodsValidation) -> wire.ValidationResult:
+    """Describe all methods on the same data."""
+    return wire.ValidationResult(
+        kind="methods",
+        verdict=found.judged.verdict,
+        reason=found.judged.reason,
+        parameters=list(found.parameters),
+        methods=[_method(one, found.parameters) for one in found.results],
+    )
+
+
+def describe_simulations(
+    found: Sequence[SimulationValidation], measurement_ids: Sequence[str]
+) -> wire.ValidationResult:
+    """Describe simulated robots that followed recorded motions."""
+    judged = together([(one.name, one.judged) for one in found])
+    return wire.ValidationResult(
+        kind="simulation",
+        verdict=judged.verdict,
+        reason=judged.reason,
+        limit=found[0].limit if found else None,
+        simulations=[
+            wire.SimulationOnMeasurement(
+                measurement_id=identifier,
+                name=one.name,
+                duration=one.duration,
+                torque=None if one.torque is None else show_errors(one.torque),
+                position=_maybe(one.position),
+                position_share=_maybe(one.position_share),
+                verdict=one.judged.verdict,
+                reason=one.judged.reason,
+            )
+            for identifier, one in zip(measurement_ids, found, strict=True)
+        ],
+    )
+
+
+def describe_filters(found: FiltersBySimulation) -> wire.ValidationResult:
+    """Describe the choice of filters by simulating the identification."""
+    return wire.ValidationResult(
+        kind="filters",
+        verdict=found.judged.verdict,
+        reason=found.judged.reason,
+        filters=wire.FiltersView(
+            used=_trial(found.used),
+            chosen=_trial(found.chosen),
+            trials=[_trial(one) for one in found.trials],
+            position_noise=numbers(found.noise.position),
+            torque_noise=numbers(found.noise.torque),
+        ),
+    )
+
+
+def _method(one: MethodResult, names: Sequence[str]) -> wire.MethodView:
+    method = one.method
+    return wire.MethodView(
+        method=method.words,
+        model=method.model,
+        strategy=method.strategy,
+        estimator=method.estimator,
+        steps=method.steps,
+        prior=method.prior,
+        problem=one.problem or None,
+        values=_maybe(one.values),
+        standard_deviations=_maybe(one.standard_deviations),
+        fit=None if one.fit is None else show_errors(one.fit),
+        held_out=None if one.held_out is None else show_errors(one.held_out),
+        distance=_maybe(one.distance),
+        distance_rms=None if one.distance_rms is None else finite(one.distance_rms),
+        farthest=None if one.farthest is None else names[one.farthest],
+        torque_distance=None if one.torque_distance is None else finite(one.torque_distance),
+        seconds=one.seconds,
+        warnings=list(one.warnings),
+    )
+
+
+def _trial(one: FilterTrial) -> wire.FilterTrialView:
+    return wire.FilterTrialView(
+        preprocessing=show_preprocessing(one.preprocessing),
+        error=None if one.error is None else finite(one.error),
+        bias=None if one.bias is None else finite(one.bias),
+        worst=one.worst or None,
+        worst_bias=None if one.worst_bias is None else finite(one.worst_bias),
+        problem=one.problem or None,
+    )
+
+
+def _maybe(values: FloatArray | None) -> list[float | None] | None:
+    return None if values is None else numbers(values)
