@@ -218,7 +218,7 @@ def _case_of(identification: Identification, comparisons: Sequence[Comparison], 
 def _row_weights(identification: Identification, comparisons: Sequence[Comparison]) -> FloatArray:
     """(n,): one over the noise that every row would have if rows were independent of each other."""
     rows = sum(len(one.t) for one in comparisons)
-    independent = np.clip(identification.statistics.effective_rows / max(rows, 1), 1e-3, 1.0)
+    independent = np.clip(identification.effective_rows / max(rows, 1), 1e-3, 1.0)
     return np.asarray(np.sqrt(independent) / identification.noise)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, Reduction
+from dynident.identification.choices import ModelName
 from dynident.identification.warnings import unseen_parameters
 from dynident.recordings import Recording
 from dynident.regressors.model import Model
@@ -67,6 +68,24 @@ def check_runs(effects: Sequence[EffectChoice], recordings: Sequence[Recording])
             )
 
 
+def check_equations(model: Model, name: ModelName, equations: Reduction, torque: Reduction) -> None:
+    """Raise where a model's equations do not show what the joints' torques on the same data do."""
+    lost = unseen_parameters(model, equations)
+    if not lost or unseen_parameters(model, torque):
+        return
+    why = {
+        "energy": "one equation over intervals, and none for what does no work",
+        "power": "one equation, and none for what does no work",
+    }
+    raise EstimationError(
+        f"not identifiable with the {name} model ({why.get(name, 'its equations')}): {', '.join(lost)}. The joints' "
+        "torques do show them: choose the dynamic or the filtered model, leave these effects out, or record a motion "
+        "whose joints do not swing together",
+        pointer="/model",
+        title="Not identifiable with this model",
+    )
+
+
 def check_reduction(model: Model, reduction: Reduction) -> None:
     """Raise where the data cannot determine the model, naming what is missing."""
     if reduction.n_rows == 0:
@@ -74,6 +93,13 @@ def check_reduction(model: Model, reduction: Reduction) -> None:
             "no rows are left after filtering; use a longer recording or wider windows",
             pointer="/measurement_ids",
             title="Too few samples",
+        )
+    if not any(equation.joined[:, -1].any() for equation in reduction.equations):
+        raise EstimationError(
+            "the torque is zero throughout: no parameter can be told from it; check which columns hold the torque, and "
+            "that the drives were on",
+            pointer="/measurement_ids",
+            title="No torque",
         )
     unseen = unseen_parameters(model, reduction)
     if unseen:

@@ -17,8 +17,8 @@ EstimatorName = Literal["ols", "wls", "irls", "feasible", "iv", "didim", "ekf"]
 StepsName = Literal["link_by_link", "wrist_then_shoulder"]
 PriorName = Literal["description"]
 
-AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic",)
-AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global",)
+AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic", "filtered", "energy", "power")
+AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential")
 AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls")
 AVAILABLE_PRIORS: tuple[PriorName, ...] = ()
 
@@ -28,8 +28,8 @@ class IdentificationChoices:
     """What is identified and how.
 
     `steps` are those of the sequential strategy; `prior` None: the data alone count; `pole` is a of [12.29] in rad/s,
-    for the filtered model, `preprocessing` the filters: None where the data decide. `tolerance` decides which columns
-    count as dependent.
+    for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model, `preprocessing` the filters:
+    None where the data decide. `tolerance` decides which columns count as dependent.
     """
 
     effects: tuple[EffectChoice, ...] = DEFAULT_EFFECTS
@@ -39,6 +39,7 @@ class IdentificationChoices:
     steps: StepsName = "link_by_link"
     prior: PriorName | None = None
     pole: float | None = None
+    interval: float | None = None
     preprocessing: Preprocessing | None = None
     tolerance: float = DEFAULT_TOLERANCE
 
@@ -51,6 +52,10 @@ class IdentificationChoices:
             _known("prior", self.prior, get_args(PriorName), AVAILABLE_PRIORS)
         if self.pole is not None and not (isfinite(self.pole) and self.pole > 0):
             raise DynidentError(f"pole is {self.pole}; give a of [12.29] in rad/s, above zero", pointer="/pole")
+        if self.interval is not None and not (isfinite(self.interval) and self.interval > 0):
+            raise DynidentError(
+                f"interval is {self.interval}; give t_b - t_a of [12.43] in s, above zero", pointer="/interval"
+            )
 
 
 def _known(what: str, value: str, words: tuple[str, ...], available: tuple[str, ...]) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dynident.estimation import Reduction
+from dynident.identification.checks import check_equations
 from dynident.identification.choices import IdentificationChoices
-from dynident.progress import Progress, silent
+from dynident.identification.model_equations import equations_of
+from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.rows import KeptRows, reduce_and_keep
@@ -40,8 +42,19 @@ def reduced(
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> Data:
-    """Reduce recordings to the rows of the chosen model, and of the joints' torques."""
-    return torque_of(model, recordings, preprocessing, reference, progress, known)
+    """Reduce recordings to the rows of the chosen model, and of the joints' torques.
+
+    Raises
+    ------
+    DynidentError
+        Where the model cannot make equations of these columns or recordings.
+    """
+    if choices.model == "dynamic":
+        return torque_of(model, recordings, preprocessing, reference, progress, known)
+    found = torque_of(model, recordings, preprocessing, reference, part(progress, 0.0, 0.5), known)
+    equations = equations_of(model, choices, recordings, preprocessing, reference, part(progress, 0.5, 1.0))
+    check_equations(model, choices.model, equations, found.torque)
+    return replace(found, equations=equations)
 
 
 def torque_of(

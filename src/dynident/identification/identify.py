@@ -16,6 +16,7 @@ from dynident.identification.data import Data, reduced, torque_of
 from dynident.identification.fitting import fit
 from dynident.identification.gain import warnings_of_addition
 from dynident.identification.inertia import smallest_inertia_eigenvalue
+from dynident.identification.model_equations import with_constants
 from dynident.identification.result import Identification
 from dynident.identification.shapes import check_shapes_given, complete_shapes, lacks_shape
 from dynident.identification.warnings import warnings_of
@@ -58,6 +59,7 @@ def identify(
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings)
     preprocessing = choices.preprocessing or choose_preprocessing(recordings)
+    choices, preprocessing = with_constants(choices, recordings, preprocessing)
     check_shapes_given(choices.effects)
     choices, reference = _prepared(robot, recordings, preprocessing, choices, part(progress, 0.0, 0.5))
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)

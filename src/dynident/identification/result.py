@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.effects import EffectChoice
-from dynident.estimation import Errors, Reduction, Solution, Statistics, noise_levels
+from dynident.estimation import Errors, Reduction, Solution, Statistics, correlation_factor, noise_levels
 from dynident.identification.choices import IdentificationChoices
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
@@ -72,7 +72,7 @@ class Identification:
 
     @property
     def n_equations(self) -> int:
-        """Number of rows r of W."""
+        """Number of rows r of W, of the chosen model."""
         return self.equations.n_rows
 
     @property
@@ -82,8 +82,11 @@ class Identification:
 
     @property
     def effective_rows(self) -> FloatArray:
-        """(n,): how many independent samples each equation's rows are worth."""
-        return self.statistics.effective_rows
+        """(n,): how many independent samples the torque rows of every joint are worth."""
+        if self.equations is self.training:
+            return self.statistics.effective_rows
+        factors = [correlation_factor(equation, self.values) for equation in self.training.equations]
+        return np.asarray(np.array([float(e.counts.sum()) for e in self.training.equations]) / np.array(factors))
 
     @property
     def noise(self) -> FloatArray:

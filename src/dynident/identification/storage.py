@@ -51,7 +51,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
         "solution_factor": identification.solution.factor,
         "covariance": identification.statistics.covariance,
         "effective_rows": identification.statistics.effective_rows,
-        "noise": identification.noise,
+        "noise": identification.statistics.noise,
         "base_kept": np.array(base.kept, dtype=np.int64),
         "base_grouping": base.grouping,
         "base_written": base.written,
@@ -182,6 +182,7 @@ def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
         steps=document.get("steps", "link_by_link"),
         prior=document.get("prior"),
         pole=document.get("pole"),
+        interval=document.get("interval"),
         preprocessing=_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,
         tolerance=document["tolerance"],
     )

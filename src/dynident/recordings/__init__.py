@@ -1,6 +1,6 @@
 """Measured data: read, check, filter, differentiate, decimate."""
 
-from dynident.recordings.choosing import choose_preprocessing, preprocessing_from_request
+from dynident.recordings.choosing import choose_preprocessing, motion_band, preprocessing_from_request
 from dynident.recordings.filtering import edge_margin, filtered_blocks
 from dynident.recordings.importing import import_recording, recording_from_arrays
 from dynident.recordings.parallel import FilteredRows, ParallelFilter, low_pass
@@ -32,6 +32,7 @@ __all__ = [
     "filtered_blocks",
     "import_recording",
     "low_pass",
+    "motion_band",
     "open_recording",
     "preprocessing_from_request",
     "recording_from_arrays",

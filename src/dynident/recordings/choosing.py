@@ -79,6 +79,17 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     return _with_decimation(Preprocessing(cutoff, cutoff, 1, 4, (because, _about_torque(cutoff))), rate)
 
 
+def motion_band(recordings: Sequence[Recording]) -> float:
+    """Give the frequency in Hz below which 99 % of the velocity's power lies, as `choose_preprocessing` finds it.
+
+    Raises
+    ------
+    DynidentError
+        If a recording is too short to have a spectrum.
+    """
+    return max(_bands(spectra(recording)).motion for recording in recordings)
+
+
 def preprocessing_from_request(
     request: Mapping[str, object] | str | None, recordings: Sequence[Recording]
 ) -> Preprocessing:

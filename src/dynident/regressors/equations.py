@@ -14,8 +14,8 @@ from dynident.regressors.stages import differences, integrated, rated, smoothed
 from dynident.regressors.stream import EquationRows, SampleFunction, Samples, folded, low_passed, sampled
 from dynident.robot.model import FloatArray
 
-# Intervals of the energy model begin every quarter of their length: nearer to each other they repeat each other.
-_OVERLAP = 4
+# Intervals of the energy model begin every eighth of their length: nearer to each other they repeat each other.
+_OVERLAP = 8
 
 Rows = Iterator[tuple[int, FloatArray, FloatArray]]
 """(segment, t (m,), [entries | y] (m, k)), used rows alone."""
@@ -43,7 +43,7 @@ def over_intervals(interval: float) -> Treatment:
     """ΔS + ∫D dt, and ∫y dt, over intervals of about this length in s: the energy model [12.43]-[12.49].
 
     S and the integrals pass the parallel filter before they are subtracted, so that an interval's ends are not two
-    noisy samples; intervals begin every quarter of their length.
+    noisy samples; intervals begin every eighth of their length.
     """
 
     def rows(samples: Iterable[Samples], form: Form, recording: Recording, preprocessing: Preprocessing) -> Rows:

@@ -1,0 +1,123 @@
+"""What each model of the chapter makes of recordings, beside the dynamic one: its constants, and its equations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import pi
+
+from dynident.errors import DynidentError
+from dynident.estimation import Reduction
+from dynident.identification.choices import IdentificationChoices
+from dynident.progress import Progress, silent
+from dynident.recordings import Preprocessing, Recording, motion_band
+from dynident.regressors.equations import Treatment, filtered, over_intervals, plain, reduce_form
+from dynident.regressors.forms import Form, filtered_form, power_form
+from dynident.regressors.model import Model
+from dynident.robot.model import FloatArray
+
+_SMALLEST_POLE = 10.0
+_HARMONICS = 15.0
+_SHARE_OF_PERIOD = 8.0
+
+
+def with_constants(
+    choices: IdentificationChoices, recordings: Sequence[Recording], preprocessing: Preprocessing
+) -> tuple[IdentificationChoices, Preprocessing]:
+    """The choices with the constants that their model needs, and the reasons for them beside the filters' own.
+
+    Raises
+    ------
+    DynidentError
+        Where the recordings are too short to tell them.
+    """
+    if choices.model == "filtered" and choices.pole is None:
+        pole, reason = _pole(recordings, preprocessing)
+        return replace(choices, pole=pole), replace(preprocessing, reasons=(*preprocessing.reasons, reason))
+    if choices.model == "energy" and choices.interval is None:
+        interval, reason = _interval(recordings)
+        return replace(choices, interval=interval), replace(preprocessing, reasons=(*preprocessing.reasons, reason))
+    return choices, preprocessing
+
+
+def equations_of(
+    model: Model,
+    choices: IdentificationChoices,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress = silent,
+) -> Reduction:
+    """The equations that the chosen model makes of recordings, in the columns of its base parameters.
+
+    Raises
+    ------
+    DynidentError
+        Where filter or intervals leave no equation.
+    """
+    choices, _ = with_constants(choices, recordings, preprocessing)
+    form, treatment = _rows_of(model, choices)
+    found = reduce_form(form, treatment, recordings, preprocessing, reference, progress)
+    if found.n_rows == 0:
+        raise _none_left(choices)
+    return found
+
+
+def _rows_of(model: Model, choices: IdentificationChoices) -> tuple[Form, Treatment]:
+    known = model.robot, model.kept, model.signals
+    if choices.model == "filtered" and choices.pole is not None:
+        return filtered_form(*known), filtered(choices.pole)
+    if choices.model == "energy" and choices.interval is not None:
+        return power_form(*known), over_intervals(choices.interval)
+    if choices.model == "power":
+        return power_form(*known), plain
+    raise ValueError(f"no equations for the model {choices.model}")
+
+
+def _pole(recordings: Sequence[Recording], preprocessing: Preprocessing) -> tuple[float, str]:
+    """F(s) as wide as the band that Y and W are filtered to: nothing is gained by less, and noise above it is gone."""
+    cutoff = preprocessing.torque_cutoff
+    source = "the torque cut-off"
+    if cutoff is None:
+        cutoff, source = _HARMONICS * motion_band(recordings), f"{_HARMONICS:g} times the band of the motion"
+    pole = max(_SMALLEST_POLE, round(2.0 * pi * cutoff, 1))
+    return pole, (
+        f"Filtered model: a = {pole:g} rad/s in F(s), 2 pi times {source} of {cutoff:.3g} Hz (not below "
+        f"{_SMALLEST_POLE:g} rad/s, the least that is recommended): F(s) keeps the motion, and what it lets through "
+        "above is filtered away."
+    )
+
+
+def _interval(recordings: Sequence[Recording]) -> tuple[float, str]:
+    """As long as energy at the motion's highest frequency grows: it goes with the square of velocity, twice as fast.
+
+    Longer intervals lose what swings more than once in them, and gather the errors of low frequency (§12.6.2); shorter
+    ones are differences of nearly the same energy.
+    """
+    band = motion_band(recordings)
+    interval = 1.0 / (_SHARE_OF_PERIOD * band)
+    return interval, (
+        f"Energy model: intervals of {interval:.3g} s, an eighth of the shortest period of the motion (its band ends "
+        f"at {band:.2g} Hz): energy swings twice as fast as the motion, and differs most over half a swing; over "
+        "longer intervals offsets add up."
+    )
+
+
+def _none_left(choices: IdentificationChoices) -> DynidentError:
+    if choices.model == "filtered" and choices.pole is not None:
+        detail = (
+            f"no rows are left: F(s) with a = {choices.pole:g} rad/s needs {10 / choices.pole:.3g} s to settle, which "
+            "no run inside the windows outlasts; use a longer recording, wider windows, or a larger pole"
+        )
+        return DynidentError(detail, pointer="/pole", title="Too few samples")
+    if choices.model == "energy" and choices.interval is not None:
+        detail = (
+            f"no rows are left: no run inside the windows holds an interval of {choices.interval:g} s; use a longer "
+            "recording, wider windows, or a shorter interval"
+        )
+        return DynidentError(detail, pointer="/interval", title="Too few samples")
+    return DynidentError(
+        "no rows are left after filtering; use a longer recording or wider windows",
+        pointer="/measurement_ids",
+        title="Too few samples",
+    )

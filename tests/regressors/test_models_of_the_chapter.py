@@ -1,0 +1,238 @@
+"""The filtered, energy and power models on torque that Pinocchio made, and their rows against dense computations."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_states
+from scipy import integrate, signal
+
+from dynident.effects import CATALOGUE, EffectChoice, Signals, columns_of, reference_size
+from dynident.estimation import Reduction, ordinary
+from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass, recording_from_arrays
+from dynident.regressors.equations import filtered, over_intervals, plain, reduce_form
+from dynident.regressors.forms import filtered_form, power_form
+from dynident.regressors.model import Model, build_model
+from dynident.regressors.stages import differences, smoothed
+from dynident.regressors.stream import Samples, reduce_recordings
+from dynident.robot import robot_from_urdf
+
+EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
+SLOW = Preprocessing(position_cutoff=None, torque_cutoff=5.0, decimation=20)
+LIMITS = {"dynamic": 1e-5, "filtered": 1e-4, "energy": 1e-3, "power": 1e-3}
+
+
+def truth_of(model: Model, seed: int = 0) -> np.ndarray:
+    """Base parameters of the description's links with random Ia, Fc, Fv and b."""
+    drawn = np.random.default_rng(seed).uniform(0.5, 5.0, 4 * model.robot.n)
+    return model.base.grouping @ np.concatenate([model.robot.inertias.ravel(), drawn])
+
+
+def noise_free(robot, seconds=60.0, rate=1000.0, seed=3, frequency=0.05, offset=0.0, **more) -> Recording:
+    motion = fourier_motion(robot, seconds, rate, seed, base_frequency=frequency, amplitude=2.5)
+    ia, fc, fv, b = np.random.default_rng(0).uniform(0.5, 5.0, (4, robot.n))
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + ia * motion.ddq + fc * np.sign(motion.dq)
+    tau += fv * motion.dq + b + offset
+    return recording_from_arrays(motion.t, motion.q, tau, joint_names=robot.joint_names, name="run", **more)
+
+
+def reductions(model: Model, run: Recording, preprocessing=SLOW) -> dict[str, Reduction]:
+    """The equations of every model on one recording."""
+    known, reference = (model.robot, model.kept, model.signals), np.zeros(10 * model.robot.n)
+    power = power_form(*known)
+    rest = ([run], preprocessing, reference)
+    return {
+        "dynamic": reduce_recordings(model.observation, *rest),
+        "filtered": reduce_form(filtered_form(*known), filtered(20.0), *rest),
+        "energy": reduce_form(power, over_intervals(0.5), *rest),
+        "power": reduce_form(power, plain, *rest),
+    }
+
+
+def error(reduction: Reduction, truth: np.ndarray) -> float:
+    """||D (χ - truth)|| / ||D truth|| with D the norms of W's columns: by what each parameter does to the equations."""
+    found = ordinary(reduction)
+    return float(np.linalg.norm(found.scales * (found.values - truth)) / np.linalg.norm(found.scales * truth))
+
+
+@pytest.mark.parametrize("name", ["ur10", "scara", "crooked"])
+def test_every_model_finds_the_true_base_parameters_of_noise_free_torque(name):
+    model = build_model(arm(name), EFFECTS)
+    for which, reduction in reductions(model, noise_free(model.robot)).items():
+        assert error(reduction, truth_of(model)) < LIMITS[which], which
+
+
+@pytest.mark.slow
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    seed=st.integers(0, 10_000),
+    shape=st.sampled_from([(), (-1, 0, 1, 1), (-1, 0, 0, 2, 2), (-1, -1, 0, 1)]),
+    sliding=st.sets(st.integers(0, 4), max_size=2),
+)
+def test_every_model_finds_the_true_base_parameters_of_arms_of_any_shape(seed, shape, sliding):
+    n = len(shape) or 4
+    robot = robot_from_urdf("drawn", crooked_urdf(n, seed, tuple(k for k in sliding if k < n), shape))
+    model = build_model(robot, EFFECTS)
+    for which, reduction in reductions(model, noise_free(robot, seconds=100.0, rate=500.0, seed=seed)).items():
+        assert error(reduction, truth_of(model)) < LIMITS[which], which
+
+
+@pytest.mark.parametrize("name", ["ur10", "franka_panda", "crooked", "dual_arm"])
+def test_the_parts_of_the_filtered_model_add_up_to_the_dynamic_model(name):
+    robot = arm(name)
+    signals = Signals(robot)
+    columns = columns_of([EffectChoice(one) for one in CATALOGUE if CATALOGUE[one].applicable(robot)], signals)
+    columns = [column for column in columns if column.energy is not None]
+    s = signals
+    reference = np.random.default_rng(1).normal(size=reference_size(robot))
+    for column in columns[::7]:
+        # d/dt ∂e/∂q̇ + ∂u/∂q - ∂e/∂q by differentiation of the form's own rows.
+        h = column.energy()
+        momentum = ca.gradient(h, s.dq)
+        u = ca.substitute(h, s.dq, ca.SX.zeros(robot.n))
+        whole = ca.jtimes(momentum, s.q, s.dq) + ca.jtimes(momentum, s.dq, s.ddq) + ca.gradient(2 * u - h, s.q)
+        present = ca.vertcat(*(s.in_runs(run) for run in s.runs_in(ca.vertcat(h, ca.densify(column.torque)))))
+        gap = ca.Function("gap", [s.q, s.dq, s.ddq, s.reference, present], [whole - column.torque, whole])
+        for state in zip(*random_states(robot, 3, 4), strict=True):
+            off, size = (np.abs(np.array(value)).max() for value in gap(*state, reference, np.ones(present.shape)))
+            assert off < 1e-9 * max(1.0, size), column.name
+
+
+def test_filtered_rows_are_those_of_a_dense_computation():
+    robot = arm("scara")
+    model = build_model(robot, EFFECTS)
+    run = noise_free(robot, seconds=12.0, rate=200.0, frequency=0.3)
+    preprocessing = Preprocessing(10.0, 8.0, 4)
+    form = filtered_form(robot, model.kept, model.signals)
+    found = reduce_form(form, filtered(30.0), [run], preprocessing, np.zeros(40))
+
+    blocks = list(filtered_blocks(run, preprocessing))
+    q, dq, tau, used = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("q", "dq", "tau", "used"))
+    evaluated = form.observation.evaluate(q, dq, np.zeros_like(q), reference=np.zeros(40), memory=np.zeros((len(q), 0)))
+    dense = np.zeros((len(q), 2 * robot.n, model.n_parameters))
+    dense[:, form.observation.entry_rows, form.observation.entry_columns] = evaluated
+    momentum, force = dense[:, : robot.n], dense[:, robot.n :]
+    rate = np.zeros_like(momentum)
+    stencil = ((1, -2), (-8, -1), (8, 1), (-1, 2))
+    rate[2:-2] = sum(w * momentum[2 + k : len(q) - 2 + k] for w, k in stencil) * 200.0 / 12.0
+    whole = np.concatenate([rate + force, tau[:, :, None]], axis=2)
+    first, last = np.flatnonzero(used)[[0, -1]] + [2, -2]
+    whole[:first] = whole[last + 1 :] = 0.0
+    b, a = signal.bilinear([900.0], [1.0, 60.0, 900.0], 200.0)
+    behind = signal.lfilter(b, a, whole, axis=0)[first : last + 1]
+    taps = low_pass(200.0, 8.0)
+    settling = int(np.ceil(9.2 / 30.0 * 200.0))
+    slow = np.apply_along_axis(np.convolve, 0, behind[settling:], taps, "valid")
+    count = found.equations[0].counts.sum()
+    # Which phase decimation takes is the stream's own: one of the four has all of its rows.
+    fits = []
+    for phase in range(4):
+        rows = slow[phase::4][:count]
+        gram = np.einsum("mij,mik->jk", rows, rows)
+        mine = np.zeros_like(gram)
+        for equation in found.equations:
+            index = np.append(equation.columns, model.n_parameters)
+            mine[np.ix_(index, index)] += equation.joined.T @ equation.joined
+        fits.append(np.abs(mine - gram).max() / np.abs(gram).max())
+    assert min(fits) < 1e-9
+
+
+def test_the_energy_of_an_interval_is_the_work_done_in_it():
+    robot = arm("scara")
+    model = build_model(robot, EFFECTS)
+    run = noise_free(robot, seconds=10.0, rate=500.0, frequency=0.2)
+    preprocessing = Preprocessing(None, None, 10)
+    form = power_form(robot, model.kept, model.signals)
+    found = reduce_form(form, over_intervals(1.0), [run], preprocessing, np.zeros(40))
+    blocks = list(filtered_blocks(run, preprocessing))
+    dq, tau = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("dq", "tau"))
+    work = integrate.cumulative_simpson((tau * dq).sum(axis=1), dx=1 / 500.0, initial=0.0)
+    # Simpson's rule over 1 s at every phase; the reduction takes intervals every 1/8 s.
+    wanted = np.mean((work[500:] - work[:-500]) ** 2)
+    equation = found.equations[0]
+    assert np.sum(equation.joined[:, -1] ** 2) / equation.counts.sum() == pytest.approx(wanted, rel=0.05)
+    rest = equation.joined[:, -1] - equation.joined[:, :-1] @ truth_of(model)[equation.columns]
+    assert np.linalg.norm(rest) < 1e-4 * np.linalg.norm(equation.joined[:, -1])
+
+
+@pytest.mark.parametrize("which", ["filtered", "energy", "power"])
+@pytest.mark.parametrize("read", [777, 2000])
+def test_block_borders_leave_no_trace_in_any_model(which, read, monkeypatch):
+    robot = arm("scara")
+    model = build_model(robot, (*EFFECTS, EffectChoice("presliding", (robot.joint_names[0],), (("d0", 5e-3),))))
+    run = noise_free(robot, seconds=40.0, rate=200.0, windows=((2.0, 17.0), (19.0, 36.0)))
+    whole = reductions(model, run)[which]
+    monkeypatch.setattr("dynident.recordings.filtering.READ_LENGTH", read)
+    monkeypatch.setattr(
+        "dynident.regressors.stream.filtered_blocks", lambda *given: filtered_blocks(*given, block_length=331)
+    )
+    cut = reductions(model, run)[which]
+    assert cut.n_rows == whole.n_rows
+    np.testing.assert_array_equal(cut.spans, whole.spans)
+    for one, other in zip(cut.equations, whole.equations, strict=True):
+        size = np.abs(other.joined).max()
+        np.testing.assert_allclose(np.abs(one.joined), np.abs(other.joined), atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("which", ["filtered", "energy", "power"])
+def test_nothing_is_filtered_or_integrated_from_one_run_into_the_next(which):
+    robot = arm("scara")
+    model = build_model(robot, EFFECTS)
+    one, two = noise_free(robot, 20.0, 200.0, 1), noise_free(robot, 20.0, 200.0, 2)
+    parts = [next(iter(run.source.rows(0, run.n_samples, run.n_samples))) for run in (one, two)]
+    t = np.arange(one.n_samples) / 200.0
+    both = recording_from_arrays(
+        np.concatenate([t, t + 30.0]),
+        np.concatenate([part.q for part in parts]),
+        np.concatenate([part.tau for part in parts]),
+        joint_names=robot.joint_names,
+    )
+    assert len(both.segments) == 2
+    often = Preprocessing(None, 5.0, 10)
+    together = reductions(model, both, often)[which]
+    apart = [reductions(model, run, often)[which] for run in (one, two)]
+    assert together.n_rows == sum(part.n_rows for part in apart)
+    for k, equation in enumerate(together.equations):
+        whole = equation.joined
+        grams = [part.equations[k].joined.T @ part.equations[k].joined for part in apart]
+        np.testing.assert_allclose(whole.T @ whole, sum(grams), atol=1e-8 * np.abs(sum(grams)).max())
+    assert error(together, truth_of(model)) < LIMITS[which]
+
+
+def test_an_interval_never_spans_rows_that_are_missing():
+    t = np.concatenate([np.arange(0, 5.0, 0.1), np.arange(8.0, 12.0, 0.1)])
+    pieces = [(0, t[:30], t[:30, None]), (0, t[30:70], t[30:70, None]), (0, t[70:], t[70:, None])]
+    found = list(differences(pieces, length=10, step=2, spacing=0.1))
+    lengths = np.concatenate([values[:, 0] for _, _, values in found])
+    middles = np.concatenate([times for _, times, _ in found])
+    np.testing.assert_allclose(lengths, 1.0)
+    assert not ((middles > 4.5) & (middles < 8.4)).any()
+    whole = np.concatenate([v for _, _, v in differences([(0, t, t[:, None])], length=10, step=2, spacing=0.1)])
+    np.testing.assert_array_equal(whole[:, 0], lengths)
+
+
+def test_rows_in_which_the_filter_still_settles_are_not_used():
+    rate, pole = 100.0, 20.0
+    used = np.ones(400, dtype=bool)
+    used[150:160] = False
+    values = np.ones((400, 1))
+    (out,) = smoothed([Samples(0, True, np.arange(400) / rate, used, values)], pole, rate)
+    settling = int(np.ceil(9.2 / pole * rate))
+    np.testing.assert_array_equal(np.flatnonzero(out.used), [*range(settling, 150), *range(160 + settling, 400)])
+    np.testing.assert_allclose(out.values[out.used], 1.0, atol=2e-3)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_offsets_that_no_parameter_stands_for_spoil_energy_more_than_power(seed):
+    robot = arm("scara")
+    model = build_model(robot, EFFECTS[:-1])
+    values = truth_of(build_model(robot, EFFECTS))[: model.n_parameters]
+    run = noise_free(robot, seconds=120.0, rate=250.0, seed=seed, frequency=0.1)
+    form, rest = power_form(robot, model.kept, model.signals), ([run], Preprocessing(None, 5.0, 10), np.zeros(40))
+    power = error(reduce_form(form, plain, *rest), values)
+    short, long = (error(reduce_form(form, over_intervals(length), *rest), values) for length in (0.3, 4.0))
+    assert short > 1.1 * power
+    assert long > 2.0 * power
