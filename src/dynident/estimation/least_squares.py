@@ -15,6 +15,7 @@ from dynident.estimation.information import Information, covariance_of
 # Rounds of re-estimating the noise of every joint; the third changes no digit that anybody reads.
 _WEIGHT_ROUNDS = 3
 _SINGULAR = 1e-12
+_ROUNDING = 1e-10
 
 
 class EstimationError(DynidentError):
@@ -176,9 +177,14 @@ def weighted(reduction: Reduction, known: Information | None = None) -> Solution
 
 
 def doubtful_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """(n,): noise of every equation, larger by the correlation of its rows: what to weigh other knowledge against."""
+    """(n,): noise of every equation, larger by the correlation of its rows: what to weigh other knowledge against.
+
+    Not less than what rounding leaves of the measured values, lest exact data outweigh other knowledge without end.
+    """
     factors = [correlation_factor(equation, values) for equation in reduction.equations]
-    return noise_levels(reduction, values) * np.sqrt(factors)
+    found = errors(reduction, values)
+    rounding = _ROUNDING * np.sqrt(found.measured / np.maximum(found.counts, 1))
+    return np.maximum(noise_levels(reduction, values) * np.sqrt(factors), rounding)
 
 
 def noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:

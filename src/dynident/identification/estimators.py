@@ -1,0 +1,33 @@
+"""The estimators by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from dynident.estimation import Information, ordinary, statistics, weighted
+from dynident.identification.choices import EstimatorName, IdentificationChoices
+from dynident.identification.data import Data
+from dynident.identification.fit import Estimator, Fit
+from dynident.identification.simulating import instrumental_variables, output_error
+from dynident.regressors.model import Model
+
+
+def estimate(model: Model, choices: IdentificationChoices, data: Data, known: Information | None = None) -> Fit:
+    """Solve all equations of the data with the chosen estimator."""
+    return ESTIMATORS[choices.estimator](model, choices, data, known)
+
+
+def _ordinary(model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+    solution = ordinary(data.equations, known)
+    return Fit(solution, statistics(data.equations, solution))
+
+
+def _weighted(model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+    solution = weighted(data.equations, known)
+    return Fit(solution, statistics(data.equations, solution))
+
+
+ESTIMATORS: Mapping[EstimatorName, Estimator] = MappingProxyType(
+    {"ols": _ordinary, "wls": _weighted, "iv": instrumental_variables, "didim": output_error}
+)

@@ -1,0 +1,96 @@
+"""The sequential strategy [12.22]-[12.24]: link by link from the terminal link, or the wrist and then the shoulder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.estimation import EquationFactors, Reduction, Statistics
+from dynident.identification.choices import EstimatorName, IdentificationChoices, ModelName, StepsName
+from dynident.identification.data import Data
+from dynident.identification.fit import Fit
+from dynident.identification.steps import Findings, conclude_steps, take_step
+from dynident.regressors.model import Model
+from dynident.robot.model import Robot
+
+_LONGEST_WRIST = 3
+# Those that solve any part of the equations; the others need the whole robot's torque, or go through all samples.
+_STEPWISE: tuple[EstimatorName, ...] = ("ols", "wls", "irls")
+_JOINT_BY_JOINT: tuple[ModelName, ...] = ("dynamic", "filtered")
+
+
+def sequential(model: Model, choices: IdentificationChoices, data: Data) -> Fit:
+    """Find the parameters of the terminal link from its joint's equation, then those of the links before it.
+
+    Raises
+    ------
+    DynidentError
+        For an estimator that needs all equations at once, or a model whose equations are not the joints'.
+    """
+    check_stepwise(choices)
+    findings = Findings.nothing(model.n_parameters)
+    n = model.robot.n
+    noise, effective = np.ones(n), np.zeros(n)
+    warnings: list[str] = []
+    to_come = set(range(n))
+    for joints in steps_of(model.robot, choices.steps):
+        own, later = only(data.equations, joints), only(data.equations, tuple(to_come))
+        step = take_step(model, choices, data, own, findings, later)
+        to_come -= set(joints)
+        findings = step.findings
+        if step.fit is not None:
+            noise[list(joints)] = step.fit.solution.noise[list(joints)]
+            effective[list(joints)] = step.fit.statistics.effective_rows[list(joints)]
+            warnings += step.fit.warnings
+    solution, covariance = conclude_steps(data, findings, noise)
+    return Fit(solution, Statistics(covariance, effective, noise), tuple(warnings))
+
+
+def steps_of(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:
+    """The joints whose equations make each step, the terminal ones first."""
+    if steps == "link_by_link":
+        yield from ((joint,) for joint in reversed(range(robot.n)))
+        return
+    wrist = wrist_joints(robot)
+    if wrist:
+        yield wrist
+    yield tuple(joint for joint in range(robot.n) if joint not in wrist)
+
+
+def wrist_joints(robot: Robot) -> tuple[int, ...]:
+    """The last three joints of every arm, and not more than half of its joints."""
+    found = []
+    for joint in range(robot.n):
+        behind = max(len(robot.ancestors(other)) for other in robot.subtree(joint))
+        after = behind - len(robot.ancestors(joint))
+        if after < min(_LONGEST_WRIST, behind // 2):
+            found.append(joint)
+    return tuple(found)
+
+
+def only(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
+    """The same data with the rows of these joints alone; the other equations are empty."""
+    equations = tuple(
+        equation if joint in joints else EquationFactors(equation.columns[:0], np.zeros((0, 1, 1)), equation.counts[:0])
+        for joint, equation in enumerate(reduction.equations)
+    )
+    return Reduction(reduction.n_columns, equations, reduction.spans)
+
+
+def check_stepwise(choices: IdentificationChoices) -> None:
+    """Raise where an estimator or a model cannot be taken step by step."""
+    if choices.estimator not in _STEPWISE:
+        raise DynidentError(
+            f"{choices.estimator} cannot be taken in steps; choose from {', '.join(_STEPWISE)}, or the global strategy",
+            pointer="/estimator",
+            title="Choices that do not fit",
+        )
+    if choices.model not in _JOINT_BY_JOINT:
+        raise DynidentError(
+            f"the {choices.model} model has no equation of its own for every joint, so that nothing can be identified "
+            f"joint by joint; choose from {', '.join(_JOINT_BY_JOINT)}, or the global strategy",
+            pointer="/strategy",
+            title="Choices that do not fit",
+        )
