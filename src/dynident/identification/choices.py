@@ -19,7 +19,7 @@ PriorName = Literal["description"]
 
 AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic", "filtered", "energy", "power")
 AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential")
-AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls")
+AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls", "iv", "didim")
 AVAILABLE_PRIORS: tuple[PriorName, ...] = ()
 
 

@@ -1,0 +1,216 @@
+"""Estimators whose regressors come from a simulation of the identified robot: IDIM-IV and DIDIM.
+
+The simulated robot follows the motion of the recordings under closed loop (Gautier, Janot and Vandanjon 2013), so that
+its positions are near the true ones and free of the encoders' noise. Where a recording carries no reference, the robot
+is given the measured positions behind a low-pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.estimation import Information, Reduction, instrumental, statistics, weighted
+from dynident.identification.choices import IdentificationChoices
+from dynident.identification.data import Data
+from dynident.identification.fit import Fit
+from dynident.identification.simulator import (
+    BANDWIDTH,
+    SimulatedMotion,
+    simulated_motion,
+    simulator_of,
+    smoothed_references,
+)
+from dynident.recordings import Recording, SampleBlock, choose_preprocessing, motion_band
+from dynident.regressors.model import Model
+from dynident.regressors.stream import EquationRows, SampleFunction, folded, parallel_filtered, reduce_recordings
+from dynident.robot.model import FloatArray
+from dynident.simulation import Reference
+
+# Harmonics of the motion that the reference of instruments keeps: what is left of the noise in it biases the estimate.
+_HARMONICS = 4.0
+_NYQUIST_SHARE = 0.7
+# Change of the estimates, in their standard deviations, below which they have settled; and rounds at most.
+_SETTLED, _ROUNDS = 0.05, 10
+_STRONG = 0.7
+
+
+def instrumental_variables(
+    model: Model, choices: IdentificationChoices, data: Data, known: Information | None = None
+) -> Fit:
+    """Instrumental variables [Gautier, Janot and Vandanjon 2013]: Z from simulation, W measured, all filtered alike.
+
+    Simulation and estimate alternate until the estimates change by less than a twentieth of a standard deviation.
+
+    Raises
+    ------
+    DynidentError
+        Where nothing can be simulated, or the simulated motion is no instrument for the measured one.
+    """
+    _check_simulable(model, choices, data, known)
+    cutoff = _cutoff(data, _HARMONICS * motion_band(data.recordings))
+    strength = 1.0
+
+    def solved(both: Reduction) -> Fit:
+        nonlocal strength
+        found = instrumental(both, known)
+        strength = found.strength
+        return Fit(found.solution, found.statistics)
+
+    settled = _alternated(model, data, cutoff, known, solved)
+    said = (
+        f"Instrumental variables from a simulated robot ({BANDWIDTH:g} Hz of control bandwidth) that follows the "
+        f"measured positions below {cutoff:.2g} Hz; settled after {settled.rounds} rounds; the weakest correlation "
+        f"between simulated and measured columns is {strength:.3f}."
+    )
+    warnings = (said, *settled.warnings)
+    if strength < _STRONG:
+        warnings += ("The instruments are weak in some direction: the standard deviations there are rough.",)
+    return Fit(settled.fit.solution, settled.fit.statistics, warnings)
+
+
+def output_error(model: Model, choices: IdentificationChoices, data: Data, known: Information | None = None) -> Fit:
+    """DIDIM, closed-loop output error on the torque: min over χ of |Y - W(q_s(χ)) χ|, q_s simulated with χ.
+
+    The Gauss-Newton step takes the simulated positions for fixed (they hardly depend on χ under closed loop), so each
+    is a weighted least-squares solution with the columns of the simulated motion alone: only Y is measured.
+
+    Raises
+    ------
+    DynidentError
+        Where nothing can be simulated.
+    """
+    _check_simulable(model, choices, data, known)
+    wide = choose_preprocessing(data.recordings).position_cutoff
+    cutoff = _cutoff(data, np.inf if wide is None else wide)
+    c = model.n_parameters
+    error = 0.0
+
+    def solved(both: Reduction) -> Fit:
+        nonlocal error
+        simulated = both.select(np.arange(c))
+        solution = weighted(simulated, known)
+        found = statistics(simulated, solution)
+        error = float(np.sqrt(np.mean(found.noise**2)))
+        return Fit(solution, found)
+
+    settled = _alternated(model, data, cutoff, known, solved)
+    said = (
+        f"Output error: torque simulated along the measured positions below {cutoff:.2g} Hz under a control bandwidth "
+        f"of {BANDWIDTH:g} Hz; settled after {settled.rounds} rounds at a simulated torque error of {error:.3g} rms."
+    )
+    return Fit(settled.fit.solution, settled.fit.statistics, (said, *settled.warnings))
+
+
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    fit: Fit
+    rounds: int
+    warnings: tuple[str, ...]
+
+
+def _alternated(
+    model: Model, data: Data, cutoff: float, known: Information | None, solved: Callable[[Reduction], Fit]
+) -> _Settled:
+    """Simulate with the last estimates, solve with what was simulated, and so on until the estimates settle."""
+    references = [smoothed_references(recording, cutoff) for recording in data.recordings]
+    values = _first_estimate(model, data, known)
+    change = np.inf
+    found: Fit | None = None
+    for number in range(1, _ROUNDS + 1):
+        found = solved(_beside_simulated(model, data, _simulated(model, data, references, values)))
+        deviations = np.maximum(found.statistics.standard_deviations, np.finfo(float).tiny)
+        change = float(np.max(np.abs(found.solution.values - values) / deviations))
+        values = found.solution.values
+        if change < _SETTLED:
+            return _Settled(found, number, ())
+    assert found is not None
+    unsettled = (
+        f"The estimates have not settled after {_ROUNDS} rounds of simulation: the last changed one of them by "
+        f"{change:.2g} of its standard deviations."
+    )
+    return _Settled(found, _ROUNDS, (unsettled,))
+
+
+def _first_estimate(model: Model, data: Data, known: Information | None) -> FloatArray:
+    """Weighted least squares behind the filters that the data themselves ask for: good enough to simulate with.
+
+    Filters that leave much noise, which is what instruments are for, would make the first robot too light to control.
+    """
+    own = choose_preprocessing(data.recordings)
+    if own.position_cutoff == data.preprocessing.position_cutoff:
+        return weighted(data.equations, known).values
+    return weighted(reduce_recordings(model.observation, data.recordings, own, data.reference), known).values
+
+
+def _simulated(
+    model: Model, data: Data, references: list[tuple[Reference, ...]], values: FloatArray
+) -> list[SimulatedMotion]:
+    virtual = simulator_of(model, values)
+    pairs = zip(data.recordings, references, strict=True)
+    try:
+        return [simulated_motion(virtual, recording, own) for recording, own in pairs]
+    except DynidentError as error:
+        raise DynidentError(
+            f"the robot with the estimated parameters cannot be simulated along the recordings: {error.detail}. Use "
+            "wls or feasible, or data that excite the robot more",
+            pointer="/estimator",
+            title="No simulation",
+        ) from error
+
+
+def _beside_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) -> Reduction:
+    """Rows [Z | W | Y], Z of the simulated motion, all behind the same filters; 2 b columns."""
+    observation, b = model.observation, model.n_parameters
+    layout = [observation.joint_entries(joint) for joint in range(observation.robot.n)]
+    n_entries = len(observation.entry_rows)
+    of_recording = dict(zip(map(id, data.recordings), motions, strict=True))
+
+    def rows_of(recording: Recording) -> Iterator[EquationRows]:
+        simulated = SampleFunction(observation, data.reference, recording)
+        measured = SampleFunction(observation, data.reference, recording)
+        motion = of_recording[id(recording)]
+
+        def values(block: SampleBlock) -> FloatArray:
+            return np.hstack([simulated(motion.block(block)), measured(block), block.tau])
+
+        for segment, t, rows in parallel_filtered(recording, data.preprocessing, values):
+            z, w, tau = rows[:, :n_entries], rows[:, n_entries : 2 * n_entries], rows[:, 2 * n_entries :]
+            equations = [
+                np.hstack([z[:, positions], w[:, positions], tau[:, joint : joint + 1]])
+                for joint, (positions, _) in enumerate(layout)
+            ]
+            yield EquationRows(t, equations, segment)
+
+    columns = [np.concatenate([own, own + b]) for _, own in layout]
+    return folded(rows_of, columns, 2 * b, data.recordings)
+
+
+def _cutoff(data: Data, wanted: float) -> float:
+    """Hz, as wanted but below what the sampling rate and the chosen filter of positions leave."""
+    rate = min(recording.sampling_rate for recording in data.recordings)
+    own = data.preprocessing.position_cutoff
+    return float(min(wanted, _NYQUIST_SHARE * 0.5 * rate, np.inf if own is None else own))
+
+
+def _check_simulable(model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> None:
+    """Raise where the estimator does not go with the other choices, or the recordings are not at hand."""
+    if choices.model != "dynamic":
+        raise DynidentError(
+            f"{choices.estimator} compares the dynamic model's rows with simulated ones; it goes with the model "
+            f"dynamic, not {choices.model}",
+            pointer="/estimator",
+        )
+    if choices.strategy != "global" or data.equations.n_columns != model.n_parameters:
+        raise DynidentError(
+            f"{choices.estimator} simulates the whole robot; it goes with the strategy global, not {choices.strategy}",
+            pointer="/estimator",
+        )
+    if not data.recordings:
+        raise DynidentError(
+            f"{choices.estimator} needs the recordings themselves, not only their reduced rows: identify anew",
+            pointer="/estimator",
+        )
