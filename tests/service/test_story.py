@@ -142,7 +142,7 @@ def test_what_is_not_there_yet_is_said_with_what_there_is(live: Client) -> None:
         assert caught.value.status == 501
         assert there in caught.value.problem["available"]
     for choice, pointer in (
-        ({"estimator": "iv"}, "/estimator"),
+        ({"estimator": "magic"}, "/estimator"),
         ({"model": "energy"}, "/model"),
         ({"effects": ["magic"]}, "/effects/0"),
         ({"effects": [{"effect": "coulomb", "joints": ["nose"]}]}, "/effects/0"),
