@@ -17,6 +17,7 @@ from dynident.identification import Identification, IdentificationChoices, ident
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import Robot
+from dynident.robot.pseudo_inertia import inertial_parameters
 
 FloatArray = NDArray[np.float64]
 
@@ -74,6 +75,24 @@ def from_standard(
     for name, value in (standard or {}).items():
         full[names.index(name)] = value
     return made_up(robot, effects, model.base.grouping @ full)
+
+
+def with_bodies(robot: Robot, seed: int = 0) -> Robot:
+    """The robot with links that can exist, drawn by lot: a few points of mass each."""
+    rng = np.random.default_rng(seed)
+    points = np.concatenate([rng.uniform(-0.3, 0.3, (robot.n, 6, 3)), np.ones((robot.n, 6, 1))], axis=2)
+    masses = rng.uniform(0.1, 1.5, (robot.n, 6))
+    matrices = np.einsum("np,npi,npj->nij", masses, points, points)
+    return replace(robot, inertias=inertial_parameters(matrices))
+
+
+def measured_like(model: Identification, noise: float = 1e-3) -> Identification:
+    """The model's effects, identified from a recording that was made with its parameters."""
+    robot = model.model.robot
+    motion = fourier_motion(robot, 20.0, 100.0, 2)
+    tau = predicted(model, motion)
+    tau = tau + np.random.default_rng(2).normal(0.0, noise, tau.shape)
+    return identify(robot, [record(robot, motion, tau)], [], replace(model.choices, estimator="wls"))
 
 
 def drives(robot: Robot, seed: int = 0) -> dict[str, float]:

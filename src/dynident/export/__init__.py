@@ -1,0 +1,26 @@
+"""Identified models for other programs: URDF, MJCF, C code, CasADi functions, JSON."""
+
+from dynident.export.c_code import to_c
+from dynident.export.casadi_function import to_casadi
+from dynident.export.completion import Completion, complete
+from dynident.export.document import PredictingModel, model_document, model_from_json, to_json
+from dynident.export.export import ExportFormat, export_model
+from dynident.export.exported import ExportedFile
+from dynident.export.mjcf import to_mjcf
+from dynident.export.urdf import to_urdf
+
+__all__ = [
+    "Completion",
+    "ExportFormat",
+    "ExportedFile",
+    "PredictingModel",
+    "complete",
+    "export_model",
+    "model_document",
+    "model_from_json",
+    "to_c",
+    "to_casadi",
+    "to_json",
+    "to_mjcf",
+    "to_urdf",
+]

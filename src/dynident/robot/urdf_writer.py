@@ -29,7 +29,7 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
         then does not exist.
     """
     stated = robot.inertias if inertias is None else inertias
-    links = _link_names(robot)
+    links = link_names(robot)
     root = Element("robot", {"name": robot.name}, 0)
     root.children.append(Element("link", {"name": _BASE}, 0))
     for index, joint in enumerate(robot.joints):
@@ -37,12 +37,13 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
         root.children.append(_joint(joint, parent, links[index]))
         link = Element("link", {"name": links[index]}, 0)
         if stated is not None and np.any(stated[index]):
-            link.children.append(_inertial(stated[index], links[index]))
+            link.children.append(inertial_element(stated[index], links[index]))
         root.children.append(link)
     return '<?xml version="1.0"?>\n' + write(root, indent=True)
 
 
-def _link_names(robot: Robot) -> list[str]:
+def link_names(robot: Robot) -> list[str]:
+    """A name for the link of every joint: its own where it has one, no name twice."""
     names: list[str] = []
     for index, joint in enumerate(robot.joints):
         name = joint.link or f"link{index + 1}"
@@ -72,7 +73,8 @@ def _joint(joint: Joint, parent: str, child: str) -> Element:
     return element
 
 
-def _inertial(inertial: FloatArray, link: str) -> Element:
+def inertial_element(inertial: FloatArray, link: str) -> Element:
+    """The `<inertial>` of a link with these inertial parameters (10,), to the last digit."""
     if inertial[9] <= 0:
         raise DynidentError(
             f"Link '{link}' has the mass {inertial[9]:g} kg; a URDF needs a positive one. Export physically feasible "

@@ -1,0 +1,229 @@
+"""The identified model as JSON that holds all that its prediction needs, and is read back by `model_from_json`."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from dynident.effects import EffectChoice, reference_size
+from dynident.effects.memory import MemoryStates
+from dynident.errors import DynidentError
+from dynident.export.completion import complete
+from dynident.export.formula import torque_formula
+from dynident.identification import Identification
+from dynident.regressors.base_parameters import BaseParameters
+from dynident.regressors.model import Model, build_model
+from dynident.regressors.observation import Observation
+from dynident.robot.document import robot_document, robot_from_document
+from dynident.robot.json_fields import parse_json
+from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
+from dynident.version import __version__
+
+FORMAT = "dynident model 1"
+TITLE = "Unreadable model"
+
+
+@dataclass(frozen=True, eq=False)
+class PredictingModel:
+    """A model that was read: a robot, effects, base parameters `values` (b,), and `reference` for predicted loads."""
+
+    model: Model
+    values: FloatArray
+    reference: FloatArray
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.model.robot
+
+    @property
+    def observation(self) -> Observation:
+        """W for the base parameters."""
+        return self.model.observation
+
+    def torque(
+        self,
+        q: FloatArray,
+        dq: FloatArray,
+        ddq: FloatArray,
+        *,
+        dddq: FloatArray | None = None,
+        ddddq: FloatArray | None = None,
+        time: FloatArray | None = None,
+        temperature: FloatArray | None = None,
+        runs: FloatArray | None = None,
+        period: float = 1e-3,
+    ) -> FloatArray:
+        """W χ (m, n) of [12.4] along a motion: m samples of one run in the order of time.
+
+        Parameters
+        ----------
+        q, dq, ddq, dddq, ddddq : (m, n)
+            rad, rad/s, … or m, m/s, …
+        time : (m,)
+            s.
+        temperature : (m, n)
+            °C.
+        runs : (number of run signals,)
+            1 where the run is one of the signal's.
+        period : float
+            Sampling period in s, for effects that jump.
+
+        What is left out counts as zero; `torque_formula` says what a model needs.
+        """
+        states = MemoryStates(self.observation.memory).push(q)
+        entries = self.observation.evaluate(
+            q,
+            dq,
+            ddq,
+            reference=self.reference,
+            memory=states,
+            dddq=dddq,
+            ddddq=ddddq,
+            time=time,
+            temperature=temperature,
+            runs=runs,
+            period=period,
+        )
+        return self.observation.torque(entries, self.values)
+
+
+def model_document(identification: Identification) -> dict[str, Any]:
+    """JSON values of the identified model: what predicts, and what people and other programs read.
+
+    `columns` are all standard parameters with their units; `grouping` has the weight of each in every base parameter
+    (§12.2: base parameter = Σ weight x standard parameter), zeros left out; `standard_parameters` are a feasible full
+    set that gives the same base parameters, where there is one.
+    """
+    model, base = identification.model, identification.model.base
+    formula = torque_formula(identification)
+    return {
+        "format": FORMAT,
+        "version": __version__,
+        "robot": robot_document(model.robot),
+        "joints": [
+            {"name": joint.name, "kind": joint.kind, "effort_unit": joint.effort_unit} for joint in model.robot.joints
+        ],
+        "effects": [asdict(choice) for choice in model.effects],
+        "tolerance": identification.choices.tolerance,
+        "arguments": [
+            {"name": argument.name, "size": argument.size, "meaning": argument.meaning}
+            for argument in formula.arguments
+        ],
+        "hysteresis": [asdict(signal) for signal in formula.memory],
+        "columns": [
+            {
+                "name": column.name,
+                "effect": column.effect,
+                "parameter": column.parameter,
+                "joint": column.link,
+                "unit": column.unit,
+                "shape": dict(column.shape),
+                "runs": list(column.runs),
+            }
+            for column in model.columns
+        ],
+        "base_parameters": [
+            {
+                "name": one.name,
+                "value": one.value,
+                "unit": one.unit,
+                "standard_deviation": one.standard_deviation if math.isfinite(one.standard_deviation) else None,
+                "column": base.kept[k],
+                "grouping": {str(c): float(base.grouping[k, c]) for c in np.flatnonzero(base.grouping[k])},
+                "written": [int(c) for c in np.flatnonzero(base.written[k])],
+                "text": one.grouping,
+            }
+            for k, one in enumerate(identification.parameters)
+        ],
+        "without_effect": list(base.without_effect),
+        "rank": base.rank,
+        "reference": [float(value) for value in identification.reference],
+        "standard_parameters": _standard(identification),
+    }
+
+
+def to_json(identification: Identification) -> str:
+    """Return the document of the identified model as JSON text."""
+    return json.dumps(model_document(identification), indent=1)
+
+
+def model_from_json(text: str) -> PredictingModel:
+    """Return the model of a document that `to_json` wrote, or that stands under "model" in a larger one.
+
+    Raises
+    ------
+    DynidentError
+        Where the text is something else.
+    """
+    document = parse_json(text, "", TITLE)
+    if isinstance(document, Mapping) and "format" not in document:
+        document = document.get("model")
+    if not isinstance(document, Mapping) or document.get("format") != FORMAT:
+        raise DynidentError(f'this is no model of the format "{FORMAT}"', pointer="/format", title=TITLE)
+    try:
+        return _model(document)
+    except DynidentError:
+        raise
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise DynidentError(f"the model cannot be read: {type(error).__name__} {error}", title=TITLE) from error
+
+
+def _model(document: Mapping[str, Any]) -> PredictingModel:
+    robot = robot_from_document(document["robot"])
+    effects = tuple(
+        EffectChoice(
+            one["effect"],
+            tuple(one["joints"]),
+            tuple((str(name), float(value)) for name, value in one["shape"]),
+            tuple(one["runs"]),
+        )
+        for one in document["effects"]
+    )
+    names = tuple(str(column["name"]) for column in document["columns"])
+    parameters = document["base_parameters"]
+    grouping = np.zeros((len(parameters), len(names)))
+    written = np.zeros(grouping.shape, dtype=bool)
+    for k, one in enumerate(parameters):
+        for column, weight in one["grouping"].items():
+            grouping[k, int(column)] = float(weight)
+        written[k, one["written"]] = True
+    base = BaseParameters(
+        names=names,
+        kept=tuple(int(one["column"]) for one in parameters),
+        grouping=grouping,
+        written=written,
+        without_effect=tuple(int(column) for column in document["without_effect"]),
+        rank=int(document["rank"]),
+    )
+    model = build_model(robot, effects, tolerance=float(document["tolerance"]), base=base)
+    if tuple(column.name for column in model.columns) != names:
+        raise DynidentError("the catalogue of this version has other columns for these effects", title=TITLE)
+    values = np.array([float(one["value"]) for one in parameters])
+    reference = np.array(document["reference"], dtype=float)
+    if not len(values) or reference.shape not in ((10 * robot.n,), (reference_size(robot),)):
+        raise ValueError(f"{len(values)} base parameters and a reference of the shape {reference.shape}")
+    return PredictingModel(model, values, reference)
+
+
+def _standard(identification: Identification) -> dict[str, Any] | None:
+    """A feasible full set of standard parameters, link by link; None where there is none."""
+    try:
+        found = complete(identification)
+    except DynidentError:
+        return None
+    robot = identification.model.robot
+    return {
+        joint.name: {
+            **{name: float(value) for name, value in zip(INERTIAL_NAMES, found.inertias[j], strict=True)},
+            "Ia": float(found.rotors[j]),
+            "Fc": float(found.coulomb[j]),
+            "Fv": float(found.viscous[j]),
+        }
+        for j, joint in enumerate(robot.joints)
+    }

@@ -1,0 +1,72 @@
+"""One door for every format that an identified model can be written in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Literal
+
+from dynident.errors import DynidentError
+from dynident.export.c_code import c_name, to_c
+from dynident.export.casadi_function import casadi_bytes
+from dynident.export.document import to_json
+from dynident.export.exported import ExportedFile
+from dynident.export.mjcf import to_mjcf
+from dynident.export.names import slug
+from dynident.export.urdf import to_urdf
+from dynident.identification import Identification
+
+ExportFormat = Literal["json", "urdf", "mjcf", "c", "casadi"]
+
+
+def export_model(identification: Identification, format: ExportFormat, *, nearest: bool = False) -> ExportedFile:
+    """Return an identified model as a file for other programs.
+
+    Parameters
+    ----------
+    identification : Identification
+    format : {"json", "urdf", "mjcf", "c", "casadi"}
+        json, c and casadi hold every effect; urdf and mjcf links, rotors, Coulomb and viscous friction (mjcf also
+        springs), and what they leave out is in the file's `notes`.
+    nearest : bool
+        For urdf and mjcf: where no bodies that can exist have the identified parameters, give the nearest that have.
+
+    Raises
+    ------
+    DynidentError
+        For an unknown format, or where the format cannot hold the model.
+    """
+    if format not in FORMATS:
+        raise DynidentError(
+            f"there is no format {format!r}; choose from: {', '.join(FORMATS)}",
+            pointer="/format",
+            title="No such format",
+        )
+    return FORMATS[format](identification, nearest)
+
+
+def _json(identification: Identification, nearest: bool) -> ExportedFile:
+    content = to_json(identification).encode()
+    return ExportedFile(f"{slug(identification.model.robot.name)}.json", "application/json", content)
+
+
+def _urdf(identification: Identification, nearest: bool) -> ExportedFile:
+    return to_urdf(identification, nearest=nearest)
+
+
+def _mjcf(identification: Identification, nearest: bool) -> ExportedFile:
+    return to_mjcf(identification, nearest=nearest)
+
+
+def _c(identification: Identification, nearest: bool) -> ExportedFile:
+    return ExportedFile(f"{c_name(identification)}.c", "text/x-c", to_c(identification).encode())
+
+
+def _casadi(identification: Identification, nearest: bool) -> ExportedFile:
+    name = f"{slug(identification.model.robot.name)}.casadi"
+    return ExportedFile(name, "application/octet-stream", casadi_bytes(identification))
+
+
+FORMATS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingProxyType(
+    {"json": _json, "urdf": _urdf, "mjcf": _mjcf, "c": _c, "casadi": _casadi}
+)

@@ -1,0 +1,93 @@
+"""A model as a file for other programs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from dynident.effects import effect_by_id
+from dynident.export.completion import Completion, complete
+from dynident.export.summary import effect_line
+from dynident.identification import Identification
+from dynident.robot import to_pinocchio
+from dynident.robot.model import Description, FloatArray, Robot
+
+_STATES, _SMALL = 25, 1e-9
+
+
+@dataclass(frozen=True)
+class ExportedFile:
+    """What was written: `name` of the file, `media_type`, and in `notes` what the format could not hold."""
+
+    name: str
+    media_type: str
+    content: bytes
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Feasible links and joints of an identified model, as formats of links and joints take them.
+
+    `said` are ids of the effects that the format has words for.
+    """
+
+    identification: Identification
+    standard: Completion
+    said: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls, identification: Identification, said: tuple[str, ...], *, nearest: bool, rotors_in_links: bool = False
+    ) -> Links:
+        """Those of a model; raises as `complete` does."""
+        found = complete(identification, nearest=nearest, rotors_in_links=rotors_in_links)
+        return cls(identification, found, said)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot, with the inertias of its description."""
+        return self.identification.model.robot
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
+        left_out = [
+            f"{effect_by_id(choice.effect).title} is not in this file, which has no word for it: {effect_line(choice)}."
+            for choice in self.identification.choices.effects
+            if choice.effect not in self.said
+        ]
+        notes = [*self.standard.notes, *left_out]
+        rounding = self._rounding()
+        if rounding > _SMALL:
+            notes.append(
+                "Right angles that are rounded in the description let the torque of the links differ by "
+                f"{rounding:.1g} of its size from that of the base parameters, which leave such small terms out."
+            )
+        return tuple(notes)
+
+    def _rounding(self) -> float:
+        """Largest difference of the links' and rotors' torque from that of the base parameters, over its size."""
+        model = self.identification.model
+        observation, robot = model.observation, model.robot
+        rng = np.random.default_rng(0)
+        q, dq, ddq = (rng.uniform(-size, size, (_STATES, robot.n)) for size in (1.0, 1.0, 3.0))
+        entries = observation.evaluate(
+            q, dq, ddq, reference=np.zeros(10 * robot.n), memory=np.zeros((_STATES, observation.n_memory))
+        )
+        inertial = np.array([column.effect in ("rigid_body", "rotor_inertia") for column in observation.columns])
+        expected = observation.torque(entries, np.where(inertial, self.standard.values, 0.0))
+        found = rigid_torque(robot, self.standard.inertias, q, dq, ddq) + self.standard.rotors * ddq
+        size = float(np.abs(expected).max(initial=0.0)) or 1.0
+        return float(np.abs(found - expected).max(initial=0.0)) / size
+
+
+def rigid_torque(robot: Robot, inertias: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+    """(m, n): torque that links with these inertias (n, 10) need, by Pinocchio's recursion of Newton and Euler."""
+    exported = Robot(robot.name, robot.joints, robot.gravity, robot.drives, Description("urdf", ""), inertias)
+    model = to_pinocchio(exported)
+    data = model.createData()
+    return np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])

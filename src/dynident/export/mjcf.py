@@ -1,0 +1,156 @@
+"""The identified model as MJCF, the format of MuJoCo.
+
+Friction is MuJoCo's `frictionloss`, a soft constraint: what stands here makes it follow sign(q̇) wherever the speed is
+above a thousandth of a second times the acceleration.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from dynident.errors import DynidentError
+from dynident.export.exported import ExportedFile, Links
+from dynident.export.names import in_xml_comment, slug
+from dynident.export.summary import SIGNS, identification_lines, origin
+from dynident.identification import Identification
+from dynident.robot.model import FloatArray, Joint
+from dynident.robot.pinocchio_model import dynamic_parameters
+from dynident.robot.urdf_writer import link_names
+from dynident.robot.urdf_xml import Element, write
+
+SAID = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "joint_spring")
+TIMESTEP = 0.001
+"""s."""
+# The stiffest friction that MuJoCo takes: two steps' time constant.
+_FRICTION_SOLVER = {"solreffriction": f"{2 * TIMESTEP} 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
+_SHORTEST_DRAWN, _THICK = 0.01, 0.08
+
+
+def to_mjcf(identification: Identification, *, nearest: bool = False) -> ExportedFile:
+    """Return the identified model as MJCF.
+
+    Raises
+    ------
+    DynidentError
+        As `complete` does; or a link has no inertia in the model, or a spring pushes away from rest.
+    """
+    links = Links.of(identification, SAID, nearest=nearest)
+    robot = links.robot
+    springs = _springs(links)
+    names = link_names(robot)
+    bodies: list[Element] = []
+    for j, joint in enumerate(robot.joints):
+        if not np.any(links.standard.inertias[j]):
+            raise DynidentError(
+                f"the model has no rigid body on {joint.name}, and MuJoCo moves no link without mass; choose "
+                "rigid_body on all joints, or export URDF, C code or JSON",
+                pointer="/format",
+                title="Not expressible in MJCF",
+            )
+        body = _body(joint, names[j])
+        body.children.append(_joint(joint, links, j, springs.get(joint.name)))
+        body.children.append(_inertial(links.standard.inertias[j]))
+        body.children.extend(
+            _drawn(other.placement[:3, 3])
+            for other in robot.joints
+            if other.parent == j and np.linalg.norm(other.placement[:3, 3]) > _SHORTEST_DRAWN
+        )
+        bodies.append(body)
+    world = Element("worldbody", {}, 0)
+    for joint, body in zip(robot.joints, bodies, strict=True):
+        (world if joint.parent < 0 else bodies[joint.parent]).children.append(body)
+    root = Element("mujoco", {"model": robot.name}, 0)
+    root.children.extend(
+        [
+            Element("compiler", {"angle": "radian", "autolimits": "true", "inertiafromgeom": "false"}, 0),
+            Element(
+                "option",
+                {"gravity": _text(*robot.gravity), "timestep": str(TIMESTEP), "integrator": "implicitfast"},
+                0,
+            ),
+            world,
+            _motors(links),
+        ]
+    )
+    lines = [f"Identified model, {origin()}.", *identification_lines(identification), SIGNS, *links.notes]
+    comment = "\n".join(f"  {in_xml_comment(line)}" for line in lines)
+    text = f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n{write(root, indent=True)}'
+    return ExportedFile(f"{slug(robot.name)}.xml", "application/xml", text.encode(), links.notes)
+
+
+def _body(joint: Joint, name: str) -> Element:
+    x, y, z, w = pin.Quaternion(joint.placement[:3, :3]).coeffs()
+    return Element("body", {"name": name, "pos": _text(*joint.placement[:3, 3]), "quat": _text(w, x, y, z)}, 0)
+
+
+def _joint(joint: Joint, links: Links, j: int, spring: tuple[float, float] | None) -> Element:
+    attributes = {
+        "name": joint.name,
+        "type": "hinge" if joint.kind == "revolute" else "slide",
+        "axis": _text(*joint.axis),
+        "damping": _text(links.standard.viscous[j]),
+        "frictionloss": _text(links.standard.coulomb[j]),
+        "armature": _text(links.standard.rotors[j]),
+        **_FRICTION_SOLVER,
+    }
+    if joint.limits.position is not None:
+        attributes["range"] = _text(*joint.limits.position)
+    if spring is not None:
+        attributes |= {"stiffness": _text(spring[0]), "springref": _text(spring[1])}
+    return Element("joint", attributes, 0)
+
+
+def _inertial(inertial: FloatArray) -> Element:
+    body = pin.Inertia.FromDynamicParameters(dynamic_parameters(inertial))
+    tensor = body.inertia
+    parts = [tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]]
+    attributes = {"pos": _text(*body.lever), "mass": _text(body.mass), "fullinertia": _text(*parts)}
+    return Element("inertial", attributes, 0)
+
+
+def _drawn(end: FloatArray) -> Element:
+    """A rod to the next joint, to be seen and nothing else."""
+    attributes = {
+        "type": "capsule",
+        "fromto": _text(0.0, 0.0, 0.0, *end),
+        "size": _text(_THICK * float(np.linalg.norm(end))),
+        "contype": "0",
+        "conaffinity": "0",
+    }
+    return Element("geom", attributes, 0)
+
+
+def _motors(links: Links) -> Element:
+    """A motor a joint, whose control is the torque; limited where the effort is."""
+    actuator = Element("actuator", {}, 0)
+    for joint in links.robot.joints:
+        attributes = {"name": joint.name, "joint": joint.name}
+        if joint.limits.effort is not None:
+            attributes["ctrlrange"] = _text(-joint.limits.effort, joint.limits.effort)
+        actuator.children.append(Element("motor", attributes, 0))
+    return actuator
+
+
+def _springs(links: Links) -> dict[str, tuple[float, float]]:
+    """Stiffness and position of rest of the joints that have a spring."""
+    found: dict[str, dict[str, float]] = {}
+    for column, value in zip(links.identification.model.kept, links.standard.values, strict=True):
+        if column.effect == "joint_spring":
+            found.setdefault(column.link, {})[column.parameter] = float(value)
+    springs = {}
+    for joint, spring in found.items():
+        stiffness = spring.get("ks", 0.0)
+        if stiffness <= 0:
+            raise DynidentError(
+                f"the spring of {joint} has the stiffness {stiffness:.3g}, and MuJoCo has none that pushes away from "
+                "rest; remove the effect, or export C code, a CasADi function or JSON",
+                pointer="/format",
+                title="Not expressible in MJCF",
+            )
+        springs[joint] = (stiffness, -spring.get("bs", 0.0) / stiffness)
+    return springs
+
+
+def _text(*values: float) -> str:
+    return " ".join(repr(float(value)) for value in values)

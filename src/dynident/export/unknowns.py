@@ -1,0 +1,132 @@
+"""The links and rotors of a model as unknowns of a semidefinite problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.estimation.factors import IntArray
+from dynident.estimation.semidefinite import MatrixBound
+from dynident.regressors.model import Model
+from dynident.robot.model import INERTIAL_NAMES, FloatArray
+from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
+from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
+
+_TEN = len(INERTIAL_NAMES)
+# Radius of gyration of a link of which nothing is known, over its size.
+_GYRATION = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Standard parameters of links and rotors among a model's columns.
+
+    links, rotors : joints (indices) whose link, whose rotor is an unknown
+    columns (k,) : the unknowns among `model.columns`: ten a link, then one a rotor
+    scale, nominal (k,) : usual error of the description, and what it says
+    """
+
+    model: Model
+    links: tuple[int, ...]
+    rotors: tuple[int, ...]
+    columns: IntArray
+    scale: FloatArray
+    nominal: FloatArray
+
+    @classmethod
+    def of(cls, model: Model, *, rotors_in_links: bool = False) -> Unknowns:
+        """The unknowns of a model.
+
+        `rotors_in_links`: a rotor whose inertia is grouped with that of links is none, so that the links have it all.
+
+        Raises
+        ------
+        DynidentError
+            Where the model has no rigid body.
+        """
+        joints = model.robot.joint_names
+        rigid = [k for k, column in enumerate(model.columns) if column.effect == "rigid_body"]
+        if not rigid:
+            raise DynidentError(
+                "the model has no rigid_body, so there are no masses and inertias to write; export C code, a CasADi "
+                "function or JSON",
+                pointer="/format",
+                title="No links in the model",
+            )
+        kept = set(model.base.kept)
+        spinning = [
+            k
+            for k, column in enumerate(model.columns)
+            if column.effect == "rotor_inertia" and (k in kept or not rotors_in_links)
+        ]
+        links = tuple(joints.index(model.columns[k].link) for k in rigid[::_TEN])
+        rotors = tuple(joints.index(model.columns[k].link) for k in spinning)
+        doubt = usual_errors(model.robot)
+        scale = np.concatenate([doubt[list(links)].reshape(-1), usual_rotor_inertias(model.robot)[list(rotors)]])
+        nominal = np.concatenate([_described(model, doubt)[list(links)].reshape(-1), np.zeros(len(rotors))])
+        return cls(model, links, rotors, np.array(rigid + spinning, dtype=np.intp), scale, nominal)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns k."""
+        return len(self.columns)
+
+    @property
+    def rotor_places(self) -> IntArray:
+        """Places of the rotors among the unknowns."""
+        return np.arange(self.size - len(self.rotors), self.size)
+
+    @cached_property
+    def base_rows(self) -> IntArray:
+        """Base parameters that are those of links and rotors."""
+        kept = enumerate(self.model.kept)
+        return np.array([k for k, c in kept if c.effect in ("rigid_body", "rotor_inertia")], dtype=np.intp)
+
+    @cached_property
+    def grouping(self) -> FloatArray:
+        """(b, k): how the unknowns, in their own units, group into all base parameters."""
+        return np.asarray(self.model.base.grouping[:, self.columns])
+
+    def matrices(self, extra: int, slack: FloatArray) -> list[MatrixBound]:
+        """Pseudo-inertias of all links, scaled, less `slack` (l,) times one, as bounds on (unknowns / scale, extras).
+
+        Where there are `extra` variables behind the unknowns, the first l of them are slacks that come off as well.
+        """
+        bounds = []
+        for place, least in enumerate(slack):
+            own = slice(_TEN * place, _TEN * (place + 1))
+            columns = np.arange(own.start, own.stop)
+            parts = self._shrunk(place) * self.scale[own][:, None, None]
+            if extra:
+                columns = np.append(columns, self.size + place)
+                parts = np.concatenate([parts, -np.eye(4)[None]])
+            bounds.append(MatrixBound(columns, parts, -least * np.eye(4)))
+        return bounds
+
+    def _shrunk(self, place: int) -> FloatArray:
+        """(10, 4, 4): pseudo-inertias of one of each parameter, in units of the link's usual mass and size."""
+        of_link = self.scale[_TEN * place : _TEN * (place + 1)]
+        mass, length = of_link[9], np.sqrt(of_link[0] / of_link[9])
+        shrink = np.array([1 / length] * 3 + [1.0]) / np.sqrt(mass)
+        return np.asarray(PSEUDO_INERTIA_PARTS * shrink[:, None] * shrink)
+
+    def standard(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Inertias (n, 10) of all links and inertias (n,) of all rotors; zero where the model has none."""
+        n = self.model.robot.n
+        inertias, rotors = np.zeros((n, _TEN)), np.zeros(n)
+        inertias[list(self.links)] = unknowns[: _TEN * len(self.links)].reshape(-1, _TEN)
+        rotors[list(self.rotors)] = unknowns[_TEN * len(self.links) :]
+        return inertias, rotors
+
+
+def _described(model: Model, doubt: FloatArray) -> FloatArray:
+    """(n, 10): inertias of the description; a ball about the joint's origin for a link where it says nothing."""
+    stated = np.zeros_like(doubt) if model.robot.inertias is None else model.robot.inertias.copy()
+    for link in np.flatnonzero(stated[:, 9] <= 0):
+        stated[link] = 0.0
+        stated[link, 9] = doubt[link, 9]
+        stated[link, [0, 3, 5]] = _GYRATION**2 * doubt[link, 0]
+    return stated

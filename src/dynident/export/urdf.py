@@ -1,0 +1,201 @@
+"""The identified model as URDF: the user's own file with the inertias and the friction of its joints replaced.
+
+Meshes, colours, transmissions, comments and vendor extensions stay. Links that are fixed to a moving link have no
+inertia of their own afterwards: what was identified is that of all of them together, and it stands on the link that
+moves. Joints that were locked during the identification become fixed where they were locked.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from xml.dom import minidom
+
+import numpy as np
+import pinocchio as pin
+
+from dynident.export.exported import ExportedFile, Links
+from dynident.export.names import in_xml_comment, slug
+from dynident.export.summary import SIGNS, identification_lines, origin
+from dynident.identification import Identification
+from dynident.robot import urdf_from_robot
+from dynident.robot.model import FloatArray
+from dynident.robot.urdf_writer import inertial_element
+from dynident.robot.urdf_xml import Element, write
+
+SAID = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
+ROTOR_TAG = "dynident_rotor"
+"""Child of a `<joint>` whose attribute `inertia` is the rotor's, seen at the joint: URDF has no word for it."""
+_ONLY_WHERE_MOVING = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration")
+
+
+def to_urdf(identification: Identification, *, nearest: bool = False) -> ExportedFile:
+    """Return the identified model as URDF.
+
+    Raises
+    ------
+    DynidentError
+        As `complete` does.
+    """
+    links = Links.of(identification, SAID, nearest=nearest, rotors_in_links=True)
+    robot = links.robot
+    notes = (*_notes(links), *links.notes)
+    text = robot.description.content if robot.description.format == "urdf" else urdf_from_robot(robot)
+    tree = _Tree(text, robot.locked_joints)
+    for j, joint in enumerate(robot.joints):
+        moving = tree.child_of(joint.name)
+        for name in tree.fixed_to(moving):
+            tree.set_inertial(name, None)
+        inertial = links.standard.inertias[j]
+        tree.set_inertial(moving, inertial_element(inertial, moving) if np.any(inertial) else None)
+        tree.set_drive(joint.name, links.standard.viscous[j], links.standard.coulomb[j], links.standard.rotors[j])
+    tree.fix_locked_joints()
+    tree.comment([f"Identified model, {origin()}.", *identification_lines(identification), SIGNS, *notes])
+    return ExportedFile(f"{slug(robot.name)}.urdf", "application/xml", tree.text().encode(), notes)
+
+
+def _notes(links: Links) -> list[str]:
+    robot, notes = links.robot, []
+    rotors = [f"{joint.name} {links.standard.rotors[j]:.6g}" for j, joint in enumerate(robot.joints)]
+    if np.any(links.standard.rotors):
+        notes.append(
+            f"URDF has no rotor inertia; it stands in <{ROTOR_TAG} inertia> of each joint, and programs that do not "
+            f"read that leave out its torque, inertia times acceleration (kg m² or kg): {', '.join(rotors)}."
+        )
+    if robot.locked_joints and robot.description.format == "urdf":
+        names = ", ".join(f"{name} at {value:g}" for name, value in robot.locked_joints.items())
+        notes.append(f"Joints that were locked during the identification are fixed in this file: {names}.")
+    if not np.allclose(robot.gravity, (0.0, 0.0, -9.81)):
+        notes.append(
+            f"URDF has no gravity; identified with {', '.join(f'{g:g}' for g in robot.gravity)} m/s² (x, y, z)."
+        )
+    return notes
+
+
+class _Tree:
+    """A URDF that is changed in place; what nobody touches stays as it was written."""
+
+    def __init__(self, text: str, locked: Mapping[str, float]) -> None:
+        declared = re.sub(r"^\s*<\?xml[^>]*\?>", "", text)
+        self._document = minidom.parseString(declared.strip().encode())
+        self._root = _root_of(self._document)
+        self._joints = {joint.getAttribute("name"): joint for joint in self._children(self._root, "joint")}
+        self._links = {link.getAttribute("name"): link for link in self._children(self._root, "link")}
+        self._locked = {name: value for name, value in locked.items() if name in self._joints}
+
+    def child_of(self, joint: str) -> str:
+        """The link that a joint moves."""
+        return self._end(self._joints[joint], "child")
+
+    def fixed_to(self, link: str) -> list[str]:
+        """Links that move with a link as one body, itself not among them."""
+        found: list[str] = []
+        for joint in self._joints.values():
+            rigid = joint.getAttribute("type") == "fixed" or joint.getAttribute("name") in self._locked
+            if rigid and self._end(joint, "parent") == link:
+                child = self._end(joint, "child")
+                found += [child, *self.fixed_to(child)]
+        return found
+
+    def set_inertial(self, link: str, inertial: Element | None) -> None:
+        """Replace the inertia of a link, or take it away."""
+        self._remove(self._links[link], ("inertial",))
+        if inertial is not None:
+            self._add(self._links[link], inertial)
+
+    def set_drive(self, joint: str, damping: float, friction: float, rotor: float) -> None:
+        """Set the friction of a joint, and its rotor's inertia where it has any."""
+        element = self._joints[joint]
+        self._remove(element, (ROTOR_TAG,))
+        given = self._children(element, "dynamics")
+        attributes = dict(given[0].attributes.items()) if given else {}
+        self._remove(element, ("dynamics",))
+        attributes |= {"damping": repr(float(damping)), "friction": repr(float(friction))}
+        self._add(element, Element("dynamics", attributes, 0))
+        if rotor:
+            self._add(element, Element(ROTOR_TAG, {"inertia": repr(float(rotor))}, 0))
+
+    def fix_locked_joints(self) -> None:
+        """Make every locked joint a fixed one at the place where it was locked."""
+        for name, value in self._locked.items():
+            joint = self._joints[name]
+            if joint.getAttribute("type") == "fixed":
+                continue
+            placement = self._placement(joint) * self._motion(joint, value)
+            self._remove(joint, (*_ONLY_WHERE_MOVING, "origin"))
+            joint.setAttribute("type", "fixed")
+            place = {
+                "xyz": _text(placement.translation),
+                "rpy": _text(pin.rpy.matrixToRpy(placement.rotation)),
+            }
+            self._add(joint, Element("origin", place, 0))
+
+    def comment(self, lines: Iterable[str]) -> None:
+        """Put lines at the head of the robot."""
+        text = "\n".join(f"    {in_xml_comment(line)}" for line in lines)
+        first = self._root.firstChild
+        self._root.insertBefore(self._document.createTextNode("\n  "), first)
+        self._root.insertBefore(self._document.createComment(f"\n{text}\n  "), first)
+
+    def text(self) -> str:
+        """The file."""
+        head = "".join(node.toxml() + "\n" for node in self._document.childNodes if node is not self._root)
+        return f'<?xml version="1.0"?>\n{head}{self._root.toxml()}\n'
+
+    @staticmethod
+    def _children(element: minidom.Element, tag: str) -> list[minidom.Element]:
+        return [node for node in element.childNodes if node.nodeType == node.ELEMENT_NODE and node.tagName == tag]
+
+    def _end(self, joint: minidom.Element, end: str) -> str:
+        return str(self._children(joint, end)[0].getAttribute("link"))
+
+    def _remove(self, element: minidom.Element, tags: tuple[str, ...]) -> None:
+        for tag in tags:
+            for node in self._children(element, tag):
+                before = node.previousSibling
+                if before is not None and before.nodeType == before.TEXT_NODE and not before.data.strip():
+                    element.removeChild(before)
+                element.removeChild(node)
+
+    def _add(self, element: minidom.Element, new: Element) -> None:
+        """Put an element first in a link or joint."""
+        indented = write(new, indent=True, depth=2).strip()
+        node = self._document.importNode(_root_of(minidom.parseString(indented)), True)
+        if not element.childNodes:
+            element.appendChild(self._document.createTextNode("\n  "))
+        first = element.firstChild
+        element.insertBefore(self._document.createTextNode("\n    "), first)
+        element.insertBefore(node, first)
+
+    def _placement(self, joint: minidom.Element) -> pin.SE3:
+        given = self._children(joint, "origin")
+        if not given:
+            return pin.SE3.Identity()
+        translation = _numbers(given[0].getAttribute("xyz") or "0 0 0")
+        if given[0].hasAttribute("quat_xyzw"):
+            rotation = pin.Quaternion(_numbers(given[0].getAttribute("quat_xyzw"))).matrix()
+        else:
+            rotation = pin.rpy.rpyToMatrix(_numbers(given[0].getAttribute("rpy") or "0 0 0"))
+        return pin.SE3(rotation, translation)
+
+    def _motion(self, joint: minidom.Element, value: float) -> pin.SE3:
+        given = self._children(joint, "axis")
+        axis = _numbers(given[0].getAttribute("xyz")) if given else np.array([1.0, 0.0, 0.0])
+        axis = axis / np.linalg.norm(axis)
+        if joint.getAttribute("type") == "prismatic":
+            return pin.SE3(np.eye(3), value * axis)
+        return pin.SE3(pin.exp3(value * axis), np.zeros(3))
+
+
+def _root_of(document: minidom.Document) -> minidom.Element:
+    root = document.documentElement
+    assert root is not None  # an XML document has one
+    return root
+
+
+def _numbers(text: str) -> FloatArray:
+    return np.array([float(word) for word in text.split()])
+
+
+def _text(vector: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in vector)

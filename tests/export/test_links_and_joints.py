@@ -1,0 +1,295 @@
+"""URDF and MJCF, read back by the programs they are for, give the identified torque."""
+
+from __future__ import annotations
+
+import re
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_up import (
+    PLAIN,
+    FloatArray,
+    drives,
+    from_standard,
+    made_up,
+    measured,
+    measured_like,
+    path,
+    predicted,
+    with_bodies,
+)
+from oracles import Motion, arm, crooked_urdf, pinocchio_torque
+
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.export.completion import complete
+from dynident.export.mjcf import to_mjcf
+from dynident.export.urdf import ROTOR_TAG, to_urdf
+from dynident.identification import Identification
+from dynident.robot import Robot, robot_from_urdf
+from dynident.robot.model import INERTIAL_NAMES
+from dynident.robot.pseudo_inertia import pseudo_inertia
+
+TREE = robot_from_urdf("tree", crooked_urdf(7, 3, (1, 5), (-1, 0, 1, 1, 0, 4, 5)))
+ROBOTS = {"a serial arm": arm("ur10"), "a sliding joint": arm("scara"), "a tree": TREE, "axes askew": arm("crooked")}
+
+
+def identified(robot: Robot, seed: int = 0) -> Identification:
+    return from_standard(robot, drives(robot, seed))
+
+
+def torque_of_urdf(text: str, gravity: FloatArray, motion: Motion) -> FloatArray:
+    """What a program that reads the file and its extension computes."""
+    robot = robot_from_urdf("read back", text, gravity=gravity.tolist())
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    joints = {joint.get("name"): joint for joint in ElementTree.fromstring(text).findall("joint")}
+    for j, name in enumerate(robot.joint_names):
+        dynamics, rotor = joints[name].find("dynamics"), joints[name].find(ROTOR_TAG)
+        tau[:, j] += float(dynamics.get("damping")) * motion.dq[:, j]
+        tau[:, j] += float(dynamics.get("friction")) * np.sign(motion.dq[:, j])
+        tau[:, j] += 0.0 if rotor is None else float(rotor.get("inertia")) * motion.ddq[:, j]
+    return tau
+
+
+def torque_of_mjcf(text: str, motion: Motion) -> FloatArray:
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    tau = np.empty_like(motion.q)
+    for k in range(len(motion.q)):
+        data.qpos, data.qvel, data.qacc = motion.q[k], motion.dq[k], motion.ddq[k]
+        mujoco.mj_inverse(model, data)
+        tau[k] = data.qfrc_inverse
+    return tau
+
+
+def moving(motion: Motion) -> FloatArray:
+    """(m,): samples where every joint is well away from rest, where friction is what its sign says."""
+    return np.all(np.abs(motion.dq) > 2e-3 * np.abs(motion.ddq) + 1e-2, axis=1)
+
+
+def assert_same(found: FloatArray, expected: FloatArray) -> None:
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS.keys())
+def test_a_urdf_read_back_gives_the_identified_torque(robot: Robot) -> None:
+    model, motion = identified(robot), path(robot)
+    assert_same(torque_of_urdf(to_urdf(model).content.decode(), robot.gravity, motion), predicted(model, motion))
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS.keys())
+def test_mujoco_gives_the_identified_torque(robot: Robot) -> None:
+    model, motion = identified(robot), path(robot)
+    used = moving(motion)
+    assert used.sum() > 20
+    found = torque_of_mjcf(to_mjcf(model).content.decode(), motion)
+    assert_same(found[used], predicted(model, motion)[used])
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.data())
+def test_arms_drawn_at_random_survive_both_formats(data: st.DataObject) -> None:
+    n = data.draw(st.integers(1, 6))
+    parents = tuple(data.draw(st.integers(-1, k - 1)) if k else -1 for k in range(n))
+    sliding = tuple(data.draw(st.sets(st.integers(0, n - 1), max_size=2)))
+    seed = data.draw(st.integers(0, 1000))
+    robot = with_bodies(robot_from_urdf("drawn", crooked_urdf(n, seed, sliding, parents)), seed)
+    model, motion = identified(robot, seed), path(robot, 60, seed)
+    expected = predicted(model, motion)
+    assert_same(torque_of_urdf(to_urdf(model).content.decode(), robot.gravity, motion), expected)
+    used = moving(motion)
+    assert_same(torque_of_mjcf(to_mjcf(model).content.decode(), motion)[used], expected[used])
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS.keys())
+@pytest.mark.parametrize("merged", [False, True])
+def test_standard_parameters_are_feasible_and_give_the_base_parameters_exactly(robot: Robot, merged: bool) -> None:
+    model = identified(robot, 4)
+    found = complete(model, rotors_in_links=merged)
+    assert found.exact
+    assert np.all(np.linalg.eigvalsh(pseudo_inertia(found.inertias)) > 0)
+    for name in ("rotors", "coulomb", "viscous"):
+        assert np.all(getattr(found, name) >= 0)
+    of_joint = {"Ia": found.rotors, "Fc": found.coulomb, "Fv": found.viscous}
+    standard = []
+    for column in model.model.columns:
+        j = robot.joint_names.index(column.link)
+        rigid = column.effect == "rigid_body"
+        place = INERTIAL_NAMES.index(column.parameter) if rigid else 0
+        standard.append(found.inertias[j, place] if rigid else of_joint[column.parameter][j])
+    base = model.model.base.grouping @ np.array(standard)
+    np.testing.assert_allclose(base, model.values, rtol=1e-9, atol=1e-12)
+
+
+def test_what_is_right_in_the_description_stays() -> None:
+    robot = arm("ur10")
+    found = complete(from_standard(robot))
+    np.testing.assert_allclose(found.inertias, robot.inertias, atol=0.02)
+    np.testing.assert_allclose(found.inertias[:, 9], robot.inertias[:, 9], rtol=0.01)
+
+
+def test_rotors_that_can_be_said_of_the_links_are_no_rotors_in_a_urdf() -> None:
+    robot = arm("ur10")
+    text = to_urdf(identified(robot)).content.decode()
+    joints = {joint.get("name"): joint for joint in ElementTree.fromstring(text).findall("joint")}
+    have = [name for name, joint in joints.items() if joint.find(ROTOR_TAG) is not None]
+    # Ia1 and Ia2 group with ZZ1 and ZZ2; those of the joints behind are base parameters of their own.
+    assert have == list(robot.joint_names[2:])
+
+
+OWN = """<?xml version="1.0"?>
+<!-- my arm -->
+<robot name="mine" xmlns:xacro="http://ros.org/xacro">
+  <material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>
+  <link name="world"/>
+  <link name="base">
+    <inertial><mass value="5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+  </link>
+  <link name="upper">
+    <visual><geometry><mesh filename="package://mine/upper.stl"/></geometry></visual>
+    <inertial>
+      <origin xyz="0 0 0.2"/><mass value="4"/><inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".02"/>
+    </inertial>
+  </link>
+  <link name="cover">
+    <inertial><mass value="0.5"/><inertia ixx=".01" ixy="0" ixz="0" iyy=".01" iyz="0" izz=".01"/></inertial>
+  </link>
+  <link name="fore">
+    <inertial>
+      <origin xyz="0 .05 0.1"/><mass value="2"/><inertia ixx=".05" ixy="0" ixz="0" iyy=".05" iyz="0" izz=".01"/>
+    </inertial>
+  </link>
+  <link name="finger">
+    <inertial><mass value="0.3"/><inertia ixx=".001" ixy="0" ixz="0" iyy=".001" iyz="0" izz=".001"/></inertial>
+  </link>
+  <joint name="mount" type="fixed"><parent link="world"/><child link="base"/></joint>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="upper"/><origin xyz="0 0 0.3" rpy="0.2 0.1 0"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" velocity="2" effort="50"/><dynamics damping="9" friction="8" note="kept"/>
+  </joint>
+  <joint name="bolt" type="fixed"><origin xyz="0.1 0 0"/><parent link="upper"/><child link="cover"/></joint>
+  <joint name="elbow" type="continuous">
+    <origin xyz="0 0 0.5"/><parent link="upper"/><child link="fore"/><axis xyz="1 0 0"/>
+  </joint>
+  <joint name="grip" type="prismatic"><origin xyz="0 0 0.3" rpy="0 0.4 0"/><parent link="fore"/><child link="finger"/>
+    <axis xyz="0 1 0"/><limit lower="0" upper="0.05" velocity="1" effort="5"/></joint>
+  <transmission name="t1"><joint name="shoulder"/></transmission>
+  <gazebo reference="upper"><selfCollide>true</selfCollide></gazebo>
+</robot>
+"""
+
+
+def test_the_rest_of_the_users_urdf_stays_as_it_was() -> None:
+    robot = robot_from_urdf("mine", OWN, locked_joints={"grip": 0.02})
+    exported = to_urdf(identified(robot))
+    text = exported.content.decode()
+    for kept in (
+        "<!-- my arm -->",
+        'filename="package://mine/upper.stl"',
+        "<transmission",
+        "selfCollide",
+        "xmlns:xacro",
+    ):
+        assert kept in text
+    root = ElementTree.fromstring(text)
+    links = {link.get("name"): link for link in root.iter("link")}
+    assert links["base"].find("inertial/mass").get("value") == "5"
+    assert [name for name, link in links.items() if link.find("inertial") is not None] == ["base", "upper", "fore"]
+    joints = {joint.get("name"): joint for joint in root.findall("joint")}
+    assert joints["shoulder"].find("dynamics").get("note") == "kept"
+    assert joints["grip"].get("type") == "fixed"
+    assert any("grip at 0.02" in note for note in exported.notes)
+    assert re.search(r"<!--[^>]*grip at 0\.02", text, re.DOTALL)
+    model, motion = identified(robot), path(robot)
+    assert_same(torque_of_urdf(text, robot.gravity, motion), predicted(model, motion))
+
+
+def test_effects_that_a_format_has_no_words_for_are_named_in_the_file() -> None:
+    robot = arm("scara")
+    known = from_standard(robot, drives(robot) | {f"b{j}": 0.5 for j in (1, 2, 4)}, (*PLAIN, "offset"))
+    for write in (to_urdf, to_mjcf):
+        exported = write(known)
+        assert any("Torque offset" in note for note in exported.notes)
+        assert "Torque offset is not in this file" in exported.content.decode()
+
+
+def test_mujoco_has_springs() -> None:
+    robot = arm("ur10")
+    spring = {"ks2": 30.0, "bs2": -12.0}
+    model = from_standard(robot, drives(robot) | spring, (*PLAIN, "joint_spring"))
+    # Springs of the other joints are none at all.
+    model = without_springs_but(model, "ks2", "bs2")
+    motion = path(robot)
+    used = moving(motion)
+    found = torque_of_mjcf(to_mjcf(model).content.decode(), motion)
+    assert_same(found[used], predicted(model, motion)[used])
+
+
+def without_springs_but(model: Identification, *kept: str) -> Identification:
+    names = [column.name for column in model.model.kept]
+    joint = model.model.robot.joint_names[int(kept[0][-1]) - 1]
+    effects = (*PLAIN, EffectChoice("joint_spring", (joint,)))
+    smaller = made_up(model.model.robot, effects)
+    own = [column.name for column in smaller.model.kept]
+    return made_up(model.model.robot, effects, np.array([model.values[names.index(name)] for name in own]))
+
+
+def test_a_spring_that_pushes_away_is_refused() -> None:
+    model = without_springs_but(
+        from_standard(arm("ur10"), drives(arm("ur10")) | {"ks2": -3.0}, (*PLAIN, "joint_spring")), "ks2"
+    )
+    with pytest.raises(DynidentError, match="stiffness -3"):
+        to_mjcf(model)
+
+
+def test_parameters_that_no_body_has_are_refused_with_the_link_and_the_way_out() -> None:
+    poor = measured("ur10", noise=2.0)
+    with pytest.raises(DynidentError) as refused:
+        to_urdf(poor)
+    assert "wrist" in refused.value.detail
+    assert '"feasible"' in refused.value.detail
+    for write in (to_urdf, to_mjcf):
+        exported = write(poor, nearest=True)
+        assert any("nearest" in note and "N m" in note for note in exported.notes)
+    read = robot_from_urdf("read back", to_urdf(poor, nearest=True).content.decode())
+    assert np.all(np.linalg.eigvalsh(pseudo_inertia(read.inertias)) > 0)
+
+
+def test_the_nearest_feasible_model_predicts_nearly_as_well() -> None:
+    poor = measured("ur10", noise=2.0)
+    found = complete(poor, nearest=True)
+    assert not found.exact
+    motion = path(poor.model.robot, 300)
+    change = predicted(poor, motion) - predicted(made_up(poor.model.robot, PLAIN, found.values), motion)
+    assert 0 < np.sqrt((change**2).mean()) < 2.0
+
+
+def test_friction_that_drives_is_refused() -> None:
+    robot = arm("scara")
+    model = measured_like(from_standard(robot, drives(robot) | {"Fv2": -0.4}))
+    with pytest.raises(DynidentError, match=r"Fv2 of elbow \(friction of -0.4"):
+        to_urdf(model)
+    assert complete(model, nearest=True).viscous[1] == 0.0
+
+
+def test_a_rotor_below_zero_is_refused_by_name() -> None:
+    robot = arm("ur10")
+    model = from_standard(robot, drives(robot) | {"Ia5": -0.2})
+    with pytest.raises(DynidentError, match=f"rotor of {robot.joint_names[4]}"):
+        to_mjcf(model)
+
+
+def test_a_model_without_links_is_told_what_can_hold_it() -> None:
+    with pytest.raises(DynidentError, match="C code"):
+        to_urdf(made_up(arm("scara"), ("coulomb", "viscous")))
+
+
+def test_rounded_right_angles_are_admitted() -> None:
+    text = re.sub(r'axis xyz="[^"]*"', 'axis xyz="0 0 1"', crooked_urdf(4, 1, ()))
+    robot = with_bodies(robot_from_urdf("rounded", re.sub(r'rpy="[^"]*"', 'rpy="1.5708 0 0"', text)))
+    assert any("rounded" in note for note in to_mjcf(identified(robot)).notes)
+    assert not any("rounded" in note for note in to_mjcf(identified(arm("ur10"))).notes)
