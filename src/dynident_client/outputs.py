@@ -167,6 +167,7 @@ class Reports(Collection[Report]):
         identification: Record | str,
         *,
         diagnosis: Record | str | None = None,
+        design: Record | str | None = None,
         measurements: Sequence[Record | str] | None = None,
         format: Literal["html", "pdf", "json"] = "html",
         name: str | None = None,
@@ -175,6 +176,7 @@ class Reports(Collection[Report]):
         body = {
             "identification_id": id_of(identification),
             "diagnosis_id": None if diagnosis is None else id_of(diagnosis),
+            "design_id": None if design is None else id_of(design),
             "measurement_ids": None if measurements is None else [id_of(one) for one in measurements],
             "format": format,
             "name": name,

@@ -242,6 +242,24 @@ def test_the_experiment_is_shown_with_its_limits_where_it_was_designed() -> None
         assert note in page.text["design"]
 
 
+def test_what_the_experiment_promised_stands_beside_what_was_achieved() -> None:
+    noise = dict.fromkeys(ROBOT.joint_names, 0.1)
+    design = design_experiment(ROBOT, DesignRequest(kind="random", random_trajectories=5, noise=noise))
+    page = Page(html_report(MODEL, RUNS, design=design))
+    promised = {one.name: one.standard_deviation for one in design.expected}
+    shown = 0
+    for parameter in MODEL.parameters:
+        deviation = promised.get(parameter.name)
+        if deviation is None or not np.isfinite(deviation):
+            continue
+        shown += 1
+        assert number(deviation) in page.text["promises"]
+        assert number(parameter.standard_deviation / deviation, 2) in page.text["promises"]
+    assert shown > 10
+    without = Page(html_report(MODEL, RUNS, design=design_experiment(ROBOT, replace(design.request, noise={}))))
+    assert "promises" not in [section["id"] for section in without.all_of("section")]
+
+
 def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None:
     alone = identify(ROBOT, [FIRST_RUN], [], CHOICES)
     page = Page(html_report(alone, [ReportedRun(FIRST_RUN, compare(alone, FIRST_RUN), False)]))

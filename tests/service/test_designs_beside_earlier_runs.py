@@ -47,3 +47,23 @@ def test_designs_for_what_there_is_not_are_refused_with_the_field(live: Client) 
             live.designs.create(robot, **wrong)
         assert refused.value.status == 422
         assert refused.value.errors[0]["pointer"] == pointer
+
+
+@pytest.mark.slow
+def test_a_report_shows_what_the_design_promised_beside_what_was_achieved(live: Client) -> None:
+    robot = live.robots.create("scara", modified_dh=library_table("scara"))
+    noise = dict.fromkeys((joint["name"] for joint in robot.joints), 0.5)
+    drives = [{"effect": "rotor_inertia"}, {"effect": "coulomb"}, {"effect": "viscous"}]
+    quick = {"trajectory": {**SMALL, "sampling_rate": 200.0}, "starts": 1, "random_trajectories": 5}
+    design = live.designs.create(robot, **quick, noise=noise).wait()
+    run = live.simulations.create(robot, effects=drives, seed=1, design=design).wait().result["measurement_id"]
+    model = live.identifications.create(robot, [live.measurements.get(run)]).wait()
+    report = live.reports.create(model, design=design).wait()
+    page = live.reports.content(report).decode()
+    assert "Promised and achieved" in page
+    assert "The experiment" in page
+    other = live.robots.create("another", modified_dh=library_table("scara"))
+    stranger = live.designs.create(other, kind="random", **quick).wait()
+    with pytest.raises(ProblemError) as refused:
+        live.reports.create(model, design=stranger)
+    assert refused.value.errors[0]["pointer"] == "/design_id"

@@ -18,6 +18,7 @@ from dynident.simulation import (
     VirtualRobot,
     measurement_table,
 )
+from dynident.simulation.typical import largest_torque
 from dynident_service.cli.inputs import write_whole
 from dynident_service.cli.tables import write_table, write_trajectory
 from dynident_service.demo.scenario import Scenario
@@ -60,11 +61,19 @@ def design_runs(scenario: Scenario, progress: Progress) -> list[Design]:
             limits=scenario.limits(course),
             # A number of starts, not seconds: the same seed then gives the same trajectory on any machine.
             starts=course.starts,
+            noise=_noise_of(scenario),
             seed=len(courses) * scenario.seed + index,
         )
         share = part(progress, index / len(courses), (index + 1) / len(courses))
         found.append(design_experiment(scenario.robot, request, share))
     return found
+
+
+def _noise_of(scenario: Scenario) -> dict[str, float]:
+    """What the torque sensors leave of every sample, as the robot's data sheet would state it."""
+    sensors = Sensors(sampling_rate=scenario.plan.rate)
+    names = scenario.robot.joint_names
+    return {name: sensors.torque_noise * largest_torque(scenario.robot, j) for j, name in enumerate(names)}
 
 
 def measure(scenario: Scenario, designs: Sequence[Design], folder: Path, progress: Progress) -> list[MeasuredRun]:

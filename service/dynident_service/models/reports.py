@@ -16,6 +16,9 @@ class ReportRequest(Asked):
 
     identification_id: Identifier
     diagnosis_id: Identifier | None = Field(default=None, description="Of this model or of one it came from")
+    design_id: Identifier | None = Field(
+        default=None, description="The experiment: its promises are shown beside what was achieved"
+    )
     measurement_ids: list[Identifier] | None = Field(
         default=None, min_length=1, max_length=100, description="Shown beside the prediction; else all it knows"
     )

@@ -33,6 +33,8 @@ def create_report(body: ReportRequest, services: ServicesDep, retry: RetryKeyDep
         RestsOn(model.id, "identification", "identification", "/identification_id"),
         *needed_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
     ]
+    if body.design_id is not None:
+        needs.append(_design(services, body.design_id, robot))
     if body.diagnosis_id is not None:
         needs.append(_diagnosis(services, body.diagnosis_id, model))
     new = NewResource("report", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
@@ -78,6 +80,17 @@ def get_report_content(report_id: str, services: ServicesDep) -> StreamingRespon
 def show(resource: Resource) -> ReportView:
     """Show a stored report."""
     return computed(ReportView, resource)
+
+
+def _design(services: Services, identifier: str, robot: Resource) -> RestsOn:
+    """The design must be of this robot, and computed."""
+    design = needed(services, "design", identifier, "/design_id")
+    if design.one("robot") != robot.id:
+        raise unusable(f"the design {identifier!r} is for another robot", "/design_id")
+    state = design.job.state if design.job is not None else "failed"
+    if state != "succeeded":
+        raise unusable(f"the design {identifier!r} is {state}; one that succeeded is needed", "/design_id")
+    return RestsOn(identifier, "design", "design", "/design_id")
 
 
 def _diagnosis(services: Services, identifier: str, model: Resource) -> RestsOn:

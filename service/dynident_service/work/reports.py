@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from dynident.diagnosis import compare
+from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.progress import part
 from dynident.recordings import Check
 from dynident.reports import ReportedRun, html_report
 from dynident_service.adapters.diagnoses import diagnosis_of
 from dynident_service.adapters.identifications import show_errors
+from dynident_service.adapters.stored_designs import design_of
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.identifications import StoredIdentification
@@ -35,7 +37,9 @@ def write_report(task: Task) -> Outcome:
     else:
         found = None if diagnosis is None or diagnosis.result is None else diagnosis_of(diagnosis.result)
         model = model_by_id(task, identification.id)
-        content, media_type = html_report(model, runs, diagnosis=found, title=request.name or ""), "text/html"
+        design = _design(task, request.design_id)
+        content = html_report(model, runs, diagnosis=found, design=design, title=request.name or "")
+        media_type = "text/html"
     document = task.keep("content", content.encode(), media_type)
     href = f"/v1/reports/{subject.id}/content"
     return Outcome(plain(ReportResult(media_type=media_type, size=document.size, href=href)), (document,))
@@ -54,6 +58,14 @@ def _runs(task: Task, request: ReportRequest, identification: Resource) -> list[
         checks = _checks(task.resources.get("measurement", identifier))
         runs.append(ReportedRun(recording, compare(model, recording, progress), held_out, checks))
     return runs
+
+
+def _design(task: Task, identifier: str | None) -> Design | None:
+    """The experiment, once it is computed."""
+    if identifier is None:
+        return None
+    stored = task.resources.get("design", identifier)
+    return design_of(stored.request, stored.result or {}, task.objects.path(stored.objects["trajectory"].key))
 
 
 def _checks(measurement: Resource) -> tuple[Check, ...]:

@@ -22,6 +22,7 @@ from dynident.reports.sections.errors import errors_section
 from dynident.reports.sections.ladder import ladder_section
 from dynident.reports.sections.model import model_section
 from dynident.reports.sections.parameters import parameters_section
+from dynident.reports.sections.promises import promises_section
 from dynident.reports.sections.provenance import provenance_section
 from dynident.reports.sections.residuals import residuals_section
 from dynident.reports.sections.robot import robot_section
@@ -88,10 +89,17 @@ def sections_of(
         parameters_section(identification),
         model_section(identification),
         robot_section(identification),
-        *([design_section(design, identification.model.robot)] if design is not None else []),
+        *_design_sections(design, identification),
         data_section(identification, runs),
         provenance_section(identification, runs, created),
     ]
+
+
+def _design_sections(design: Design | None, identification: Identification) -> list[Section]:
+    if design is None:
+        return []
+    promises = promises_section(design, identification)
+    return [design_section(design, identification.model.robot), *([promises] if promises is not None else [])]
 
 
 def _filled(section: Section) -> Markup:

@@ -82,8 +82,11 @@ def _row(parameter: IdentifiedParameter) -> ParameterRow:
 
 
 def _effective(identification: Identification) -> Iterator[EffectiveRows]:
+    equations = identification.equations.equations
     names = identification.model.robot.joint_names
-    counts = identification.fit.counts
+    if len(equations) != len(names):
+        names = tuple(f"{identification.choices.model} equation {k + 1}" for k in range(len(equations)))
+    counts = [equation.counts.sum() for equation in equations]
     for name, rows, effective in zip(names, counts, identification.effective_rows, strict=True):
         yield EffectiveRows(
             name, f"{int(rows)}", number(float(effective)), percent(float(effective / max(rows, 1.0)), 2)
