@@ -7,8 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.recordings.types import Check, FloatArray, JointKind, JointLimits, RecordingError, RecordingMetadata
-from dynident.recordings.units import KINDS, conversion, unit_for
+from dynident.recordings.types import (
+    WRENCH_NAMES,
+    Check,
+    FloatArray,
+    IntArray,
+    JointKind,
+    JointLimits,
+    RecordingError,
+    RecordingMetadata,
+)
+from dynident.recordings.units import JOINT_KINDS, KINDS, conversion, unit_for
 
 
 @dataclass(frozen=True)
@@ -28,7 +37,10 @@ class Column:
 
 @dataclass(frozen=True)
 class Layout:
-    """The columns that are read: one of q and tau per joint, the optional kinds for all joints or for none."""
+    """The columns that are read: one of q and tau per joint, the optional kinds for all joints or for none.
+
+    `wrench` are the six of the base's reaction, or none.
+    """
 
     t: Column
     segment: Column | None
@@ -37,17 +49,33 @@ class Layout:
     dq: tuple[Column, ...] = ()
     ddq: tuple[Column, ...] = ()
     temperature: tuple[Column, ...] = ()
+    wrench: tuple[Column, ...] = ()
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of signals that are stored, in the order of their columns."""
-        optional = tuple(kind for kind in ("dq", "ddq", "temperature") if getattr(self, kind))
+        optional = tuple(kind for kind in ("dq", "ddq", "wrench", "temperature") if getattr(self, kind))
         return ("q", "tau", *optional)
 
     @property
     def columns(self) -> tuple[Column, ...]:
         """The columns of all signals, kind by kind."""
         return tuple(column for kind in self.kinds for column in getattr(self, kind))
+
+    @property
+    def needed(self) -> IntArray:
+        """Which of `columns` have to hold a number in every row: dq and ddq serve the checks, temperature is held."""
+        needed = [kind in ("q", "tau", "wrench") for kind in self.kinds for _ in getattr(self, kind)]
+        return np.flatnonzero(needed)
+
+    def place(self, kind: str) -> slice:
+        """Where the columns of a kind stand among all; empty where there are none."""
+        first = 0
+        for other in self.kinds:
+            if other == kind:
+                break
+            first += len(getattr(self, other))
+        return slice(first, first + len(getattr(self, kind)))
 
 
 def find_columns(
@@ -102,6 +130,7 @@ def find_columns(
         dq=finder.find_all("dq"),
         ddq=finder.find_all("ddq"),
         temperature=finder.find_all("temperature"),
+        wrench=finder.find_wrench(),
     )
     return layout, _torque_source(from_current, unused)
 
@@ -177,6 +206,32 @@ class _Finder:
         present = tuple(column for column in found if column is not None)
         return present if len(present) == len(found) else ()
 
+    def find_wrench(self) -> tuple[Column, ...]:
+        """Find the six columns of the base's wrench; nothing where there is none of them.
+
+        Raises
+        ------
+        RecordingError
+            Where there are some of them.
+        """
+        sources = [self._source((name,)) for name in WRENCH_NAMES]
+        absent = [name for name, source in zip(WRENCH_NAMES, sources, strict=True) if source is None]
+        if len(absent) == len(sources):
+            return ()
+        if absent:
+            raise RecordingError(
+                f"The wrench of the base lacks {', '.join(absent)}: give all of {', '.join(WRENCH_NAMES)}, or none.",
+                pointer=f"/columns/{absent[0]}",
+                title="Missing column",
+            )
+        found = []
+        for name, source in zip(WRENCH_NAMES, sources, strict=True):
+            assert source is not None
+            kind = "base_force" if name.startswith("base_f") else "base_moment"
+            unit, key = unit_for(self.metadata.units, kind, (name,))
+            found.append(Column(source, *conversion(kind, None, unit, key)))
+        return tuple(found)
+
     def missing(self, kind: str, joint: int | None, instead: str = "") -> RecordingError:
         """Say which column is missing and what the file holds."""
         wanted = kind if joint is None else _or(kind, self.joint_names[joint], joint)
@@ -205,15 +260,16 @@ class _Finder:
         return next((folded[name.casefold()] for name in ours if name.casefold() in folded), None)
 
     def _check_mapping(self) -> None:
-        known = {"t", "segment"}
-        for kind in KINDS[1:]:
+        known = {"t", "segment", *WRENCH_NAMES}
+        for kind in JOINT_KINDS:
             known |= {f"{kind}_{name}" for name in self.joint_names}
             known |= {f"{kind}{joint + 1}" for joint in range(len(self.joint_names))}
         for ours, theirs in self.metadata.columns.items():
             if ours not in known:
                 raise RecordingError(
                     f"columns maps {ours!r}, which is no column of ours; ours are t, segment, and q, dq, ddq, tau, "
-                    f"current, temperature with a joint's number (q1) or name (q_{self.joint_names[0]}).",
+                    f"current, temperature with a joint's number (q1) or name (q_{self.joint_names[0]}), and "
+                    f"{', '.join(WRENCH_NAMES)}.",
                     pointer=f"/columns/{ours}",
                     title="Unknown column",
                 )

@@ -12,7 +12,7 @@ from dynident.recordings.columns import Layout
 from dynident.recordings.raw import RawRows
 from dynident.recordings.resampling import ShiftedResampler
 from dynident.recordings.timebase import TimeBase
-from dynident.recordings.types import BoolArray, FloatArray, RecordingError, Segment, Windows, inside
+from dynident.recordings.types import BoolArray, FloatArray, IntArray, RecordingError, Segment, Windows, inside
 
 SHORTEST = 8
 """A stretch of fewer samples is left out: it is shorter than any filter."""
@@ -39,8 +39,10 @@ class Conditioner:
         self._base = base
         self._windows = windows
         self._torque_delay = torque_delay
-        # q and tau have to be numbers; dq and ddq are kept as they come and used by the checks alone.
-        self._needed = 2 * len(layout.q)
+        needed = layout.needed
+        # A slice where it can be one: picking columns copies them.
+        together = int(needed[-1]) + 1 == len(needed)
+        self._needed: slice | IntArray = slice(0, len(needed)) if together else needed
         self._last: tuple[float, int, FloatArray] | None = None
         self._temperature: FloatArray | None = None
         self._resampler: ShiftedResampler | None = None
@@ -53,7 +55,7 @@ class Conditioner:
     def push(self, rows: RawRows) -> Iterator[GridRows]:
         """Take the next rows; give the grid rows that are ready to be stored."""
         values = self._with_temperature(rows.values)
-        numbers = np.all(np.isfinite(values[:, : self._needed]), axis=1)
+        numbers = np.all(np.isfinite(values[:, self._needed]), axis=1)
         if not numbers.all():
             self._refuse_missing(rows, values, numbers)
         new = self._without_repeats(rows, values)
@@ -160,7 +162,8 @@ class Conditioner:
         if not len(bad):
             return
         row = int(bad[0])
-        column = int(np.flatnonzero(~np.isfinite(values[row, : self._needed]))[0])
+        needed = self._layout.needed
+        column = int(needed[~np.isfinite(values[row, needed])][0])
         name = self._layout.columns[column].source
         raise RecordingError(
             f"Column {name} holds no number in row {rows.first_row + row + 1} (t = {rows.t[row]:.6g} s). Remove the "

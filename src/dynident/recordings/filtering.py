@@ -21,8 +21,7 @@ class _Rows(NamedTuple):
     ddq: FloatArray
     dddq: FloatArray
     ddddq: FloatArray
-    tau: FloatArray
-    temperature: FloatArray | None
+    measured: StoredRows
 
 
 _REACH = 2
@@ -79,6 +78,7 @@ def _segment_blocks(
     margin = edge_margin(preprocessing, recording.sampling_rate)
     done = 0
     for rows in _differentiated(recording, segment, preprocessing):
+        measured = rows.measured
         for start in range(0, len(rows.q), block_length):
             part = slice(start, min(start + block_length, len(rows.q)))
             numbers = np.arange(done, done + part.stop - part.start, dtype=np.float64)
@@ -92,10 +92,11 @@ def _segment_blocks(
                 ddq=rows.ddq[part],
                 dddq=rows.dddq[part],
                 ddddq=rows.ddddq[part],
-                tau=rows.tau[part],
+                tau=measured.tau[part],
                 used=used,
-                temperature=None if rows.temperature is None else rows.temperature[part],
+                temperature=None if measured.temperature is None else measured.temperature[part],
                 starts_segment=done == 0,
+                wrench=None if measured.wrench is None else measured.wrench[part],
             )
             done += part.stop - part.start
 
@@ -127,9 +128,8 @@ def _differentiated(recording: Recording, segment: Segment, preprocessing: Prepr
         inner = _differences(joined, recording.sampling_rate, with_first=first, with_last=last)
         held = joined[-2 * _REACH :] if len(inner[0]) else joined
         if len(inner[0]):
-            tau, temperature = _take(passing, len(inner[0]))
             n_done += len(inner[0])
-            yield _Rows(*inner, tau, temperature)
+            yield _Rows(*inner, _take(passing, len(inner[0])))
 
 
 def _differences(
@@ -182,24 +182,28 @@ def _join(parts: list[StoredRows]) -> StoredRows:
     if len(parts) == 1:
         return parts[0]
     temperatures = [rows.temperature for rows in parts if rows.temperature is not None]
+    wrenches = [rows.wrench for rows in parts if rows.wrench is not None]
     return StoredRows(
         np.concatenate([rows.q for rows in parts]),
         np.concatenate([rows.tau for rows in parts]),
         np.concatenate(temperatures) if temperatures else None,
+        np.concatenate(wrenches) if wrenches else None,
     )
 
 
-def _take(passing: deque[StoredRows], count: int) -> tuple[FloatArray, FloatArray | None]:
-    """Take the oldest `count` rows of torque and temperature out of `passing`."""
+def _take(passing: deque[StoredRows], count: int) -> StoredRows:
+    """Take the oldest `count` rows out of `passing`."""
     taken: list[StoredRows] = []
     while count:
         rows = passing.popleft()
         if len(rows.q) > count:
-            rest = None if rows.temperature is None else rows.temperature[count:]
-            passing.appendleft(StoredRows(rows.q[count:], rows.tau[count:], rest))
-            head = None if rows.temperature is None else rows.temperature[:count]
-            rows = StoredRows(rows.q[:count], rows.tau[:count], head)
+            passing.appendleft(_cut(rows, slice(count, None)))
+            rows = _cut(rows, slice(0, count))
         taken.append(rows)
         count -= len(rows.q)
-    joined = _join(taken)
-    return joined.tau, joined.temperature
+    return _join(taken)
+
+
+def _cut(rows: StoredRows, part: slice) -> StoredRows:
+    temperature = None if rows.temperature is None else rows.temperature[part]
+    return StoredRows(rows.q[part], rows.tau[part], temperature, None if rows.wrench is None else rows.wrench[part])

@@ -20,6 +20,7 @@ from dynident.recordings.sinks import ArraySink, ParquetSink
 from dynident.recordings.sources import ArraySource, ParquetSource
 from dynident.recordings.timebase import TimeBase, TimeScan, time_checks
 from dynident.recordings.types import (
+    WRENCH_NAMES,
     Check,
     FloatArray,
     IntArray,
@@ -87,12 +88,13 @@ def import_recording(
                 joint_names=tuple(joint_names),
                 sampling_rate=1.0 / base.period,
                 segments=segments,
-                source=ParquetSource(temporary, tuple(joint_names), bool(layout.temperature)),
+                source=ParquetSource(temporary, tuple(joint_names), bool(layout.temperature), bool(layout.wrench)),
                 windows=metadata.windows,
                 role=metadata.role,
                 payload=metadata.payload,
                 has_temperature=bool(layout.temperature),
                 path=temporary,
+                has_wrench=bool(layout.wrench),
             )
             sink.describe(recording)
         found = [torque_source, *time_checks(base, layout.t.source)]
@@ -102,7 +104,7 @@ def import_recording(
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    stored = ParquetSource(destination, recording.joint_names, recording.has_temperature)
+    stored = ParquetSource(destination, recording.joint_names, recording.has_temperature, recording.has_wrench)
     return replace(recording, source=stored, path=destination), checks
 
 
@@ -116,35 +118,37 @@ def recording_from_arrays(
     segment: IntArray | None = None,
     windows: Windows = (),
     name: str = "recording",
+    wrench: FloatArray | None = None,
 ) -> Recording:
     """Make a recording of arrays in SI units, held in memory; the same way as a file, without the checks of motion.
 
     Parameters
     ----------
-    t : (m,) in s; q, tau : (m, n); temperature : (m, n) in degC or None; segment : (m,) integers or None
+    t : (m,) in s; q, tau : (m, n); temperature : (m, n) in degC or None; segment : (m,) integers or None;
+    wrench : (m, 6) or None, force in N and moment in N m of the base on the robot, in the base frame
 
     Raises
     ------
     RecordingError
         For unsorted time, or what is no number inside the windows.
     """
-    source = _Arrays(t, q, tau, temperature, segment, tuple(joint_names))
+    source = _Arrays(t, q, tau, temperature, segment, tuple(joint_names), wrench)
     layout = source.layout
     metadata = RecordingMetadata(name=name, windows=windows)
     base = scan_time(source, layout, windows)
     sink = ArraySink()
     segments, _ = _convert(source, layout, base, metadata, sink, silent, sampled=False)
-    n = len(joint_names)
     values = sink.values()
-    held = values[:, 2 * n :] if temperature is not None else None
+    q, tau, heat, forces = (values[:, layout.place(kind)] for kind in ("q", "tau", "temperature", "wrench"))
     return Recording(
         name=name,
         joint_names=tuple(joint_names),
         sampling_rate=1.0 / base.period,
         segments=segments,
-        source=ArraySource(values[:, :n], values[:, n : 2 * n], held),
+        source=ArraySource(q, tau, None if temperature is None else heat, None if wrench is None else forces),
         windows=windows,
         has_temperature=temperature is not None,
+        has_wrench=wrench is not None,
     )
 
 
@@ -208,8 +212,13 @@ class _Arrays:
     temperature: FloatArray | None
     segment: IntArray | None
     joint_names: tuple[str, ...]
+    wrench: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        if self.wrench is not None and self.wrench.shape != (len(self.t), 6):
+            raise RecordingError(
+                f"wrench has shape {self.wrench.shape}; {(len(self.t), 6)} is needed.", pointer="wrench"
+            )
         shape = (len(self.t), len(self.joint_names))
         for name, values in (("q", self.q), ("tau", self.tau), ("temperature", self.temperature)):
             if values is not None and values.shape != shape:
@@ -221,13 +230,14 @@ class _Arrays:
             return tuple(Column(f"{kind}_{joint}") for joint in self.joint_names)
 
         temperature = of("temperature") if self.temperature is not None else ()
-        return Layout(Column("t"), None, of("q"), of("tau"), temperature=temperature)
+        wrench = tuple(Column(name) for name in WRENCH_NAMES) if self.wrench is not None else ()
+        return Layout(Column("t"), None, of("q"), of("tau"), temperature=temperature, wrench=wrench)
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
         yield RawRows(0, np.asarray(self.t, dtype=np.float64), self._labels(), np.empty((len(self.t), 0)))
 
     def rows(self, layout: Layout) -> Iterator[RawRows]:
-        parts = [self.q, self.tau, *([] if self.temperature is None else [self.temperature])]
+        parts = [self.q, self.tau, *(part for part in (self.wrench, self.temperature) if part is not None)]
         yield RawRows(0, np.asarray(self.t, dtype=np.float64), self._labels(), np.concatenate(parts, axis=1))
 
     def _labels(self) -> IntArray:

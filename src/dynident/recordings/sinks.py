@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.conditioning import GridRows
-from dynident.recordings.sources import METADATA_KEY, describe, stored_column
+from dynident.recordings.sources import METADATA_KEY, describe, stored_columns
 from dynident.recordings.types import FloatArray, Recording
 
 ROW_GROUP = 65536
@@ -37,7 +37,7 @@ class ParquetSink:
     """Writes rows as columns t, segment, q_<joint>, tau_<joint>, … in row groups of moderate size."""
 
     def __init__(self, path: Path, joint_names: tuple[str, ...], kinds: tuple[str, ...]) -> None:
-        names = [stored_column(kind, joint) for kind in kinds for joint in joint_names]
+        names = [name for kind in kinds for name in stored_columns(kind, joint_names)]
         fields = [("t", pa.float64()), ("segment", pa.int64()), *((name, pa.float64()) for name in names)]
         self._schema = pa.schema(fields)
         # Measured numbers do not repeat: a dictionary would only cost.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from dynident.recordings.arrow import streamed_parquet, to_floats
-from dynident.recordings.types import FloatArray, Recording, RecordingError, Segment, StoredRows
+from dynident.recordings.types import WRENCH_NAMES, FloatArray, Recording, RecordingError, Segment, StoredRows
 
 METADATA_KEY = b"dynident.recording"
 LAYOUT_VERSION = 1
@@ -21,16 +21,21 @@ LAYOUT_VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class ArraySource:
-    """Rows held in memory: q, tau (m, n), temperature (m, n) or None."""
+    """Rows held in memory: q, tau (m, n), temperature (m, n) or None, the base's wrench (m, 6) or None."""
 
     q: FloatArray
     tau: FloatArray
     temperature: FloatArray | None = None
+    wrench: FloatArray | None = None
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
         """Give the rows as one block: they are in memory anyway."""
         part = slice(first, first + length)
-        yield StoredRows(self.q[part], self.tau[part], None if self.temperature is None else self.temperature[part])
+        yield StoredRows(self.q[part], self.tau[part], _part(self.temperature, part), _part(self.wrench, part))
+
+
+def _part(values: FloatArray | None, part: slice) -> FloatArray | None:
+    return None if values is None else values[part]
 
 
 @dataclass(frozen=True)
@@ -40,12 +45,14 @@ class ParquetSource:
     path: Path
     joint_names: tuple[str, ...]
     has_temperature: bool = False
+    has_wrench: bool = False
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
         """Stream `length` rows from row `first` on in blocks of at most `block_length`."""
-        kinds = ("q", "tau", "temperature") if self.has_temperature else ("q", "tau")
-        columns = [stored_column(kind, joint) for kind in kinds for joint in self.joint_names]
-        n = len(self.joint_names)
+        heat = stored_columns("temperature", self.joint_names) if self.has_temperature else ()
+        wrench = stored_columns("wrench", self.joint_names) if self.has_wrench else ()
+        q, tau = (stored_columns(kind, self.joint_names) for kind in ("q", "tau"))
+        columns = [*q, *tau, *heat, *wrench]
         with streamed_parquet(self.path) as file:
             groups, skipped = _groups(file.metadata, first, length)
             skip, left = first - skipped, length
@@ -56,20 +63,21 @@ class ParquetSource:
                     continue
                 left -= taken.num_rows
                 yield StoredRows(
-                    stacked(taken, columns[:n]),
-                    stacked(taken, columns[n : 2 * n]),
-                    stacked(taken, columns[2 * n :]) if self.has_temperature else None,
+                    stacked(taken, q),
+                    stacked(taken, tau),
+                    stacked(taken, heat) if heat else None,
+                    stacked(taken, wrench) if wrench else None,
                 )
                 if not left:
                     return
 
 
-def stored_column(kind: str, joint: str) -> str:
-    """Name a joint's column in the canonical file."""
-    return f"{kind}_{joint}"
+def stored_columns(kind: str, joint_names: Sequence[str]) -> tuple[str, ...]:
+    """Name the columns of a kind of signal in the canonical file."""
+    return WRENCH_NAMES if kind == "wrench" else tuple(f"{kind}_{joint}" for joint in joint_names)
 
 
-def stacked(batch: pa.RecordBatch, columns: list[str]) -> FloatArray:
+def stacked(batch: pa.RecordBatch, columns: Sequence[str]) -> FloatArray:
     """Give the named columns side by side (m, len(columns)), in the memory order that row-wise work likes."""
     result = np.empty((batch.num_rows, len(columns)))
     for index, column in enumerate(columns):
@@ -103,6 +111,7 @@ def describe(recording: Recording) -> bytes:
         "role": recording.role,
         "payload": recording.payload,
         "has_temperature": recording.has_temperature,
+        "has_wrench": recording.has_wrench,
     }
     return json.dumps(content).encode()
 
@@ -131,10 +140,11 @@ def open_recording(path: Path | str) -> Recording:
         joint_names=joint_names,
         sampling_rate=content["sampling_rate"],
         segments=tuple(Segment(*segment) for segment in content["segments"]),
-        source=ParquetSource(path, joint_names, content["has_temperature"]),
+        source=ParquetSource(path, joint_names, content["has_temperature"], content.get("has_wrench", False)),
         windows=tuple((start, end) for start, end in content["windows"]),
         role=content["role"],
         payload=content["payload"],
         has_temperature=content["has_temperature"],
         path=path,
+        has_wrench=content.get("has_wrench", False),
     )

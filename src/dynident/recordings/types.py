@@ -87,8 +87,8 @@ class RecordingMetadata:
     columns : mapping
         Our column name to the file's: {"q1": "shoulder_angle"}.
     units : mapping
-        Unit by kind of signal ("q", "dq", "ddq", "tau", "current", "temperature", "t") or by one of our columns
-        ("q3", "q_elbow"); SI where nothing is said, temperature in degC.
+        Unit by kind of signal ("q", "dq", "ddq", "tau", "current", "temperature", "base_force", "base_moment", "t") or
+        by one of our columns ("q3", "q_elbow", "base_fx"); SI where nothing is said, temperature in degC.
     role : str or None
         "identification", "validation", "friction" or "payload".
     windows : pairs (from, to)
@@ -139,12 +139,20 @@ class Segment:
     label: int = 0
 
 
+WRENCH_NAMES = ("base_fx", "base_fy", "base_fz", "base_mx", "base_my", "base_mz")
+"""Columns of the wrench that the base exerts on the robot, along the axes of the base frame and about its origin."""
+
+
 class StoredRows(NamedTuple):
-    """Consecutive stored rows: positions and torques (m, n) in SI units, temperature (m, n) in degC or None."""
+    """Consecutive stored rows in SI units: positions and torques (m, n), temperature (m, n) in degC or None.
+
+    `wrench` (m, 6) or None: force in N, then moment in N m, of the base on the robot.
+    """
 
     q: FloatArray
     tau: FloatArray
     temperature: FloatArray | None
+    wrench: FloatArray | None = None
 
 
 class SampleSource(Protocol):
@@ -169,6 +177,7 @@ class Recording:
     payload: Mapping[str, Any] | None = None
     has_temperature: bool = False
     path: Path | None = None
+    has_wrench: bool = False
 
     @property
     def n(self) -> int:
@@ -209,7 +218,8 @@ class SampleBlock:
     """Consecutive samples of one segment after the position filter.
 
     t (m,) in s; q, dq, ddq, dddq, ddddq (m, n) filtered position and its derivatives [12.16]; tau (m, n) unfiltered;
-    `used` (m,) is true inside the windows and clear of the segment's ends; temperature (m, n) in degC or None.
+    `used` (m,) is true inside the windows and clear of the segment's ends; temperature (m, n) in degC or None;
+    wrench (m, 6) of the base on the robot, unfiltered, or None.
     """
 
     segment: int
@@ -223,6 +233,7 @@ class SampleBlock:
     used: BoolArray
     temperature: FloatArray | None
     starts_segment: bool
+    wrench: FloatArray | None = None
 
 
 def inside(t: FloatArray, windows: Windows, tolerance: float = 0.0) -> BoolArray:

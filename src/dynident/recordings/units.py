@@ -10,6 +10,8 @@ from dynident.recordings.types import JointKind, RecordingError
 _DEGREE = pi / 180.0
 _LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "degree": _DEGREE, "degrees": _DEGREE, "rev": 2.0 * pi}
+_MOMENT = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N mm": 1e-3, "N cm": 1e-2}
+_FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
 
 FACTORS: dict[tuple[str, JointKind | None], dict[str, float]] = {
     ("t", None): {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
@@ -20,10 +22,12 @@ FACTORS: dict[tuple[str, JointKind | None], dict[str, float]] = {
     ("dq", "prismatic"): {f"{unit}/s": factor for unit, factor in _LENGTH.items()},
     ("ddq", "revolute"): {f"{unit}/s^2": factor for unit, factor in _ANGLE.items()},
     ("ddq", "prismatic"): {f"{unit}/s^2": factor for unit, factor in _LENGTH.items()},
-    ("tau", "revolute"): {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N mm": 1e-3, "N cm": 1e-2},
-    ("tau", "prismatic"): {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    ("tau", "revolute"): _MOMENT,
+    ("tau", "prismatic"): _FORCE,
     ("current", "revolute"): {"A": 1.0, "mA": 1e-3},
     ("current", "prismatic"): {"A": 1.0, "mA": 1e-3},
+    ("base_force", None): _FORCE,
+    ("base_moment", None): _MOMENT,
     ("temperature", "revolute"): {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0},
     ("temperature", "prismatic"): {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0},
 }
@@ -32,7 +36,10 @@ FACTORS: dict[tuple[str, JointKind | None], dict[str, float]] = {
 OFFSETS = {"K": -273.15, "degF": -32.0 * 5.0 / 9.0}
 """Added after the factor (temperatures only)."""
 
-KINDS = ("t", "q", "dq", "ddq", "tau", "current", "temperature")
+JOINT_KINDS = ("q", "dq", "ddq", "tau", "current", "temperature")
+"""Signals that every joint has."""
+
+KINDS = ("t", *JOINT_KINDS, "base_force", "base_moment")
 
 
 def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str) -> tuple[float, float]:
@@ -43,7 +50,7 @@ def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str)
     kind : str
         Kind of signal, one of `KINDS`.
     joint : "revolute", "prismatic" or None
-        Kind of joint; None for t.
+        Kind of joint; None for t and the base's wrench.
     unit : str or None
         As the user wrote it ("N*m", "Nm", "N·m" and "N m" are the same); None: SI.
     where : str
