@@ -27,13 +27,15 @@ class Solution:
     """Estimates χ (c,), the noise of every equation that the rows were weighted by (n,), and the factor R (c, c).
 
     R is the triangular factor of the weighted W, so that (WᵀW)⁻¹ = R⁻¹R⁻ᵀ; `scales` (c,) are the norms of the
-    weighted columns. `known`: what was known beside the data; its rows are part of R.
+    weighted columns. `known`: what was known beside the data; its rows are part of R. `free` (c, f): the directions
+    that constraints leave free, where they hold some back.
     """
 
     values: FloatArray
     noise: FloatArray
     factor: FloatArray
     known: Information | None = None
+    free: FloatArray | None = None
 
     @property
     def scales(self) -> FloatArray:
@@ -42,8 +44,11 @@ class Solution:
 
     @property
     def normal_inverse(self) -> FloatArray:
-        """(c, c): (WᵀW)⁻¹ of the weighted W."""
-        return covariance_of(self.factor)
+        """(c, c): (WᵀW)⁻¹ of the weighted W; with constraints that hold, its like in the free directions."""
+        if self.free is None:
+            return covariance_of(self.factor)
+        inner = covariance_of(triangular(self.factor @ self.free))
+        return np.asarray(self.free @ inner @ self.free.T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ _SOLVED = ("Solved", "AlmostSolved")
 _INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
 # What is aimed at, and what is still accepted where rounding stops the progress.
 _TOLERANCE, _ACCEPTED = 1e-13, 1e-7
-# A bound is held where what is left to it is this much smaller than the force that it is held with, both relative.
-_HELD = 1e-5
+# A constraint holds the solution where so little is left to it; parameters are about one.
+_HELD = 1e-6
 
 
 class InfeasibleError(DynidentError):
@@ -56,11 +56,14 @@ class Constrained:
     """A constrained least-squares solution: `values` (c,).
 
     `held` (h, c): the directions in which a constraint holds the solution back, one a row; a small change dx that
-    keeps all of these constraints where they are satisfies held dx = 0.
+    keeps all of these constraints where they are satisfies held dx = 0. `zeros` are the parameters that are held at
+    zero, `edges` the matrices (by their place) that are held at the edge of what they may be.
     """
 
     values: FloatArray
     held: FloatArray
+    zeros: tuple[int, ...]
+    edges: tuple[int, ...]
 
 
 def constrained_least_squares(
@@ -89,8 +92,7 @@ def constrained_least_squares(
     scale = float(np.abs(factor).max(initial=0.0)) or 1.0
     at_least = np.asarray(not_negative, dtype=np.intp)
     problem = _Problem(factor / scale, right / scale, tuple(matrices), at_least, equations)
-    values, duals = problem.solve()
-    return Constrained(values, problem.held(values, duals))
+    return problem.described(problem.solve())
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +105,8 @@ class _Problem:
     at_least: IntArray
     equations: Equations | None
 
-    def solve(self) -> tuple[FloatArray, FloatArray]:
-        """x (c,), and the dual variables of all rows."""
+    def solve(self) -> FloatArray:
+        """The solution x (c,)."""
         r, c = self.factor.shape
         # The residual as a variable of its own: factorᵀfactor would square the condition number.
         quadratic = sparse.diags(np.concatenate([np.zeros(c), np.ones(r)]), format="csc")
@@ -124,7 +126,7 @@ class _Problem:
                 f"the constrained problem could not be solved ({status}): its numbers differ too much in size",
                 title="Not solved",
             )
-        return np.asarray(found.x)[:c], np.asarray(found.z)
+        return np.asarray(found.x)[:c]
 
     def _rows(self) -> tuple[FloatArray, FloatArray, list[object]]:
         r, c = self.factor.shape
@@ -150,30 +152,23 @@ class _Problem:
             cones.append(clarabel.PSDTriangleConeT(len(bound.constant)))
         return np.vstack(rows), np.concatenate(rights), cones
 
-    def held(self, values: FloatArray, duals: FloatArray) -> FloatArray:
-        """(h, c): gradients of the constraints that hold the solution back."""
+    def described(self, values: FloatArray) -> Constrained:
+        """The solution with the constraints that hold it back."""
         c = len(values)
-        first = len(self.right) + (0 if self.equations is None else len(self.equations.right))
-        rows = [] if self.equations is None else list(self.equations.factor)
-        for index, dual in zip(self.at_least, duals[first:], strict=False):
-            if values[index] < _HELD * max(abs(dual), _HELD):
-                rows.append(np.eye(c)[index])
-        first += len(self.at_least)
-        for bound in self.matrices:
-            size = len(bound.constant)
-            count = size * (size + 1) // 2
-            rows += _held_by(bound, values, _unpacked(duals[first : first + count], size))
-            first += count
-        return np.array(rows).reshape(-1, c)
+        zeros = tuple(int(index) for index in self.at_least if values[index] < _HELD)
+        rows = ([] if self.equations is None else list(self.equations.factor)) + list(np.eye(c)[list(zeros)])
+        edges = []
+        for place, bound in enumerate(self.matrices):
+            of_matrix = _held_by(bound, values)
+            edges += [place] if of_matrix else []
+            rows += of_matrix
+        return Constrained(values, np.array(rows).reshape(-1, c), zeros, tuple(edges))
 
 
-def _held_by(bound: MatrixBound, values: FloatArray, dual: FloatArray) -> list[FloatArray]:
+def _held_by(bound: MatrixBound, values: FloatArray) -> list[FloatArray]:
     """Directions that would change the matrix on the vectors that it is zero on: V's, in vᵢᵀ dJ vⱼ = 0."""
-    matrix = bound.at(values)
-    eigenvalues, vectors = np.linalg.eigh(matrix)
-    force = np.einsum("ik,ij,jk->k", vectors, dual, vectors)
-    size = max(float(np.abs(eigenvalues).max(initial=0.0)), np.finfo(float).tiny)
-    zero = vectors[:, eigenvalues < _HELD * np.maximum(np.abs(force), _HELD * size)]
+    eigenvalues, vectors = np.linalg.eigh(bound.at(values))
+    zero = vectors[:, eigenvalues < _HELD * max(float(np.abs(eigenvalues).max()), 1.0)]
     made = []
     for i in range(zero.shape[1]):
         for j in range(i + 1):
@@ -187,13 +182,6 @@ def _packed(matrix: FloatArray) -> FloatArray:
     """Upper triangle of a symmetric matrix, column by column, off the diagonal times √2: Clarabel's order."""
     rows, columns = _triangle(len(matrix))
     return np.asarray(matrix[rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0)))
-
-
-def _unpacked(packed: FloatArray, size: int) -> FloatArray:
-    rows, columns = _triangle(size)
-    matrix = np.zeros((size, size))
-    matrix[rows, columns] = packed / np.where(rows == columns, 1.0, np.sqrt(2.0))
-    return np.asarray(matrix + np.triu(matrix, 1).T)
 
 
 def _triangle(size: int) -> tuple[IntArray, IntArray]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, Reduction
+from dynident.estimation import EstimationError, Information, Reduction
 from dynident.identification.choices import ModelName
 from dynident.identification.warnings import unseen_parameters
 from dynident.recordings import Recording
@@ -86,8 +86,8 @@ def check_equations(model: Model, name: ModelName, equations: Reduction, torque:
     )
 
 
-def check_reduction(model: Model, reduction: Reduction) -> None:
-    """Raise where the data cannot determine the model, naming what is missing."""
+def check_reduction(model: Model, reduction: Reduction, known: Information | None = None) -> None:
+    """Raise where the data, with what is known beside them, cannot determine the model, naming what is missing."""
     if reduction.n_rows == 0:
         raise EstimationError(
             "no rows are left after filtering; use a longer recording or wider windows",
@@ -101,7 +101,7 @@ def check_reduction(model: Model, reduction: Reduction) -> None:
             pointer="/measurement_ids",
             title="No torque",
         )
-    unseen = unseen_parameters(model, reduction)
+    unseen = unseen_parameters(model, reduction, known)
     if unseen:
         raise EstimationError(
             f"not identifiable from this data: {', '.join(unseen)} (a joint that does not move enough leaves its "

@@ -18,18 +18,19 @@ StepsName = Literal["link_by_link", "wrist_then_shoulder"]
 PriorName = Literal["description"]
 
 AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic", "filtered", "energy", "power")
-AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential")
-AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls", "iv", "didim")
-AVAILABLE_PRIORS: tuple[PriorName, ...] = ()
+AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential", "separate_friction")
+AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls", "feasible", "iv", "didim")
+AVAILABLE_PRIORS: tuple[PriorName, ...] = ("description",)
 
 
 @dataclass(frozen=True)
 class IdentificationChoices:
     """What is identified and how.
 
-    `steps` are those of the sequential strategy; `prior` None: the data alone count; `pole` is a of [12.29] in rad/s,
-    for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model, `preprocessing` the filters:
-    None where the data decide. `tolerance` decides which columns count as dependent.
+    `steps` are those of the sequential strategy; `prior` None: the data alone count; `free_links`, by their joints, are
+    those that the prior is not believed of, for instance the last one where it carries an unknown payload; `pole` is a
+    of [12.29] in rad/s, for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model,
+    `preprocessing` the filters: None where the data decide. `tolerance` decides which columns count as dependent.
     """
 
     effects: tuple[EffectChoice, ...] = DEFAULT_EFFECTS
@@ -38,6 +39,7 @@ class IdentificationChoices:
     estimator: EstimatorName = "wls"
     steps: StepsName = "link_by_link"
     prior: PriorName | None = None
+    free_links: tuple[str, ...] = ()
     pole: float | None = None
     interval: float | None = None
     preprocessing: Preprocessing | None = None
@@ -50,6 +52,12 @@ class IdentificationChoices:
         _known("steps", self.steps, get_args(StepsName), get_args(StepsName))
         if self.prior is not None:
             _known("prior", self.prior, get_args(PriorName), AVAILABLE_PRIORS)
+        elif self.free_links:
+            raise DynidentError(
+                "free_links are links that the prior is not believed of, and there is no prior; choose description, or "
+                "leave them out",
+                pointer="/free_links",
+            )
         if self.pole is not None and not (isfinite(self.pole) and self.pole > 0):
             raise DynidentError(f"pole is {self.pole}; give a of [12.29] in rad/s, above zero", pointer="/pole")
         if self.interval is not None and not (isfinite(self.interval) and self.interval > 0):

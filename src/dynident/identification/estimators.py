@@ -8,6 +8,7 @@ from types import MappingProxyType
 from dynident.estimation import Information, ordinary, statistics, weighted
 from dynident.identification.choices import EstimatorName, IdentificationChoices
 from dynident.identification.data import Data
+from dynident.identification.feasible import feasible
 from dynident.identification.fit import Estimator, Fit
 from dynident.identification.simulating import instrumental_variables, output_error
 from dynident.regressors.model import Model
@@ -29,5 +30,5 @@ def _weighted(model: Model, choices: IdentificationChoices, data: Data, known: I
 
 
 ESTIMATORS: Mapping[EstimatorName, Estimator] = MappingProxyType(
-    {"ols": _ordinary, "wls": _weighted, "iv": instrumental_variables, "didim": output_error}
+    {"ols": _ordinary, "wls": _weighted, "feasible": feasible, "iv": instrumental_variables, "didim": output_error}
 )

@@ -12,11 +12,12 @@ from dynident.errors import DynidentError
 from dynident.estimation import Reduction, condition_number, errors, weighted
 from dynident.identification.checks import check_recordings, check_reduction, check_runs, check_temperature
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data, reduced, torque_of
+from dynident.identification.data import Data, parted, reduced, torque_of
 from dynident.identification.fitting import fit
 from dynident.identification.gain import warnings_of_addition
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.identification.model_equations import with_constants
+from dynident.identification.prior import prior_of
 from dynident.identification.result import Identification
 from dynident.identification.shapes import check_shapes_given, complete_shapes, lacks_shape
 from dynident.identification.warnings import warnings_of
@@ -44,7 +45,8 @@ def identify(
     ----------
     robot : Robot
     recordings : sequence of Recording
-        The data that parameters are fitted to.
+        The data that parameters are fitted to; those with the role "friction" are tests of single joints, which the
+        strategy separate_friction alone uses.
     validation : sequence of Recording
         Data that no parameter sees; the held-out errors come from them.
     choices : IdentificationChoices, optional
@@ -58,10 +60,11 @@ def identify(
     check_recordings(robot, recordings, validation)
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings)
-    preprocessing = choices.preprocessing or choose_preprocessing(recordings)
-    choices, preprocessing = with_constants(choices, recordings, preprocessing)
+    ordinary, _ = parted(recordings)
+    preprocessing = choices.preprocessing or choose_preprocessing(ordinary)
+    choices, preprocessing = with_constants(choices, ordinary, preprocessing)
     check_shapes_given(choices.effects)
-    choices, reference = _prepared(robot, recordings, preprocessing, choices, part(progress, 0.0, 0.5))
+    choices, reference = _prepared(robot, ordinary, preprocessing, choices, part(progress, 0.0, 0.5))
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
     return identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.5, 1.0))
 
@@ -91,7 +94,7 @@ def extend(
     new = complete_shapes(
         identification.model,
         new,
-        recordings,
+        parted(recordings)[0],
         identification.preprocessing,
         identification.next_reference(),
         part(progress, 0.0, 0.5),
@@ -161,7 +164,7 @@ def conclude(
     model: Model, choices: IdentificationChoices, data: Data, held_out_data: Reduction | None
 ) -> Identification:
     """Solve, judge and describe a model on reduced data."""
-    check_reduction(model, data.equations)
+    check_reduction(model, data.equations, prior_of(model, choices))
     found = fit(model, choices, data)
     values = found.solution.values
     smallest = smallest_inertia_eigenvalue(model, values)
@@ -183,6 +186,7 @@ def conclude(
         warnings=(),
         measurement_names=(),
         validation_names=(),
+        standard=found.standard,
     )
     return replace(result, warnings=found.warnings + warnings_of(result))
 
@@ -209,8 +213,9 @@ def _prepared(
     first = build_model(robot, plain, tolerance=choices.tolerance)
     zeros = np.zeros(10 * robot.n)
     reduction = reduce_recordings(first.observation, recordings, preprocessing, zeros, part(progress, 0.0, 0.5))
-    check_reduction(first, reduction)
-    reference = first.reference(weighted(reduction).values)
+    prior = prior_of(first, choices)
+    check_reduction(first, reduction, prior)
+    reference = first.reference(weighted(reduction, prior).values)
     others = tuple(choice for choice in choices.effects if choice not in plain)
     found = complete_shapes(first, others, recordings, preprocessing, reference, part(progress, 0.5, 1.0))
     return replace(choices, effects=plain + found), reference

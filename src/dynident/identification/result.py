@@ -9,7 +9,9 @@ import numpy as np
 
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors, Reduction, Solution, Statistics, correlation_factor, noise_levels
+from dynident.estimation.deviations import owed_to_known
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.standard import StandardParameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
 from dynident.regressors.rows import KeptRows
@@ -40,7 +42,8 @@ class Identification:
     rows that the chosen model made of the recordings; `training` and `held_out_data` the joints' torques in them,
     whatever the model (for the dynamic model `training` is `equations`); `fit` and `held_out` the errors on these;
     `names` of the recordings; `added` and `removed` what was added to the model of `parent` or taken out of it; `rows`
-    the filtered rows of both data sets where they are still in memory.
+    the filtered rows of both data sets where they are still in memory; `standard` the standard parameters where the
+    estimator solved for these.
     """
 
     model: Model
@@ -64,6 +67,7 @@ class Identification:
     added: tuple[EffectChoice, ...] = ()
     removed: tuple[EffectChoice, ...] = ()
     rows: tuple[KeptRows | None, KeptRows | None] = (None, None)
+    standard: StandardParameters | None = None
 
     @property
     def values(self) -> FloatArray:
@@ -99,7 +103,7 @@ class Identification:
     def parameters(self) -> tuple[IdentifiedParameter, ...]:
         """The base parameters in the order of the model."""
         relative = self.statistics.relative_standard_deviations(self.values)
-        good = judge_parameters(relative)
+        good = judge_parameters(relative) & ~owed_to_known(self.equations, self.solution)
         deviations = self.statistics.standard_deviations
         return tuple(
             IdentifiedParameter(
@@ -118,7 +122,9 @@ class Identification:
         )
 
     def standard_inertia(self) -> FloatArray:
-        """Standard inertial parameters (10 n,) that give the same torque."""
+        """Standard inertial parameters (10 n,) that give the same torque; feasible ones where they were solved for."""
+        if self.standard is not None and len(self.standard.inertias(self.model)):
+            return self.standard.inertias(self.model).reshape(-1)
         return self.model.standard_inertia(self.values)
 
     def next_reference(self) -> FloatArray:

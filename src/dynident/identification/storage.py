@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from dynident.effects import EffectChoice, Signals
 from dynident.errors import DynidentError
-from dynident.estimation import EquationFactors, Errors, Reduction, Solution, Statistics
+from dynident.estimation import EquationFactors, Errors, Information, Reduction, Solution, Statistics
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.result import Identification
+from dynident.identification.standard import StandardParameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.base_parameters import BaseParameters
 from dynident.regressors.model import build_model
@@ -57,6 +58,13 @@ def _arrays(identification: Identification) -> dict[str, Any]:
         "base_written": base.written,
         "base_without_effect": np.array(base.without_effect, dtype=np.int64),
     }
+    if identification.solution.known is not None:
+        arrays["known_rows"] = identification.solution.known.rows
+    if identification.solution.free is not None:
+        arrays["free"] = identification.solution.free
+    if identification.standard is not None:
+        arrays["standard_values"] = identification.standard.values
+        arrays["standard_deviations"] = identification.standard.standard_deviations
     _put_errors(arrays, "fit", identification.fit)
     _put_reduction(arrays, "training", identification.training)
     if identification.equations is not identification.training:
@@ -147,7 +155,7 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
         equations=_reduction(arrays, "equations") if "equations_size" in arrays else training,
         training=training,
         held_out_data=_reduction(arrays, "held_out_data") if held_out else None,
-        solution=Solution(arrays["values"], arrays["solution_noise"], arrays["solution_factor"]),
+        solution=_solution(arrays),
         statistics=Statistics(arrays["covariance"], arrays["effective_rows"], arrays["noise"]),
         fit=_errors(arrays, "fit"),
         held_out=_errors(arrays, "held_out") if held_out else None,
@@ -160,7 +168,21 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
         parent=parent,
         added=tuple(_effect(item) for item in header["added"]),
         removed=tuple(_effect(item) for item in header["removed"]),
+        standard=_standard(arrays),
     )
+
+
+def _solution(arrays: Mapping[str, Any]) -> Solution:
+    known = None
+    if "known_rows" in arrays:
+        known = Information(arrays["known_rows"][:, :-1], arrays["known_rows"][:, -1])
+    return Solution(arrays["values"], arrays["solution_noise"], arrays["solution_factor"], known, arrays.get("free"))
+
+
+def _standard(arrays: Mapping[str, Any]) -> StandardParameters | None:
+    if "standard_values" not in arrays:
+        return None
+    return StandardParameters(arrays["standard_values"], arrays["standard_deviations"])
 
 
 def _of(parent: Identification) -> tuple[Robot, Signals]:
@@ -181,6 +203,7 @@ def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
         estimator=document["estimator"],
         steps=document.get("steps", "link_by_link"),
         prior=document.get("prior"),
+        free_links=tuple(document.get("free_links", ())),
         pole=document.get("pole"),
         interval=document.get("interval"),
         preprocessing=_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,

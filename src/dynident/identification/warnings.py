@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.estimation import Reduction, equilibrated_condition_number
+from dynident.estimation import EquationFactors, Information, Reduction, equilibrated_condition_number
 from dynident.regressors.model import Model
 
 if TYPE_CHECKING:
@@ -19,15 +19,20 @@ _TINY = 1e-9
 _OVERFIT = 1.5
 
 
-def unseen_parameters(model: Model, reduction: Reduction) -> list[str]:
-    """Names of the parameters whose column is zero, or depends on the others, on this data."""
+def unseen_parameters(model: Model, reduction: Reduction, known: Information | None = None) -> list[str]:
+    """Names of the parameters whose column is zero, or depends on the others, on this data.
+
+    What is known beside the data counts as rows of it, in units of each equation's torque.
+    """
     c = reduction.n_columns
     gram_factor = np.zeros((0, c))
     for equation in reduction.equations:
         k = len(equation.columns)
         wide = np.zeros((k + 1, c))
-        wide[:, equation.columns] = equation.joined[:, :k]
+        wide[:, equation.columns] = equation.joined[:, :k] / _unit(equation, known)
         gram_factor = np.concatenate([gram_factor, wide])
+    if known is not None:
+        gram_factor = np.concatenate([gram_factor, known.factor])
     norms = np.linalg.norm(gram_factor, axis=0)
     largest = float(norms.max(initial=0.0))
     lost = norms <= _TINY * largest
@@ -38,6 +43,12 @@ def unseen_parameters(model: Model, reduction: Reduction) -> list[str]:
     null = vt[singular <= _TINY * singular[0]]
     involved = np.abs(null).max(axis=0, initial=0.0) > 0.05
     return [names[k] for k in np.flatnonzero(involved)]
+
+
+def _unit(equation: EquationFactors, known: Information | None) -> float:
+    """What a row is counted in: N m as it is where nothing else stands beside it, else the size of the torque."""
+    size = float(np.linalg.norm(equation.joined[:, -1])) / max(float(equation.counts.sum()), 1.0) ** 0.5
+    return 1.0 if known is None or size == 0 else size
 
 
 def warnings_of(identification: Identification) -> tuple[str, ...]:
@@ -61,9 +72,11 @@ def _excitation(identification: Identification) -> list[str]:
     found = []
     condition = equilibrated_condition_number(identification.equations, identification.solution.noise)
     if condition > _HIGH_CONDITION:
+        help_is = "Record an exciting trajectory (a design)"
+        help_is += "." if identification.choices.prior else ' or use a prior (prior: "description").'
         found.append(
             f"The condition number of W with columns of equal size is {condition:.0f}: the motion alone does not "
-            "determine the model well. Record an exciting trajectory (a design) or use a prior."
+            f"determine the model well. {help_is}"
         )
     if identification.equations_per_parameter < _EQUATIONS_PER_PARAMETER:
         found.append(

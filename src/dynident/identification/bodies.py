@@ -1,0 +1,37 @@
+"""Which of a model's columns are the ten inertial parameters of one body: of a link, or of what a link carries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.effects import Column
+from dynident.estimation.factors import IntArray
+from dynident.robot.model import INERTIAL_NAMES
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body of the model. `columns` (10,) are its parameters in the order of `INERTIAL_NAMES`.
+
+    `link` is the joint that moves it; empty for what the last link carries.
+    """
+
+    name: str
+    link: str
+    columns: IntArray
+
+
+def bodies_of(columns: Sequence[Column]) -> tuple[Body, ...]:
+    """The bodies among a model's columns; a link that is not there whole cannot be judged and is passed over."""
+    found: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    for k, column in enumerate(columns):
+        if column.effect in ("rigid_body", "payload"):
+            found.setdefault((column.link, column.runs), []).append(k)
+    return tuple(
+        Body(link or " in ".join(["payload", *([", ".join(runs)] if runs else [])]), link, np.array(members))
+        for (link, runs), members in found.items()
+        if len(members) == len(INERTIAL_NAMES)
+    )

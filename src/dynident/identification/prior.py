@@ -1,0 +1,165 @@
+"""What is believed of a model's parameters before any data: the inertias of the robot's description."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.effects import Column
+from dynident.errors import DynidentError
+from dynident.estimation import Information
+from dynident.estimation.deviations import owed_to_known
+from dynident.identification.choices import IdentificationChoices
+from dynident.identification.data import Data
+from dynident.identification.fit import Fit
+from dynident.regressors.base_parameters import BoolArray
+from dynident.regressors.model import Model
+from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
+from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
+
+_TITLE = "No prior"
+_ALIKE = 1e-6
+_NULL = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """A belief about standard parameters: each is `mean` (c,) with the standard deviation `size` (c,).
+
+    Where `stated` (c,) is false nothing is believed: mean and size are then only the order of magnitude.
+    """
+
+    mean: FloatArray
+    size: FloatArray
+    stated: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class Parted:
+    """A belief in two independent parts: what it says of base parameters, and the rest.
+
+    `base`: rows for the base parameters (b,). `rest` (k, c): rows for the standard parameters, counted from their mean
+    and in units of their size, that say what the base parameters do not.
+    """
+
+    base: Information
+    rest: FloatArray
+
+
+def prior_of(model: Model, choices: IdentificationChoices) -> Information | None:
+    """What the chosen prior says of the base parameters; None where none is chosen.
+
+    Base parameters are sums of standard ones, β = G φ, so what is known of φ, with mean μ and covariance D, is known of
+    β with mean G μ and covariance G D Gᵀ. Of sums with something unknown in them (a rotor's inertia, friction, a free
+    link) nothing is known.
+
+    Raises
+    ------
+    DynidentError
+        Where the description gives no inertias, gives placeholders or impossible ones, or a free link does not exist.
+    """
+    if choices.prior is None:
+        return None
+    check_description(model.robot, choices.free_links)
+    return parted(model, belief_of(model, choices)).base
+
+
+def check_description(robot: Robot, free_links: Sequence[str]) -> None:
+    """Raise where a robot's description says nothing that could be believed of its links."""
+    inertias = robot.inertias
+    for index, name in enumerate(free_links):
+        if name not in robot.joint_names:
+            raise DynidentError(
+                f"there is no joint {name!r}; {robot.name} has: {', '.join(robot.joint_names)}",
+                pointer=f"/free_links/{index}",
+                title="Unknown joint",
+            )
+    if inertias is None or not np.any(inertias[:, 9] > 0):
+        raise DynidentError(
+            f"the description of {robot.name} gives no inertias; add them (<inertial> of every link), or leave the "
+            "prior out",
+            pointer="/prior",
+            title=_TITLE,
+        )
+    for link, values in enumerate(inertias):
+        if not np.all(np.isfinite(values)) or values[9] < 0:
+            raise DynidentError(
+                f"the description gives {robot.joint_names[link]} a mass of {values[9]:g} kg or an inertia that is no "
+                "number: nothing can be believed of it; correct it, or leave the prior out",
+                pointer="/prior",
+                title=_TITLE,
+            )
+    if robot.n > 1 and np.all(np.abs(inertias - inertias[0]) <= _ALIKE * np.abs(inertias[0]).max()):
+        raise DynidentError(
+            f"the description of {robot.name} gives all links the same inertia: these are placeholders; put in those "
+            "of its drawings, or leave the prior out",
+            pointer="/prior",
+            title=_TITLE,
+        )
+
+
+def belief_of(model: Model, choices: IdentificationChoices) -> Belief:
+    """What the description says of a model's standard parameters, whether it is chosen to be believed or not."""
+    robot = model.robot
+    nominal = np.zeros((robot.n, 10)) if robot.inertias is None else robot.inertias
+    errors, rotors = usual_errors(robot), usual_rotor_inertias(robot)
+    mean, size = np.zeros(len(model.columns)), np.ones(len(model.columns))
+    stated = np.zeros(len(model.columns), dtype=bool)
+    for k, column in enumerate(model.columns):
+        if column.effect == "rigid_body":
+            link, parameter = robot.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
+            mean[k], size[k] = nominal[link, parameter], errors[link, parameter]
+            stated[k] = choices.prior is not None and column.link not in choices.free_links
+        elif column.effect == "rotor_inertia":
+            size[k] = rotors[robot.joint_names.index(column.link)]
+        elif column.effect == "payload":
+            size[k] = errors[-1, _payload_parameter(column)]
+    return Belief(mean, size, stated)
+
+
+def _payload_parameter(column: Column) -> int:
+    return [f"{name}p" for name in INERTIAL_NAMES].index(column.parameter)
+
+
+def parted(model: Model, belief: Belief) -> Parted:
+    """The belief as rows for the base parameters, and rows for what the base parameters leave open."""
+    grouping = model.base.grouping
+    # In units of the beliefs' sizes, and each base parameter in that of its own.
+    scaled = grouping * belief.size
+    row_size = np.linalg.norm(np.where(model.base.written, scaled, 0.0), axis=1)
+    scaled = scaled / row_size[:, None]
+    unknown = np.where(model.base.written, scaled, 0.0)[:, ~belief.stated]
+    untouched = _left_null_space(unknown)
+    seen = untouched @ scaled[:, belief.stated]
+    left, singular, right = np.linalg.svd(seen, full_matrices=False)
+    enough = singular > _NULL * max(float(singular.max(initial=0.0)), 1.0)
+    whiten = (left[:, enough] / singular[enough]).T @ untouched
+    factor = whiten / row_size
+    base = Information(factor, factor @ (grouping @ np.where(belief.stated, belief.mean, 0.0)))
+    rest = np.zeros((int(belief.stated.sum()), len(belief.mean)))
+    rest[:, belief.stated] = np.eye(len(rest)) - right[enough].T @ right[enough]
+    return Parted(base, rest)
+
+
+def _left_null_space(matrix: FloatArray) -> FloatArray:
+    """(k, b): orthonormal rows whose product with the matrix (b, m) is zero."""
+    left, singular, _ = np.linalg.svd(matrix, full_matrices=True)
+    rank = int(np.count_nonzero(singular > _NULL * max(float(singular.max(initial=0.0)), 1.0)))
+    return np.asarray(left[:, rank:].T)
+
+
+def with_prior_said(model: Model, data: Data, fit: Fit, choices: IdentificationChoices) -> Fit:
+    """The fit, with a warning that says what in it rests on the prior rather than on the data."""
+    if choices.prior is None:
+        return fit
+    owed = owed_to_known(data.equations, fit.solution)
+    names = [column.name for column, rests in zip(model.kept, owed, strict=True) if rests]
+    told = (
+        "The inertias of the description count as data here, each with the error that descriptions usually have: that "
+        "is a belief, and so are the standard deviations that follow from it."
+    )
+    if names:
+        told += f" These parameters rest on it rather than on the motion: {', '.join(names)}."
+    return replace(fit, warnings=(told, *fit.warnings))

@@ -1,0 +1,30 @@
+"""Standard parameters of an identified model, and how sure they are: more than the data alone can say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.identification.bodies import bodies_of
+from dynident.regressors.model import Model
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class StandardParameters:
+    """Standard parameters (c,) in the order of `Model.columns`, and their standard deviations (c,).
+
+    A deviation is infinite where neither data nor prior determine the parameter: its value is then one choice of many.
+    """
+
+    values: FloatArray
+    standard_deviations: FloatArray
+
+    def inertias(self, model: Model) -> FloatArray:
+        """(n, 10): inertial parameters of the links in the order of `INERTIAL_NAMES`; zero where a link is left out."""
+        found = np.zeros((model.robot.n, 10))
+        for body in bodies_of(model.columns):
+            if body.link:
+                found[model.robot.joint_names.index(body.link)] = self.values[body.columns]
+        return found
