@@ -18,6 +18,7 @@ from dynident_service.cli.verbs import (
     design,
     diagnose,
     effects,
+    export,
     extend,
     identify,
     ladder,
@@ -25,6 +26,7 @@ from dynident_service.cli.verbs import (
     report,
     serve,
     simulate,
+    validate,
 )
 
 app = typer.Typer(
@@ -83,10 +85,12 @@ for _command in (
     identify.identify,
     compare.compare,
     diagnose.diagnose,
+    validate.validate,
     extend.extend,
     remove.remove,
     ladder.ladder,
     report.report,
+    export.export,
     effects.effects,
     serve.serve,
 ):

@@ -8,9 +8,9 @@ import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -19,7 +19,6 @@ from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation.row_models import ROW_MODELS, RowModelName
 from dynident.identification import Identification, from_bytes
-from dynident.identification.choices import EstimatorName
 from dynident.progress import Progress, part
 from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.robot import Description, Drive, Robot, robot_from_description
@@ -38,12 +37,13 @@ _URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')
 
 @dataclass(frozen=True)
 class FileOptions:
-    """What the options say about measurement files."""
+    """What the options say about measurement files; `roles` of those that are not for the identification as usual."""
 
     columns: Sequence[str] = ()
     units: Sequence[str] = ()
     windows: Sequence[str] = ()
     accept: Sequence[str] = ()
+    roles: Mapping[Path, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +124,7 @@ def loaded(
                 name=name,
                 columns=columns,
                 units=units,
+                role=options.roles.get(path),
                 windows=windows.get(name, ()),
                 accept=tuple(options.accept),
             )
@@ -182,15 +183,6 @@ def named_effects(given: Sequence[str]) -> tuple[EffectChoice, ...]:
         name, joints, shape = parsing.effect_parts(text, "--effects")
         choices.append(EffectChoice(name, joints, tuple(sorted(shape.items()))))
     return tuple(choices)
-
-
-def estimator_of(name: str) -> EstimatorName:
-    """The estimator of that name; whether it is available is for the identification to say."""
-    if name not in get_args(EstimatorName):
-        raise DynidentError(
-            f"there is no estimator {name!r}; there are: {', '.join(get_args(EstimatorName))}", pointer="--estimator"
-        )
-    return cast(EstimatorName, name)
 
 
 def model_of(path: Path) -> Identification:

@@ -108,3 +108,22 @@ Effects = Annotated[
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same result.")]
+Model = Annotated[
+    str,
+    typer.Option("--model", help="Rows of W: dynamic, filtered, energy, power or base_wrench."),
+]
+Strategy = Annotated[
+    str, typer.Option("--strategy", help="Parameters at a time: global, sequential or separate_friction.")
+]
+Steps = Annotated[str, typer.Option("--steps", help="Of the sequential strategy: link_by_link or wrist_then_shoulder.")]
+Estimator = Annotated[
+    str,
+    typer.Option(
+        "--estimator",
+        help="ols, wls (each joint weighted by its noise), irls (robust), feasible (physically possible links), iv or "
+        "didim (from a simulation), ekf (in the order of time).",
+    ),
+]
+Prior = Annotated[
+    str, typer.Option("--prior", metavar="description", help="Believe the inertias of the robot's description, too.")
+]

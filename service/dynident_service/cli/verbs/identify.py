@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,10 +13,15 @@ from dynident_service.cli.options import (
     Columns,
     DriveGains,
     Effects,
+    Estimator,
     Json,
     Measurements,
+    Model,
     Out,
+    Prior,
     RobotArgument,
+    Steps,
+    Strategy,
     Units,
     Validation,
     Windows,
@@ -30,10 +37,29 @@ def identify(
     windows: Windows,
     accept: Accept,
     effects: Effects,
+    friction: Annotated[
+        list[Path],
+        typer.Option(
+            "--friction",
+            metavar="FILE",
+            help="Measurement at constant velocities, for the strategy separate_friction; may be repeated.",
+            default_factory=list,
+            show_default=False,
+        ),
+    ],
     drive_gains: DriveGains = "",
-    estimator: Annotated[
-        str, typer.Option("--estimator", help="ols or wls (each joint weighted by its noise).")
-    ] = "wls",
+    model: Model = "dynamic",
+    strategy: Strategy = "global",
+    steps: Steps = "link_by_link",
+    estimator: Estimator = "wls",
+    prior: Prior = "",
+    pole: Annotated[
+        float | None, typer.Option("--pole", help="a of the filtered model's F(s) in rad/s; from the data if left out.")
+    ] = None,
+    interval: Annotated[
+        float | None,
+        typer.Option("--interval", help="Seconds that the energy model's equations span; from the data if left out."),
+    ] = None,
     preprocessing: Annotated[
         str,
         typer.Option(
@@ -53,24 +79,25 @@ def identify(
     from dynident.recordings import preprocessing_from_request
     from dynident_service.adapters.identifications import describe_identification
     from dynident_service.adapters.measurements import show_checks
-    from dynident_service.cli import inputs, parsing, shown, terminal
+    from dynident_service.cli import inputs, methods, parsing, shown, terminal
     from dynident_service.models.common import plain
 
     machine = inputs.robot_of(robot, drive_gains)
-    options = inputs.FileOptions(columns, units, windows, accept)
+    options = inputs.FileOptions(columns, units, windows, accept, dict.fromkeys(friction, "friction"))
     chosen = inputs.effects_of(effects, machine) or DEFAULT_EFFECTS
-    IdentificationChoices(effects=chosen, estimator=inputs.estimator_of(estimator))
+    method = methods.method_of(model, strategy, steps, estimator, prior)
+    unfiltered = method.of(IdentificationChoices(effects=chosen, pole=pole, interval=interval))
     with (
         terminal.progress_bar("identify") as progress,
-        inputs.loaded(measurements, machine, options, part(progress, 0.0, 0.5), validation) as (training, held_out),
+        inputs.loaded([*measurements, *friction], machine, options, part(progress, 0.0, 0.5), validation) as (
+            training,
+            held_out,
+        ),
     ):
         asked = parsing.preprocessing_request(preprocessing)
         recordings = inputs.recordings_of(training)
-        choices = IdentificationChoices(
-            effects=chosen,
-            estimator=inputs.estimator_of(estimator),
-            preprocessing=None if asked == "auto" else preprocessing_from_request(asked, recordings),
-        )
+        filters = None if asked == "auto" else preprocessing_from_request(asked, recordings)
+        choices = replace(unfiltered, preprocessing=filters)
         found = identify_model(machine, recordings, inputs.recordings_of(held_out), choices, part(progress, 0.5, 1.0))
     if out is not None:
         inputs.write_whole(out, to_bytes(found))

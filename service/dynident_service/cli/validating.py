@@ -1,0 +1,123 @@
+"""Validations of a model in a file, on measurements in files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import get_args
+
+from dynident.errors import DynidentError
+from dynident.identification import Identification
+from dynident.progress import Progress, part
+from dynident.recordings import Recording
+from dynident.validation import (
+    LARGEST_ERROR,
+    Method,
+    filters_by_simulation,
+    validate_cross,
+    validate_direct,
+    validate_inertia_matrix,
+    validate_methods,
+    validate_simulation,
+)
+from dynident.validation.filters import LONGEST as LONGEST_FOR_FILTERS
+from dynident.validation.simulation import LONGEST
+from dynident_service.adapters import validations as adapter
+from dynident_service.models.validations import ValidationKind, ValidationResult
+
+_TITLE = "Unusable option"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the options of a validation say."""
+
+    kind: ValidationKind
+    methods: tuple[Method, ...] | None = None
+    limit: float | None = None
+    cutoffs: tuple[float, ...] | None = None
+    longest: float | None = None
+    seed: int = 0
+
+
+def kind_of(name: str) -> ValidationKind:
+    """The kind of validation of that name."""
+    for kind in get_args(ValidationKind):
+        if name == kind:
+            found: ValidationKind = kind
+            return found
+    raise DynidentError(
+        f"there is no validation {name!r}; choose from: {', '.join(get_args(ValidationKind))}",
+        pointer="KIND",
+        title=_TITLE,
+    )
+
+
+def check(asked: Asked, n_measurements: int, n_held_out: int) -> None:
+    """Raise `DynidentError` where measurements are missing, or options stand there that the kind does not take."""
+    for option, kinds in _TAKEN_BY.items():
+        if getattr(asked, option) is not None and asked.kind not in kinds:
+            raise DynidentError(f"{asked.kind} takes no --{option}", pointer=f"--{option}", title=_TITLE)
+    if asked.kind == "inertia_matrix" and n_measurements:
+        raise DynidentError("inertia_matrix takes no measurement", pointer="MEASUREMENT", title=_TITLE)
+    if asked.kind != "inertia_matrix" and not n_measurements:
+        raise DynidentError(f"{asked.kind} needs a measurement", pointer="MEASUREMENT", title=_TITLE)
+    if asked.kind == "filters" and n_measurements > 1:
+        raise DynidentError("filters are chosen on one measurement; give one", pointer="MEASUREMENT", title=_TITLE)
+    if n_held_out and asked.kind != "methods":
+        raise DynidentError(f"{asked.kind} takes no --validation", pointer="--validation", title=_TITLE)
+
+
+def run(
+    identification: Identification,
+    asked: Asked,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    progress: Progress,
+) -> ValidationResult:
+    """Make the validation that was asked for."""
+    names = [recording.name for recording in recordings]
+    limit = LARGEST_ERROR if asked.limit is None else asked.limit
+    match asked.kind:
+        case "direct":
+            return adapter.describe_torque(
+                "direct", validate_direct(identification, recordings, limit, progress), names
+            )
+        case "cross":
+            return adapter.describe_torque("cross", validate_cross(identification, recordings, limit, progress), names)
+        case "inertia_matrix":
+            return adapter.describe_inertia_matrix(
+                validate_inertia_matrix(identification, seed=asked.seed, progress=progress)
+            )
+        case "methods":
+            return adapter.describe_methods(
+                validate_methods(identification, recordings, held_out, asked.methods, progress)
+            )
+        case "simulation":
+            longest = LONGEST if asked.longest is None else asked.longest
+            shares = [part(progress, k / len(names), (k + 1) / len(names)) for k in range(len(names))]
+            found = [
+                validate_simulation(identification, recording, limit, longest, share)
+                for recording, share in zip(recordings, shares, strict=True)
+            ]
+            return adapter.describe_simulations(found, names)
+        case "filters":
+            chosen = filters_by_simulation(
+                identification,
+                recordings[0],
+                cutoffs=asked.cutoffs,
+                longest=LONGEST_FOR_FILTERS if asked.longest is None else asked.longest,
+                seed=asked.seed,
+                progress=progress,
+            )
+            return adapter.describe_filters(chosen)
+        case _:
+            raise DynidentError(f"{asked.kind} is not available in this version", pointer="KIND", title=_TITLE)
+
+
+_TAKEN_BY: dict[str, tuple[ValidationKind, ...]] = {
+    "methods": ("methods",),
+    "limit": ("direct", "cross", "simulation"),
+    "cutoffs": ("filters",),
+    "longest": ("simulation", "filters"),
+}

@@ -1,0 +1,111 @@
+"""`dynident validate`: every kind on files, its verdict, its exit code, what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from running_commands import ROBOT, dynident
+
+from dynident.identification.choices import AVAILABLE_MODELS
+
+
+def test_unseen_data_and_own_data(desk: Path):
+    for kind, run in (("cross", "run2.csv"), ("direct", "run1.csv")):
+        answer = dynident("validate", desk / "model.npz", kind, desk / run, "--json")
+        assert answer.code == 0, answer.err
+        assert answer.document["verdict"] == "pass"
+        assert answer.document["measurements"][0]["name"] == run.removesuffix(".csv")
+        assert 0 < answer.document["total"]["relative_total"] < 0.15
+
+
+def test_what_fails_ends_with_exit_code_1_and_its_reason(desk: Path):
+    answer = dynident("validate", desk / "model.npz", "cross", desk / "run2.csv", "--limit", "0.001")
+    assert answer.code == 1
+    assert "fail" in answer.out
+    assert "limit of 0.1%" in answer.out
+
+
+def test_the_worst_posture(desk: Path):
+    answer = dynident("validate", desk / "model.npz", "inertia_matrix", "--json")
+    assert set(answer.document["worst_posture"]) == set(ROBOT.joint_names)
+    assert answer.code == (0 if answer.document["verdict"] == "pass" else 1)
+
+
+def test_methods_in_a_table(desk: Path):
+    asked = ["validate", desk / "model.npz", "methods", desk / "run1.csv", "-v", desk / "run2.csv"]
+    answer = dynident(*asked, "--methods", "wls,ols,sequential/wrist_then_shoulder", "--json")
+    rows = answer.document["methods"]
+    assert [row["method"] for row in rows] == [
+        "dynamic, global, wls",
+        "dynamic, global, ols",
+        "dynamic, wrist then shoulder, wls",
+    ]
+    shown = dynident(*asked, "--methods", "wls,ols", "--out", desk / "methods.json")
+    assert "dynamic, global, ols" in shown.out
+    assert [row["estimator"] for row in json.loads((desk / "methods.json").read_text())["methods"]] == ["wls", "ols"]
+
+
+@pytest.mark.slow
+def test_the_simulator_and_the_filters(desk: Path):
+    answer = dynident("validate", desk / "model.npz", "simulation", desk / "run2.csv", "--longest", "4", "--json")
+    assert answer.document["simulations"][0]["duration"] <= 4.0
+    answer = dynident(
+        "validate", desk / "model.npz", "filters", desk / "run1.csv", "--longest", "5", "--cutoffs", "3,9"
+    )
+    assert "smallest error" in answer.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["sorcery", "{run}"], ["sorcery", "inertia_matrix"]),
+        (["cross"], ["cross needs a measurement"]),
+        (["inertia_matrix", "{run}"], ["takes no measurement"]),
+        (["cross", "{run}", "--cutoffs", "3"], ["--cutoffs"]),
+        (["cross", "{run}", "-v", "{run}"], ["--validation"]),
+        (["cross", "{run}", "--limit", "-1"], ["limit", "above 0"]),
+        (["methods", "{run}", "--methods", "best"], ["--methods", "best", "irls"]),
+        (["methods", "{run}", "--methods", "ols/wls"], ["--methods", "one of each"]),
+        (["filters", "{run}", "--cutoffs", "70", "--longest", "2"], ["/cutoffs/0", "below 50"]),
+        (["filters", "{run}", "{run}"], ["give one"]),
+    ],
+)
+def test_what_does_not_fit_is_said_in_words(desk: Path, arguments: list[str], said: list[str]):
+    answer = dynident("validate", desk / "model.npz", *[text.format(run=desk / "run2.csv") for text in arguments])
+    assert answer.code == 2
+    for words in said:
+        assert words in answer.err
+
+
+@pytest.mark.parametrize("model", [name for name in AVAILABLE_MODELS if name != "base_wrench"])
+def test_every_model_can_be_chosen_for_an_identification(desk: Path, model: str):
+    answer = dynident(
+        "identify", desk / "arm.json", desk / "run1.csv", "-v", desk / "run2.csv", "--model", model, "--json"
+    )
+    assert answer.code == 0, answer.err
+    assert answer.document["validation"]["relative_total"] < 0.3
+
+
+def test_a_strategy_can_be_chosen_for_an_identification(desk: Path):
+    options = ["--strategy", "sequential", "--steps", "wrist_then_shoulder"]
+    answer = dynident("identify", desk / "arm.json", desk / "run1.csv", *options, "--json")
+    assert answer.code == 0, answer.err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--model", "static"], ["--model", "static", "filtered"]),
+        (["--strategy", "random"], ["--strategy", "sequential"]),
+        (["--steps", "backwards"], ["--steps", "link_by_link"]),
+        (["--prior", "hope"], ["--prior", "description"]),
+        (["--pole", "-3"], ["pole", "above zero"]),
+    ],
+)
+def test_choices_that_there_are_not_are_said_in_words(desk: Path, options: list[str], said: list[str]):
+    answer = dynident("identify", desk / "arm.json", desk / "run1.csv", *options)
+    assert answer.code == 2
+    for words in said:
+        assert words in answer.err
