@@ -56,9 +56,20 @@ class Identifications(Collection[Identification]):
         path = f"{self.path}/{id_of(identification)}/lineage"
         return dict(self._transport.get(path, against=id_of(against)))
 
-    def export(self, identification: Record | str, format: Literal["urdf", "json", "mjcf", "c"] = "json") -> bytes:
-        """Read the model in a format that other programs read."""
-        return self._transport.get_bytes(f"{self.path}/{id_of(identification)}/export", format=format)
+    def export(
+        self,
+        identification: Record | str,
+        format: Literal["json", "urdf", "mjcf", "c", "casadi"] = "json",
+        *,
+        nearest: bool | None = None,
+    ) -> bytes:
+        """Read the model in a format that other programs read; what the format leaves out stands in the file.
+
+        `nearest`: as "urdf" or "mjcf", where no bodies that can exist have the identified parameters, take the nearest
+        that have.
+        """
+        path = f"{self.path}/{id_of(identification)}/export"
+        return self._transport.get_bytes(path, format=format, nearest=nearest)
 
 
 class Comparisons(Collection[Comparison]):

@@ -135,7 +135,6 @@ def test_what_is_not_there_yet_is_said_with_what_there_is(live: Client) -> None:
     for refused, there in (
         (lambda: live.validations.create(model, "payload"), "inertia_matrix"),
         (lambda: live.reports.create(model, format="pdf"), "html"),
-        (lambda: live.identifications.export(model, "c"), "json"),
     ):
         with pytest.raises(ProblemError) as caught:
             refused()

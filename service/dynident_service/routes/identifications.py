@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Response
@@ -17,7 +16,7 @@ from dynident_service.models.identifications import (
     Rung,
     StoredIdentification,
 )
-from dynident_service.problems import ProblemError, unusable
+from dynident_service.problems import unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.diagnosed import as_diagnosed
 from dynident_service.routes.needs import needed, needed_measurements, needed_robot
@@ -26,9 +25,19 @@ from dynident_service.storage.records import NewJob, NewResource, Resource, Rest
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
 
-ExportFormat = Literal["urdf", "json", "mjcf", "c"]
-EXPORTS: dict[ExportFormat, str] = {"json": "application/json"}
-EXPORTED: dict[str, Any] = {media_type: {} for media_type in EXPORTS.values()}
+ExportFormat = Literal["json", "urdf", "mjcf", "c", "casadi"]
+EXPORTED: dict[str, Any] = {
+    "description": "A file to be saved",
+    "content": {
+        media_type: {} for media_type in ("application/json", "application/xml", "text/x-c", "application/octet-stream")
+    },
+    "headers": {
+        "Dynident-Notes": {
+            "description": "What the format could not hold, as a JSON list of sentences; there where there is any.",
+            "schema": {"type": "string"},
+        },
+    },
+}
 JOB = NewJob("identification", "dynident_service.work.identifications:identify_model")
 EXTENSION = NewJob("extension", "dynident_service.work.identifications:extend_model")
 REMOVAL = NewJob("removal", "dynident_service.work.identifications:remove_from_model")
@@ -133,19 +142,27 @@ def get_lineage(
     return beside([_rung(view) for view in own], [_rung(view) for view in other], same_data)
 
 
-@router.get("/{identification_id}/export", response_class=Response, responses={200: {"content": EXPORTED}})
+@router.get("/{identification_id}/export", response_class=Response, responses={200: EXPORTED})
 def export_identification(
     identification_id: str,
     services: ServicesDep,
     format: Annotated[ExportFormat, Query(description="What the model is to be written as")] = "json",
+    nearest: Annotated[
+        bool,
+        Query(
+            description="urdf, mjcf: where no bodies that can exist have the identified parameters, give the nearest "
+            "that have, which changes the torque"
+        ),
+    ] = False,
 ) -> Response:
     """Give the identified model in a format that other programs read."""
+    from dynident.identification import from_bytes
+    from dynident_service.adapters.exports import exported_file, file_response
+
     found = succeeded(services.resources.get("identification", identification_id))
-    if format not in EXPORTS:
-        detail = f"A model cannot be exported as {format} in this version; choose from: {', '.join(EXPORTS)}."
-        raise ProblemError(501, detail, title="Export not available", available=list(EXPORTS))
-    document = {"robot": services.resources.get("robot", found.one("robot")).request, **plain(show(found))}
-    return Response(json.dumps(document, indent=1), media_type=EXPORTS[format])
+    model = from_bytes(services.objects.get(found.objects["model"].key))
+    shown = {"robot": services.resources.get("robot", found.one("robot")).request, **plain(show(found))}
+    return file_response(exported_file(model, format, nearest, shown))
 
 
 def show(resource: Resource) -> IdentificationView:

@@ -19,7 +19,7 @@ from dynident.identification import Identification
 ExportFormat = Literal["json", "urdf", "mjcf", "c", "casadi"]
 
 
-def export_model(identification: Identification, format: ExportFormat, *, nearest: bool = False) -> ExportedFile:
+def export_model(identification: Identification, format: ExportFormat | str, *, nearest: bool = False) -> ExportedFile:
     """Return an identified model as a file for other programs.
 
     Parameters
