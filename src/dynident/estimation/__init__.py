@@ -1,6 +1,7 @@
 """y = W χ: solvers and statistics on triangular factors. Knows nothing of robots."""
 
 from dynident.estimation.correlation import correlation_factor
+from dynident.estimation.essential import Elimination, EliminationPath, eliminate
 from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate
 from dynident.estimation.information import Information, known_values
 from dynident.estimation.instrumental import InstrumentalSolution, instrumental
@@ -20,6 +21,8 @@ from dynident.estimation.least_squares import (
 from dynident.estimation.statistics import Statistics, statistics
 
 __all__ = [
+    "Elimination",
+    "EliminationPath",
     "EquationFactors",
     "Errors",
     "EstimationError",
@@ -32,6 +35,7 @@ __all__ = [
     "concatenate",
     "condition_number",
     "correlation_factor",
+    "eliminate",
     "equilibrated_condition_number",
     "errors",
     "instrumental",

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from dynident.estimation.correlation import correlation_factor
 from dynident.estimation.factors import FloatArray, Reduction
@@ -34,6 +35,15 @@ class Statistics:
     def standard_deviations(self) -> FloatArray:
         """(c,): [12.9]."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom: independent samples less parameters, at least 1."""
+        return max(float(np.sum(self.effective_rows)) - len(self.covariance), 1.0)
+
+    def half_widths(self, level: float = 0.95) -> FloatArray:
+        """(c,): half-widths of the intervals that hold the true value with a probability of `level` (Student's t)."""
+        return np.asarray(stdtrit(self.freedom, 0.5 + 0.5 * level) * self.standard_deviations)
 
     def relative_standard_deviations(self, values: FloatArray) -> FloatArray:
         """(c,): [12.10] as a fraction; infinite for a parameter whose estimate is zero."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -20,7 +21,11 @@ from dynident.robot.model import FloatArray
 
 @dataclass(frozen=True)
 class IdentifiedParameter:
-    """One base parameter; `relative_standard_deviation` is a fraction, `grouping` its standard parameters."""
+    """One base parameter; `relative_standard_deviation` is a fraction, `grouping` its standard parameters.
+
+    `interval`: where the true value lies with a probability of 95 %; the deviation that it rests on counts correlated
+    samples for what they are worth, in blocks of time. `essential` False: set to zero as not essential.
+    """
 
     name: str
     value: float
@@ -32,6 +37,8 @@ class IdentifiedParameter:
     link: str
     grouping: str
     shape: tuple[tuple[str, float], ...] = ()
+    interval: tuple[float, float] = (-inf, inf)
+    essential: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +50,7 @@ class Identification:
     whatever the model (for the dynamic model `training` is `equations`); `fit` and `held_out` the errors on these;
     `names` of the recordings; `added` and `removed` what was added to the model of `parent` or taken out of it; `rows`
     the filtered rows of both data sets where they are still in memory; `standard` the standard parameters where the
-    estimator solved for these.
+    estimator solved for these; `not_essential` numbers of the parameters that were set to zero as such.
     """
 
     model: Model
@@ -68,6 +75,7 @@ class Identification:
     removed: tuple[EffectChoice, ...] = ()
     rows: tuple[KeptRows | None, KeptRows | None] = (None, None)
     standard: StandardParameters | None = None
+    not_essential: tuple[int, ...] = ()
 
     @property
     def values(self) -> FloatArray:
@@ -105,6 +113,7 @@ class Identification:
         relative = self.statistics.relative_standard_deviations(self.values)
         good = judge_parameters(relative) & ~owed_to_known(self.equations, self.solution)
         deviations = self.statistics.standard_deviations
+        half = self.statistics.half_widths()
         return tuple(
             IdentifiedParameter(
                 name=column.name,
@@ -117,6 +126,8 @@ class Identification:
                 link=column.link,
                 grouping=self.model.base.groupings[k],
                 shape=column.shape,
+                interval=(float(self.values[k] - half[k]), float(self.values[k] + half[k])),
+                essential=k not in self.not_essential,
             )
             for k, column in enumerate(self.model.kept)
         )

@@ -86,6 +86,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
             "validation_names": identification.validation_names,
             "added": [asdict(choice) for choice in identification.added],
             "removed": [asdict(choice) for choice in identification.removed],
+            "not_essential": identification.not_essential,
         }
     )
     return arrays
@@ -168,6 +169,7 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
         parent=parent,
         added=tuple(_effect(item) for item in header["added"]),
         removed=tuple(_effect(item) for item in header["removed"]),
+        not_essential=tuple(header.get("not_essential", ())),
         standard=_standard(arrays),
     )
 

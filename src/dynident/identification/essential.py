@@ -1,0 +1,151 @@
+"""The essential parameters of an identified model, with the error on data that no parameter sees along the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import DynidentError
+from dynident.estimation import (
+    Errors,
+    Information,
+    Reduction,
+    Solution,
+    Statistics,
+    eliminate,
+    errors,
+    solve,
+    statistics,
+)
+from dynident.estimation.essential import RATIO, Stop
+from dynident.identification.inertia import smallest_inertia_eigenvalue
+from dynident.identification.result import Identification
+from dynident.threads import single_threaded
+
+
+@dataclass(frozen=True, eq=False)
+class EssentialStep:
+    """One parameter less.
+
+    `relative_deviation` of the parameter before it went, a fraction; `ratio` of the largest to the smallest of all;
+    `p_value`: how often noise alone would be as large as all that is taken out so far; `fit` and `held_out` errors of
+    the smaller model.
+    """
+
+    name: str
+    relative_deviation: float
+    ratio: float
+    p_value: float
+    fit: Errors
+    held_out: Errors | None
+
+
+@dataclass(frozen=True, eq=False)
+class EssentialPath:
+    """From the identified parameters to the essential ones.
+
+    `essential`: names of what is left; `steps` what was taken out, in that order; `refused` the parameter that would
+    have been next where the test ended the elimination; `ratio` what is left of the largest over the smallest relative
+    standard deviation; `identification` the model with the essential parameters estimated anew, the others zero.
+    """
+
+    essential: tuple[str, ...]
+    steps: tuple[EssentialStep, ...]
+    stop: Stop
+    ratio: float
+    refused: str | None
+    identification: Identification
+
+    @property
+    def reason(self) -> str:
+        """Why the elimination ended, in a sentence."""
+        count = f"{len(self.essential)} of {len(self.essential) + len(self.steps)} parameters are essential"
+        if self.stop == "ratio":
+            return (
+                f"{count}: their relative standard deviations are within a factor of {self.ratio:.2g} of one another."
+            )
+        if self.stop == "last":
+            return f"{count}: no other is left to be taken out."
+        return (
+            f"{count}: taking out {self.refused}, the next one, would take out more than noise explains, although the "
+            f"relative standard deviations differ by a factor of {self.ratio:.3g}."
+        )
+
+
+@single_threaded
+def essential_parameters(identification: Identification, ratio: float = RATIO) -> EssentialPath:
+    """Find the essential parameters of an identified model by backward elimination [Pham and Gautier 1991].
+
+    All on the reduced data, by least squares weighted as the identification was.
+
+    Parameters
+    ----------
+    identification : Identification
+    ratio : float
+        Largest over smallest relative standard deviation at which the elimination ends; above 1.
+
+    Raises
+    ------
+    EstimationError
+        Where the data do not determine the model.
+    """
+    if not (np.isfinite(ratio) and ratio > 1):
+        raise DynidentError(f"ratio is {ratio}; give a number above 1, usually 10", pointer="/ratio")
+    equations, names = identification.equations, [column.name for column in identification.model.kept]
+    full = solve(equations, identification.solution.noise, identification.solution.known)
+    path = eliminate(equations, full, statistics(equations, full), ratio)
+    held_out = identification.held_out_data
+    steps = tuple(
+        EssentialStep(
+            names[step.removed],
+            step.relative_deviation,
+            step.ratio,
+            step.p_value,
+            errors(identification.training, step.values),
+            None if held_out is None else errors(held_out, step.values),
+        )
+        for step in path.eliminations
+    )
+    return EssentialPath(
+        essential=tuple(name for k, name in enumerate(names) if k not in path.removed),
+        steps=steps,
+        stop=path.stop,
+        ratio=path.ratio,
+        refused=None if path.refused is None else names[path.refused.removed],
+        identification=_with_only(identification, full, path.removed),
+    )
+
+
+def _with_only(identification: Identification, full: Solution, removed: tuple[int, ...]) -> Identification:
+    """The model with some parameters zero and the others estimated anew."""
+    if not removed:
+        return identification
+    c = identification.model.n_parameters
+    kept = np.array([k for k in range(c) if k not in removed], dtype=np.intp)
+    solution, found = _of_kept(identification.equations, full, kept)
+    values, covariance = np.zeros(c), np.zeros((c, c))
+    values[kept] = solution.values
+    covariance[np.ix_(kept, kept)] = found.covariance
+    smallest = smallest_inertia_eigenvalue(identification.model, values)
+    held_out = identification.held_out_data
+    return replace(
+        identification,
+        solution=replace(full, values=values),
+        statistics=Statistics(covariance, found.effective_rows, found.noise),
+        fit=errors(identification.training, values),
+        held_out=None if held_out is None else errors(held_out, values),
+        inertia_matrix_positive_definite=bool(smallest > 0),
+        worst_inertia_eigenvalue=smallest,
+        not_essential=removed,
+    )
+
+
+def _of_kept(equations: Reduction, full: Solution, kept: NDArray[np.intp]) -> tuple[Solution, Statistics]:
+    known = full.known
+    if known is not None:
+        known = Information(known.factor[:, kept], known.right)
+    smaller = equations.select(kept)
+    solution = solve(smaller, full.noise, known)
+    return solution, statistics(smaller, solution)
