@@ -1,0 +1,144 @@
+"""Experiments that go from point to point, at rest in each (§12.3.4.1): random, or with the best points found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.excitation.feasible import holdable_postures
+from dynident.excitation.home import with_moves
+from dynident.excitation.limits import ImpossibleLimitsError
+from dynident.excitation.margins import Margin, broken, keeps
+from dynident.excitation.model import DesignModel
+from dynident.excitation.motion import Piece
+from dynident.excitation.moves import move_within_torque
+from dynident.excitation.optimise import Budget
+from dynident.excitation.point_search import FoundSequence, baseline_of, drawn, improved
+from dynident.excitation.point_spaces import FreePoints
+from dynident.excitation.point_to_point import Legs, PointSequence, values_of
+from dynident.excitation.task import Made, Task
+from dynident.progress import part
+
+_VARIATIONS_OF_A_POINT = 40
+_RANDOM_SHARE = 0.3
+_SLOWER, _ATTEMPTS = 0.95, 30
+_MOST_SETTLED = 10
+
+
+def point_to_point(task: Task, budget: Budget) -> Made:
+    """Design a sequence of moves through points and back to the first, with the moves there and back."""
+    request, bounds, model = task.request, task.bounds, task.model
+    check_no_path(model)
+    rng = np.random.default_rng(request.seed)
+    space = FreePoints(bounds, holdable_postures(bounds, model, rng), request.trajectory.points)
+    legs = Legs(bounds, model, task.rate)
+    candidates = drawn(
+        space,
+        legs,
+        task.yardstick,
+        count=request.random_trajectories,
+        rng=rng,
+        progress=part(task.progress, 0.0, 0.2),
+        enough=lambda: budget.share_spent > _RANDOM_SHARE,
+    )
+    best, notes = candidates[0], [*task.yardstick.notes]
+    if request.kind == "optimized":
+        best, note = _best(task, space, legs, candidates, budget)
+        notes.append(note)
+    best, pieces = _first_that_fits(task, [best, *candidates])
+    placed = with_moves(request.home, best.sequence.points[-1], bounds, model, task.rate)
+    margins = verified(task, (placed.approach, *pieces, placed.retreat))
+    rounds = pieces * request.trajectory.periods
+    first = placed.approach.duration
+    exciting = (first, first + sum(piece.duration for piece in rounds))
+    course = (placed.approach, *rounds, placed.retreat)
+    valued = task.valued(course, exciting)
+    if not np.isfinite(valued.values.condition_number):
+        notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
+    period = sum(piece.duration for piece in pieces)
+    notes.append(f"One round through {len(pieces)} points takes {period:.9g} s.")
+    return Made(course, exciting, period, valued, baseline_of(candidates), margins, (*notes, *placed.notes))
+
+
+def _best(
+    task: Task, space: FreePoints, legs: Legs, candidates: list[FoundSequence], budget: Budget
+) -> tuple[FoundSequence, str]:
+    """The best sequence reached from the best random ones, one after the other."""
+    best, completed = candidates[0], 0
+    wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
+    for start in range(wanted):
+        if budget.spent:
+            break
+
+        def tell(done: float, message: str, start: int = start) -> None:
+            share = 0.2 + 0.75 * budget.fraction(start, done)
+            task.progress(share, f"start {start + 1}, {message}")
+
+        sequence, finished = improved(
+            candidates[start].sequence,
+            space,
+            legs,
+            task.yardstick,
+            variations=_VARIATIONS_OF_A_POINT * space.count,
+            rng=np.random.default_rng((task.request.seed, start)),
+            budget=budget,
+            progress=tell,
+        )
+        completed += finished
+        moves = legs.of(sequence)
+        assert moves is not None
+        reached = FoundSequence(sequence, values_of(moves, task.yardstick))
+        if reached.values.criterion < best.values.criterion:
+            best = reached
+    ended = f"{completed} start{'' if completed == 1 else 's'} completed"
+    return best, f"{ended} before the time was over." if budget.spent else f"{ended}."
+
+
+def _first_that_fits(task: Task, found: list[FoundSequence]) -> tuple[FoundSequence, tuple[Piece, ...]]:
+    """The first sequence whose moves keep the limits on the fine grid as well, and these moves."""
+    for one in found[:_MOST_SETTLED]:
+        try:
+            return one, settled(task, one.sequence)
+        except ImpossibleLimitsError as error:
+            reason = error
+    raise reason
+
+
+def settled(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
+    """The moves of one round, slowed down by a few per cent until the fine grid agrees."""
+    for _ in range(_ATTEMPTS):
+        pieces = _planned(task, sequence)
+        margins = task.verified(pieces)
+        if keeps(margins):
+            return pieces
+        sequence = sequence.slower(_SLOWER)
+    raise broken(margins)
+
+
+def _planned(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
+    pieces = []
+    bounds = task.bounds
+    for start, end, share in zip(np.roll(sequence.points, 1, axis=0), sequence.points, sequence.shares, strict=True):
+        slow = replace(bounds, velocity=share[0] * bounds.velocity, acceleration=share[1] * bounds.acceleration)
+        pieces.append(move_within_torque(start, end, slow, task.model, task.rate))
+    return tuple(pieces)
+
+
+def verified(task: Task, pieces: tuple[Piece, ...]) -> tuple[Margin, ...]:
+    """The margins of pieces; `ImpossibleLimitsError` where a limit is broken."""
+    margins = task.verified(pieces)
+    if not keeps(margins):
+        raise broken(margins)
+    return margins
+
+
+def check_no_path(model: DesignModel) -> None:
+    """Raise where a column depends on the path travelled: moves can then not be looked at one by one."""
+    if model.needs_path:
+        raise DynidentError(
+            "an effect depends on the path since the last reversal (presliding, hysteresis): moves from point to "
+            'point cannot be designed for it; choose the family "fourier" or "b_spline", or the kind "reversals"',
+            pointer="/effects",
+        )
