@@ -34,7 +34,7 @@ def test_the_gradient_for_every_models_rows_agrees_with_finite_differences(scara
     problem = DesignProblem(family, model, criterion, bounds_of(scara, {}), rows)
     rng = np.random.default_rng(2)
     x = rng.standard_normal(family.n_coefficients * scara.n)
-    multipliers = Multipliers(rng.uniform(0, 1, (5, problem.n_samples, scara.n)), 3.0)
+    multipliers = Multipliers(rng.uniform(0, 1, (6, problem.n_samples, scara.n)), np.zeros((problem.n_samples, 0)), 3.0)
     at = problem.evaluate(x, multipliers)
     for _ in range(3):
         direction = rng.standard_normal(x.shape)
@@ -139,6 +139,29 @@ def test_earlier_runs_lower_what_is_to_be_expected_of_every_parameter(scara):
     behind = np.array([one.standard_deviation for one in after.expected])
     assert np.all(behind < before)
     assert 0.4 < np.median(behind / before) < 0.9
+
+
+@pytest.mark.slow
+def test_a_motion_that_weighs_a_payload_is_designed_beside_a_run_without_it(ur10):
+    """The deviation of a payload's mass, given that the arm was recorded without it."""
+    noise = dict.fromkeys(ur10.joint_names, 1.0)
+    bare = design_experiment(ur10, replace(QUICK, kind="random", random_trajectories=1))
+    torque = design_model(ur10, EFFECTS).torque(bare.q, bare.dq, bare.ddq)
+    run = recording_from_arrays(bare.t, bare.q, torque, joint_names=ur10.joint_names, name="bare")
+    wished = replace(
+        QUICK,
+        effects=(*EFFECTS, EffectChoice("payload")),
+        criterion=CriterionChoice("parameters", parameters=("Mp",)),
+        noise=noise,
+    )
+    weighing = design_experiment(ur10, wished, earlier=[run])
+    any_motion = design_experiment(ur10, replace(wished, kind="random", random_trajectories=1), earlier=[run])
+    mass = [next(one.standard_deviation for one in d.expected if one.name == "Mp") for d in (weighing, any_motion)]
+    assert mass[0] < 0.9 * mass[1]
+    # Without the run before, arm and payload are one.
+    alone = design_experiment(ur10, replace(wished, kind="random", criterion=CriterionChoice()))
+    assert "Mp" not in alone.parameter_names
+    assert any("Mp" in note for note in alone.notes)
 
 
 def test_what_cannot_be_designed_for_is_refused(scara):

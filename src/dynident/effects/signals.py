@@ -108,6 +108,11 @@ class Signals:
             self._runs[signal] = ca.SX.sym(f"run_{len(self._runs)}")
         return self._runs[signal]
 
+    @property
+    def run_symbols(self) -> ca.SX:
+        """SX (number of run signals, 1), of all that were ever asked for."""
+        return ca.vertcat(*self._runs.values()) if self._runs else ca.SX(0, 1)
+
     def runs_in(self, expression: ca.SX) -> tuple[RunSignal, ...]:
         """The run signals that an expression depends on, of all that were ever asked for."""
         used = {symbol.name() for symbol in ca.symvar(expression)}

@@ -106,7 +106,15 @@ class DesignModel:
         observation = self.observation
         states = np.zeros((len(q), observation.n_memory)) if memory is None else memory
         entries = observation.evaluate(
-            q, dq, ddq, dddq=dddq, ddddq=ddddq, reference=self.reference, memory=states, period=JUMP_TIME
+            q,
+            dq,
+            ddq,
+            dddq=dddq,
+            ddddq=ddddq,
+            reference=self.reference,
+            memory=states,
+            runs=np.ones(len(observation.runs)),
+            period=JUMP_TIME,
         )
         w = np.zeros((len(q), self.robot.n, observation.n_columns))
         w[:, observation.entry_rows, observation.entry_columns] = entries
@@ -145,6 +153,7 @@ def design_model(
     *,
     signals: Signals | None = None,
     reference: FloatArray | None = None,
+    other_runs: bool = False,
 ) -> DesignModel:
     """Set up the observation matrix of a design.
 
@@ -152,7 +161,8 @@ def design_model(
     or longer the parameters that torque is predicted with, where better ones than the description's are known.
 
     Columns that need a signal which a trajectory alone does not give (temperature, time) are left out, and a note says
-    so.
+    so. So are columns of what is in some runs only (a payload), unless there are `other_runs`: it then is in the run that
+    is designed.
 
     Raises
     ------
@@ -161,7 +171,8 @@ def design_model(
     """
     signals = signals or Signals(robot)
     offered = columns_of(effects, signals)
-    chosen = [column for column in offered if not _beyond_a_trajectory(column, signals)]
+    known_symbols = _given_by_a_trajectory(signals, other_runs=other_runs)
+    chosen = [column for column in offered if _names_in(column.torque) <= known_symbols]
     notes = []
     if len(chosen) < len(offered):
         kept = set(map(id, chosen))
@@ -192,8 +203,12 @@ def design_model(
     )
 
 
-def _beyond_a_trajectory(column: Column, signals: Signals) -> bool:
+def _given_by_a_trajectory(signals: Signals, *, other_runs: bool) -> set[str]:
+    """Names of the symbols that a designed trajectory has values for."""
     motion = (signals.q, signals.dq, signals.ddq, signals.dddq, signals.ddddq)
-    known = ca.vertcat(*motion, signals.reference, signals.period, signals.memory_symbols)
-    given = {symbol.name() for symbol in ca.symvar(known)}
-    return any(symbol.name() not in given for symbol in ca.symvar(column.torque))
+    given = ca.vertcat(*motion, signals.reference, signals.period, signals.memory_symbols)
+    return _names_in(ca.vertcat(given, signals.run_symbols) if other_runs else given)
+
+
+def _names_in(expression: ca.SX) -> set[str]:
+    return {symbol.name() for symbol in ca.symvar(expression)}

@@ -47,6 +47,8 @@ class ObservationGradient:
         state = ca.vertcat(*derivatives, states)
         entries = ca.substitute(matrix.nz[:], signals.reference, ca.DM(model.reference))
         entries = ca.substitute(entries, signals.period, JUMP_TIME)
+        runs = signals.run_symbols
+        entries = ca.substitute(entries, runs, ca.DM.ones(runs.numel())) if runs.numel() else entries
         seeds = ca.SX.sym("seeds", entries.numel())
         swept = ca.densify(ca.jtimes(entries, state, seeds, True))
         self._memory = PathMemory(memory)
