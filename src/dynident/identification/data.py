@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.checks import check_equations
 from dynident.identification.choices import IdentificationChoices
@@ -23,6 +24,7 @@ class Data:
     `equations` are the rows that the chosen model makes of them; `torque` those of the joints' torques, one equation a
     joint, which errors are reported in whatever the model (for the dynamic model the same object). `recordings` are
     there for estimators that go through the samples again; `rows` the filtered rows of `torque` where they are few.
+    `friction` are tests of single joints' friction: the strategy separate_friction alone uses them.
     """
 
     equations: Reduction
@@ -31,6 +33,27 @@ class Data:
     preprocessing: Preprocessing
     reference: FloatArray
     rows: KeptRows | None = None
+    friction: tuple[Recording, ...] = ()
+
+
+def parted(recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+    """Recordings of motions to identify from, and those that are tests of single joints' friction.
+
+    Raises
+    ------
+    DynidentError
+        Where there are tests of friction alone.
+    """
+    friction = tuple(recording for recording in recordings if recording.role == "friction")
+    ordinary = tuple(recording for recording in recordings if recording.role != "friction")
+    if friction and not ordinary:
+        raise DynidentError(
+            "all measurements have the role friction; add at least one motion of the whole robot, or give them another "
+            "role",
+            pointer="/measurement_ids",
+            title="Nothing to identify from",
+        )
+    return ordinary, friction
 
 
 def reduced(
@@ -49,10 +72,13 @@ def reduced(
     DynidentError
         Where the model cannot make equations of these columns or recordings.
     """
+    ordinary, friction = parted(recordings)
+    share = 1.0 if choices.model == "dynamic" else 0.5
+    found = torque_of(model, ordinary, preprocessing, reference, part(progress, 0.0, share), known)
+    found = replace(found, friction=friction)
     if choices.model == "dynamic":
-        return torque_of(model, recordings, preprocessing, reference, progress, known)
-    found = torque_of(model, recordings, preprocessing, reference, part(progress, 0.0, 0.5), known)
-    equations = equations_of(model, choices, recordings, preprocessing, reference, part(progress, 0.5, 1.0))
+        return found
+    equations = equations_of(model, choices, ordinary, preprocessing, reference, part(progress, share, 1.0))
     check_equations(model, choices.model, equations, found.torque)
     return replace(found, equations=equations)
 

@@ -80,17 +80,22 @@ def only(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
 
 
 def check_stepwise(choices: IdentificationChoices) -> None:
-    """Raise where an estimator or a model cannot be taken step by step."""
-    if choices.estimator not in _STEPWISE:
-        raise DynidentError(
-            f"{choices.estimator} cannot be taken in steps; choose from {', '.join(_STEPWISE)}, or the global strategy",
-            pointer="/estimator",
-            title="Choices that do not fit",
-        )
+    """Raise where an estimator or a model cannot be taken joint by joint."""
+    check_estimator(choices)
     if choices.model not in _JOINT_BY_JOINT:
         raise DynidentError(
             f"the {choices.model} model has no equation of its own for every joint, so that nothing can be identified "
             f"joint by joint; choose from {', '.join(_JOINT_BY_JOINT)}, or the global strategy",
             pointer="/strategy",
+            title="Choices that do not fit",
+        )
+
+
+def check_estimator(choices: IdentificationChoices) -> None:
+    """Raise where an estimator cannot be taken in steps."""
+    if choices.estimator not in _STEPWISE:
+        raise DynidentError(
+            f"{choices.estimator} cannot be taken in steps; choose from {', '.join(_STEPWISE)}, or the global strategy",
+            pointer="/estimator",
             title="Choices that do not fit",
         )

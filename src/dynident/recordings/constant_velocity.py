@@ -1,0 +1,39 @@
+"""Where one joint alone moves at nearly constant velocity: what its friction can be told from by itself (§12.3.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.recordings.types import BoolArray, FloatArray, IntArray
+
+_SLOWEST = 5e-3
+"""Speed in rad/s or m/s below which a joint may as well stick."""
+
+_STILL = 2e-3
+"""Speed in rad/s or m/s that filtered noise gives a joint at rest."""
+
+_STILL_SHARE = 0.02
+"""Share of the moving joint's speed that the others may have: a controller does not hold them perfectly."""
+
+_DOUBLING = 0.25
+"""Seconds in which the speed may double at the earliest: slower changes than that are nearly none."""
+
+
+def sole_mover(dq: FloatArray, ddq: FloatArray) -> IntArray:
+    """Which joint alone moves at nearly constant velocity (m,); -1 where none does.
+
+    Parameters
+    ----------
+    dq, ddq : (m, n)
+        Filtered velocities (rad/s, m/s) and accelerations.
+    """
+    speed = np.abs(dq)
+    first = np.argmax(speed, axis=1)
+    rows = np.arange(len(speed))
+    fastest = speed[rows, first]
+    others = speed.copy()
+    others[rows, first] = 0.0
+    alone = others.max(axis=1, initial=0.0) <= np.maximum(_STILL, _STILL_SHARE * fastest)
+    steady = np.abs(ddq[rows, first]) * _DOUBLING <= fastest
+    found: BoolArray = alone & steady & (fastest >= _SLOWEST)
+    return np.where(found, first, -1).astype(np.int64)
