@@ -161,8 +161,8 @@ def design_model(
     or longer the parameters that torque is predicted with, where better ones than the description's are known.
 
     Columns that need a signal which a trajectory alone does not give (temperature, time) are left out, and a note says
-    so. So are columns of what is in some runs only (a payload), unless there are `other_runs`: it then is in the run that
-    is designed.
+    so. So are columns of what is in some runs only (a payload), unless there are `other_runs`: it then is in the run
+    that is designed.
 
     Raises
     ------
