@@ -58,7 +58,7 @@ def test_the_gradient_over_the_coefficients_agrees_with_finite_differences(name,
     rng = np.random.default_rng(2)
     # Beyond the limits, so that all of them act.
     x = rng.standard_normal(family.n_coefficients * robot.n)
-    multipliers = Multipliers(rng.uniform(0, 1, (5, problem.n_samples, robot.n)), 3.0)
+    multipliers = Multipliers(rng.uniform(0, 1, (6, problem.n_samples, robot.n)), np.zeros((problem.n_samples, 0)), 3.0)
     at = problem.evaluate(x, multipliers)
     assert (at.excess.max(axis=(1, 2)) > 0).any()
     for _ in range(3):

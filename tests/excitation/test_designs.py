@@ -226,7 +226,7 @@ def test_what_is_not_known_of_limits_is_said(panda):
     for part in ("No velocity limit", "No acceleration limit", "No jerk limit", "Torque is not checked"):
         assert part in notes
     assert {margin.limit for margin in design.margins} == {
-        "position_min", "position_max", "velocity", "acceleration", "jerk",
+        "position_min", "position_max", "velocity", "acceleration", "jerk", "clearance",
     }  # fmt: skip
     assert np.abs(design.dq).max() <= 1.0
 

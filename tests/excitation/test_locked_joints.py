@@ -83,7 +83,7 @@ def test_the_gradient_is_exact_with_locked_joints_and_leaves_them_where_they_are
     rng = np.random.default_rng(2)
     x = rng.standard_normal((family.n_coefficients, 6)) * moving
     x[0] = np.where(moving, x[0], home)
-    multipliers = Multipliers(rng.uniform(0, 1, (5, problem.n_samples, 6)), 3.0)
+    multipliers = Multipliers(rng.uniform(0, 1, (6, problem.n_samples, 6)), np.zeros((problem.n_samples, 0)), 3.0)
     gradient = problem.evaluate(x.ravel(), multipliers).gradient.reshape(x.shape)
     assert (gradient[:, ~moving] == 0).all()
     for _ in range(3):

@@ -5,15 +5,18 @@ from dynident.excitation.criteria import CRITERIA, CriterionChoice, CriterionVal
 from dynident.excitation.design import design_experiment
 from dynident.excitation.expected import ExpectedParameter
 from dynident.excitation.export import FORMATS, design_document, design_table, trajectory_document, write_design
-from dynident.excitation.limits import ImpossibleLimitsError, Margin
+from dynident.excitation.limits import ImpossibleLimitsError
+from dynident.excitation.margins import Margin
 from dynident.excitation.quick import quick_motion
 from dynident.excitation.request import KINDS, Design, DesignRequest, TrajectoryRequest
+from dynident.excitation.surroundings import Box, Surroundings, ToolRange, Wall
 
 __all__ = [
     "CRITERIA",
     "FORMATS",
     "KINDS",
     "Baseline",
+    "Box",
     "CriterionChoice",
     "CriterionValues",
     "Design",
@@ -21,7 +24,10 @@ __all__ = [
     "ExpectedParameter",
     "ImpossibleLimitsError",
     "Margin",
+    "Surroundings",
+    "ToolRange",
     "TrajectoryRequest",
+    "Wall",
     "design_document",
     "design_experiment",
     "design_table",

@@ -8,10 +8,12 @@ from dynident.errors import DynidentError
 from dynident.excitation.criteria import check_criterion, check_wishes
 from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT, KINDS, DesignRequest, TrajectoryRequest
 from dynident.excitation.row_models import ROW_MODELS
+from dynident.excitation.surroundings import check_surroundings
 
 _MOST_SAMPLES = 5_000_000
 _SAMPLES_PER_WAVE = 4
 _MOST_HARMONICS = 100
+_MOST_POINTS = 200
 
 
 def check_request(request: DesignRequest) -> None:
@@ -31,6 +33,12 @@ def check_request(request: DesignRequest) -> None:
         _at_least(request.starts, 1, "starts", "/starts")
     if request.time_budget is not None:
         _positive(request.time_budget, "time_budget", "/time_budget")
+    if not (np.isfinite(request.torque_margin) and request.torque_margin >= 0):
+        raise DynidentError(
+            f"torque_margin is {request.torque_margin}; it must be a share from 0 on, such as 0.2",
+            pointer="/torque_margin",
+        )
+    check_surroundings(request.surroundings)
     _check_shares(request.wanted_speeds, "speeds", "the velocity limit")
     _check_shares(trajectory.paces, "paces", "the speed of the path")
     for amplitude in request.wanted_amplitudes:
@@ -43,12 +51,34 @@ def check_request(request: DesignRequest) -> None:
         )
     if request.kind in JOINT_BY_JOINT:
         return
+    if trajectory.family == "point_to_point":
+        _check_points(request)
+        return
     _check_fineness(trajectory)
     samples = trajectory.sampling_rate * trajectory.duration * trajectory.periods * sum(1 / p for p in trajectory.paces)
     if samples > _MOST_SAMPLES:
         raise DynidentError(
             f"the trajectory would have {samples:.0f} samples; at most {_MOST_SAMPLES} can be designed",
             pointer="/trajectory",
+        )
+
+
+def _check_points(request: DesignRequest) -> None:
+    trajectory = request.trajectory
+    _at_least(trajectory.points, 2, "points", "/trajectory/points")
+    if trajectory.points > _MOST_POINTS:
+        raise DynidentError(
+            f"points is {trajectory.points}; at most {_MOST_POINTS} can be designed", pointer="/trajectory/points"
+        )
+    if request.model != "dynamic":
+        raise DynidentError(
+            f"only a periodic trajectory can be designed for the {request.model} model; leave model out",
+            pointer="/model",
+        )
+    if trajectory.paces != (1.0,):
+        raise DynidentError(
+            "a sequence of moves has a share of the speed for each of them; leave paces out",
+            pointer="/trajectory/paces",
         )
 
 

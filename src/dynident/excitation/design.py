@@ -9,13 +9,15 @@ from dynident.excitation.checks import check_request
 from dynident.excitation.deciding import with_rivals, yardstick_of
 from dynident.excitation.earlier import earlier_rows
 from dynident.excitation.home import check_home, home_candidates, posture_note
-from dynident.excitation.limits import ImpossibleLimitsError, bounds_of, keeps, tightest
+from dynident.excitation.limits import bounds_of
 from dynident.excitation.locked import locked_bounds, locked_model, locked_note, moving_joints
+from dynident.excitation.margins import broken, keeps
 from dynident.excitation.model import DesignModel, design_model
 from dynident.excitation.motion import in_sequence
 from dynident.excitation.optimise import Budget
 from dynident.excitation.periodic import periodic
 from dynident.excitation.request import JOINT_BY_JOINT, Design, DesignRequest
+from dynident.excitation.sequences import point_to_point
 from dynident.excitation.strokes import course_of, strokes_of
 from dynident.excitation.task import Made, Task
 from dynident.progress import Progress, part, silent
@@ -50,10 +52,10 @@ def design_experiment(
     """
     budget = Budget(request.wanted_starts, request.time_budget)
     check_request(request)
-    limits = bounds_of(robot, request.limits)
+    limits = bounds_of(robot, request.limits, torque_margin=request.torque_margin, surroundings=request.surroundings)
     if request.home is not None:
         check_home(request.home, limits)
-    model = design_model(robot, with_rivals(request.wanted_effects, request.criterion))
+    model = design_model(robot, with_rivals(request.wanted_effects, request.criterion), other_runs=bool(earlier))
     bounds, notes = limits.tightened(), list[str]()
     if request.trajectory.joints and request.kind not in JOINT_BY_JOINT:
         home = home_candidates(request.home, bounds, model)[0]
@@ -69,7 +71,7 @@ def design_experiment(
     )
     task = Task(request, model, yardstick, limits, bounds, progress)
     progress(0.0, f"{model.n_parameters} base parameters")
-    made = _joint_by_joint(task) if request.kind in JOINT_BY_JOINT else periodic(task, budget)
+    made = _joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _moving_together(task, budget)
     motion = in_sequence(made.pieces, task.rate)
     progress(1.0, "done")
     return Design(
@@ -88,6 +90,12 @@ def design_experiment(
         notes=(*made.notes, *notes, *model.notes, *limits.notes),
         expected=made.valued.expected,
     )
+
+
+def _moving_together(task: Task, budget: Budget) -> Made:
+    if task.request.trajectory.family == "point_to_point":
+        return point_to_point(task, budget)
+    return periodic(task, budget)
 
 
 def _told(model: DesignModel, earlier: Sequence[Recording], request: DesignRequest) -> FloatArray | None:
@@ -123,12 +131,7 @@ def _joint_by_joint(task: Task) -> Made:
     )
     margins = task.verified(course.pieces)
     if not keeps(margins):
-        worst = tightest(margins)
-        raise ImpossibleLimitsError(
-            f"The {worst.limit} limit {worst.bound:g} of joint '{worst.joint}' would be broken: {worst.value:.4g}.",
-            pointer="/limits",
-            title="Impossible limits",
-        )
+        raise broken(margins)
     exciting = (course.first, course.last)
     return Made(
         course.pieces, exciting, None, task.valued(course.pieces, exciting), None, margins, (posture_note(home),)

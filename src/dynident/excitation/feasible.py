@@ -25,16 +25,17 @@ def static_torque(model: DesignModel, q: FloatArray) -> FloatArray:
 
 
 def holdable_postures(bounds: Bounds, model: DesignModel, rng: np.random.Generator) -> FloatArray:
-    """Postures (m, n) in the inner part of the ranges whose gravity torque leaves room for motion.
+    """Postures (m, n) in the inner part of the ranges, clear of everything, whose weight leaves room for motion.
 
     Raises
     ------
     ImpossibleLimitsError
-        None of many postures can be held; the message names the joint whose torque limit is in the way.
+        None of many postures is clear, or can be held; the message names what would touch, or the joint whose torque
+        limit is in the way.
     """
     places = _CENTRAL_SHARE * rng.uniform(-1.0, 1.0, (_POSTURES, len(bounds.names)))
-    q: FloatArray = bounds.middle + bounds.half_range * places
-    if not bounds.checks_torque:
+    q: FloatArray = _clear_ones(bounds, bounds.middle + bounds.half_range * places)
+    if not np.isfinite(bounds.torque).any():
         return q
     torque = np.abs(static_torque(model, q))
     shares = torque / bounds.torque
@@ -51,6 +52,23 @@ def holdable_postures(bounds: Bounds, model: DesignModel, rng: np.random.Generat
         f"{torque[best, joint]:.3g} of joint '{name}', whose torque limit is {bounds.torque[joint]:.3g}. Raise the "
         "limit, or widen the position limits to where the arm is easier to hold.",
         pointer=pointer(name, "effort", within="/limits"),
+        title="Impossible limits",
+    )
+
+
+def _clear_ones(bounds: Bounds, q: FloatArray) -> FloatArray:
+    if bounds.space is None:
+        return q
+    room = bounds.space.least_room(q)
+    if (room >= 0).any():
+        clear: FloatArray = q[room >= 0]
+        return clear
+    best = q[int(room.argmax())]
+    complaint = bounds.space.complaint(best[None]) or "there is room, but hardly any to move."
+    raise ImpossibleLimitsError(
+        f"In none of {_POSTURES} postures within the position limits is everything clear: in the best of them, "
+        + complaint,
+        pointer="/surroundings",
         title="Impossible limits",
     )
 
@@ -84,23 +102,28 @@ class Shrinking:
                 float((b.acceleration / np.abs(ddq).max(axis=0)).min()),
                 float((b.jerk / np.abs(dddq).max(axis=0)).min()),
             )
-        found = self._within_torque(made[0], q, dq, ddq, scale)
+        found = self._within_the_rest(made[0], q, dq, ddq, scale)
         if found is None:
             return None
         made[1:] *= found
         return made
 
-    def _within_torque(
+    def _within_the_rest(
         self, centre: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, most: float
     ) -> float | None:
-        """The largest amplitude up to `most` at which the torque limits hold, by bisection."""
-        if not self._bounds.checks_torque:
+        """The largest amplitude up to `most` at which torque, power and clearances are kept, by bisection."""
+        bounds = self._bounds
+        if not bounds.checks_torque and bounds.space is None:
             return most
 
         def holds(scale: float) -> bool:
             # Bodies scaled in amplitude by s at unchanged frequency: q̇ and q̈ scale alike.
-            torque = self._model.torque(centre + scale * q, scale * dq, scale * ddq)
-            return bool((np.abs(torque) <= self._bounds.torque).all())
+            at, speed = centre + scale * q, scale * dq
+            if bounds.checks_torque:
+                torque = self._model.torque(at, speed, scale * ddq)
+                if not ((np.abs(torque) <= bounds.torque) & (np.abs(torque * speed) <= bounds.power)).all():
+                    return False
+            return bounds.space is None or bool((bounds.space.least_room(at) >= 0).all())
 
         if holds(most):
             return most

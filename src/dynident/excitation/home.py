@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.excitation.family import PeriodicMotion
-from dynident.excitation.feasible import static_torque
+from dynident.excitation.feasible import holdable_postures, static_torque
 from dynident.excitation.limits import Bounds, ImpossibleLimitsError
 from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Piece, Rest
-from dynident.excitation.moves import move_within_torque
+from dynident.excitation.ways import way_between
 from dynident.robot.model import FloatArray
 
 # Of half the range: as good as zero.
 _NEAR_ZERO = 1e-5
+_OTHER_HOMES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +47,16 @@ def check_home(stated: Sequence[float], limits: Bounds) -> None:
 def home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: DesignModel) -> list[FloatArray]:
     """Postures (n,) to begin at, in the order of preference, at least one.
 
-    The stated one alone; else zero where the ranges have it (their middle where not), then the middle everywhere.
+    The stated one alone; else zero where the ranges have it (their middle where not), then the middle everywhere;
+    where neither is clear of everything, others that are.
 
     Raises
     ------
     ImpossibleLimitsError
-        None of them can be held within the torque limits.
+        None of them can be held within the torque limits, or something is in the way of all of them.
     """
     if stated is not None:
-        return [np.asarray(stated, dtype=np.float64)]
+        return [_clear(np.asarray(stated, dtype=np.float64), bounds)]
     nearest = np.clip(0.0, bounds.position_low, bounds.position_high)
     offered = [np.where(np.abs(nearest) <= _NEAR_ZERO * bounds.half_range, nearest, bounds.middle), bounds.middle]
     if bounds.checks_torque:
@@ -69,7 +70,17 @@ def home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: Desig
                 pointer="/home",
                 title="Impossible limits",
             )
-    return offered
+    if bounds.space is None:
+        return offered
+    clear = [posture for posture in offered if bounds.space.complaint(posture[None]) is None]
+    return clear or list(holdable_postures(bounds, model, np.random.default_rng(0))[:_OTHER_HOMES])
+
+
+def _clear(home: FloatArray, bounds: Bounds) -> FloatArray:
+    complaint = None if bounds.space is None else bounds.space.complaint(home[None])
+    if complaint is not None:
+        raise ImpossibleLimitsError(f"At home, {complaint}", pointer="/home", title="Impossible limits")
+    return home
 
 
 def posture_note(home: FloatArray) -> str:
@@ -78,29 +89,28 @@ def posture_note(home: FloatArray) -> str:
 
 
 def with_moves(
-    stated: Sequence[float] | None, motion: PeriodicMotion, bounds: Bounds, model: DesignModel, rate: float
+    stated: Sequence[float] | None, start: FloatArray, bounds: Bounds, model: DesignModel, rate: float
 ) -> Placed:
-    """Moves from home to the motion's start and back, within all limits.
+    """Moves from home to the posture (n,) at which the exciting part starts and ends, and back, within all limits.
 
-    Where no home is stated and none of the usual ones can be reached within the torque limits, the experiment begins
-    at the motion's start, and a note says so.
+    Where no home is stated and none of the usual ones can be reached within the limits, the experiment begins
+    there, and a note says so.
     """
-    start = motion.start
     try:
         homes = home_candidates(stated, bounds, model)
     except ImpossibleLimitsError:
         homes = []
     for home in homes:
         try:
-            there = move_within_torque(home, start, bounds, model, rate)
-            back = move_within_torque(start, home, bounds, model, rate)
+            there = way_between(home, start, bounds, model, rate)
+            back = way_between(start, home, bounds, model, rate)
         except ImpossibleLimitsError:
             if stated is not None:
                 raise
         else:
             return Placed(there, back, (posture_note(home),))
     note = (
-        "It begins and ends where the exciting part does: no straight way from zero or from the middle of the ranges "
-        "keeps the torque limits."
+        "It begins and ends where the exciting part does: no way from zero or from the middle of the ranges was found "
+        "that keeps the limits."
     )
     return Placed(Rest(start), Rest(start), (note,))

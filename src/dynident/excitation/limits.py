@@ -1,22 +1,19 @@
-"""Limits that a motion must keep: which they are, what was assumed where none is known, how near a motion comes."""
+"""Limits that a motion must keep: which they are, and what was assumed where none is known."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.errors import DynidentError
-from dynident.excitation.motion import Motion
+from dynident.excitation.free_space import FreeSpace, free_space_of
+from dynident.excitation.surroundings import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
 from dynident.robot.model import FloatArray, Joint
 from dynident.robot.pointers import listed, pointer
 from dynident.robot.settings import check_limits
-
-LimitName = Literal["position_min", "position_max", "velocity", "acceleration", "jerk", "torque"]
 
 # Where nothing is known: slow enough for any arm of that kind.
 _REVOLUTE_VELOCITY, _PRISMATIC_VELOCITY = 1.0, 0.25
@@ -31,23 +28,12 @@ class ImpossibleLimitsError(DynidentError):
     """No motion keeps the limits; the message names the one that makes it impossible."""
 
 
-@dataclass(frozen=True)
-class Margin:
-    """How near a motion comes to one limit: `value` is the extreme one, `share` the part of the room it uses.
-
-    A share of 1 touches the limit. Of a position it is counted from the middle of the range.
-    """
-
-    joint: str
-    limit: LimitName
-    value: float
-    bound: float
-    share: float
-
-
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """Limits of all joints (n,), infinite where there is none; `notes` say what was assumed or is not checked."""
+    """Limits of all joints (n,), infinite where there is none; `notes` say what was assumed or is not checked.
+
+    `space` is what the whole robot must stay clear of, `None` for nothing.
+    """
 
     names: tuple[str, ...]
     position_low: FloatArray
@@ -56,7 +42,9 @@ class Bounds:
     acceleration: FloatArray
     jerk: FloatArray
     torque: FloatArray
+    power: FloatArray
     notes: tuple[str, ...]
+    space: FreeSpace | None = None
 
     @property
     def middle(self) -> FloatArray:
@@ -79,21 +67,41 @@ class Bounds:
             acceleration=room * self.acceleration,
             jerk=room * self.jerk,
             torque=room * self.torque,
+            power=room * self.power,
         )
 
     @property
     def checks_torque(self) -> bool:
-        """Whether any joint's torque is limited."""
-        return bool(np.isfinite(self.torque).any())
+        """Whether the torque or the power of any joint is limited."""
+        return bool(np.isfinite(self.torque).any() or np.isfinite(self.power).any())
 
 
-def bounds_of(robot: Robot, overrides: Mapping[str, Limits], *, at: str = "/limits") -> Bounds:
+def bounds_of(
+    robot: Robot,
+    overrides: Mapping[str, Limits],
+    *,
+    torque_margin: float = 0.0,
+    surroundings: Surroundings | None = None,
+    at: str = "/limits",
+) -> Bounds:
     """Limits for a design: the robot's, tightened by those stated for this experiment, completed by careful defaults.
+
+    Parameters
+    ----------
+    robot : Robot
+    overrides : mapping of joint name to Limits
+    torque_margin : float
+        By what share the torque may be larger than predicted.
+    surroundings : Surroundings, optional
+        What the robot must stay clear of; nothing, and not itself, where not given.
+    at : str
+        Pointer to the overrides in the request.
 
     Raises
     ------
     DynidentError
-        A stated limit is for an unknown joint or not a limit, or a prismatic joint's range is unknown.
+        A stated limit is for an unknown joint or not a limit, a prismatic joint's range is unknown, or there are
+        surroundings but no shape of the robot is known.
     ImpossibleLimitsError
         A stated range lies outside the robot's own.
     """
@@ -110,25 +118,39 @@ def bounds_of(robot: Robot, overrides: Mapping[str, Limits], *, at: str = "/limi
     notes = assumed.notes()
     torque = np.array([np.inf if item.effort is None else item.effort for item in completed])
     unlimited = [name for name, bound in zip(robot.joint_names, torque, strict=True) if not np.isfinite(bound)]
+    power = np.array([np.inf if item.power is None else item.power for item in completed])
     if robot.inertias is None:
-        torque[:] = np.inf
+        torque[:] = power[:] = np.inf
         notes.append("Torque is not checked: the robot's description gives no inertias to predict it with.")
     elif unlimited:
         notes.append(f"Torque is not checked for {listed(unlimited)}: no limit is known.")
-    if np.isfinite(torque).any():
+    if np.isfinite(torque).any() or np.isfinite(power).any():
         notes.append(
             "Torque is that of the inertias in the robot's description, without rotor inertia and friction; "
-            "leave some room in the torque limits for them."
+            + (
+                f"it may be {100 * torque_margin:g} % larger than predicted: limits of torque and power are divided by "
+                f"{1 + torque_margin:g}."
+                if torque_margin
+                else "leave some room in the torque limits for them."
+            )
         )
+    low, high = (np.array([_range(item)[end] for item in completed]) for end in (0, 1))
+    space = None
+    if surroundings is not None:
+        check_surroundings(surroundings, robot.joint_names)
+        space = free_space_of(robot, surroundings, low, high)
+        notes += [] if space is None else space.notes
     return Bounds(
         names=robot.joint_names,
-        position_low=np.array([_range(item)[0] for item in completed]),
-        position_high=np.array([_range(item)[1] for item in completed]),
+        position_low=low,
+        position_high=high,
         velocity=np.array([item.velocity for item in completed], dtype=np.float64),
         acceleration=np.array([item.acceleration for item in completed], dtype=np.float64),
         jerk=np.array([item.jerk for item in completed], dtype=np.float64),
-        torque=torque,
+        torque=torque / (1 + torque_margin),
+        power=power / (1 + torque_margin),
         notes=tuple(notes),
+        space=space,
     )
 
 
@@ -162,7 +184,8 @@ def _completed(joint: Joint, stated: Limits, assumed: _Assumed, at: str) -> Limi
     if jerk is None:
         jerk = _JERK_PER_ACCELERATION * acceleration
         assumed.jerk.append(joint.name)
-    return Limits(position, velocity, acceleration, jerk, _tighter(own.effort, stated.effort))
+    effort, power = _tighter(own.effort, stated.effort), _tighter(own.power, stated.power)
+    return Limits(position, velocity, acceleration, jerk, effort, power)
 
 
 @dataclass
@@ -209,53 +232,3 @@ def _tighter_range(joint: Joint, stated: Limits, at: str) -> tuple[float, float]
             title="Impossible limits",
         )
     return low, high
-
-
-TorqueFunction = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-"""Nominal torque (m, n) at q, q̇, q̈ (m, n)."""
-
-
-def margins_of(bounds: Bounds, motions: Iterable[Motion], torque: TorqueFunction | None) -> tuple[Margin, ...]:
-    """The nearest approach of motions to every limit there is, joint by joint; they are looked at one after another."""
-    n = len(bounds.names)
-    low, high = np.full(n, np.inf), np.full(n, -np.inf)
-    largest = np.zeros((4, n))
-    for motion in motions:
-        low, high = np.minimum(low, motion.q.min(axis=0)), np.maximum(high, motion.q.max(axis=0))
-        signals = [motion.dq, motion.ddq, motion.dddq]
-        if torque is not None and bounds.checks_torque:
-            signals.append(torque(motion.q, motion.dq, motion.ddq))
-        for row, values in enumerate(signals):
-            largest[row] = np.maximum(largest[row], np.abs(values).max(axis=0))
-    middle, half = bounds.middle, bounds.half_range
-    low_share = _share((middle - low) / half, low >= bounds.position_low)
-    high_share = _share((high - middle) / half, high <= bounds.position_high)
-    columns: list[tuple[LimitName, FloatArray, FloatArray, FloatArray]] = [
-        ("position_min", low, bounds.position_low, low_share),
-        ("position_max", high, bounds.position_high, high_share),
-    ]
-    names: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk", "torque")
-    known = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque)
-    for name, value, bound in zip(names, largest, known, strict=True):
-        columns.append((name, value, bound, _share(value / bound, value <= bound)))
-    return tuple(
-        Margin(name, limit, float(values[j]), float(bound[j]), float(shares[j]))
-        for j, name in enumerate(bounds.names)
-        for limit, values, bound, shares in columns
-        if np.isfinite(bound[j])
-    )
-
-
-def _share(share: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
-    """Shares of which none is above 1 by rounding alone."""
-    return np.where(kept, np.minimum(share, 1.0), np.maximum(share, np.nextafter(1.0, 2.0)))
-
-
-def tightest(margins: Sequence[Margin]) -> Margin:
-    """The margin with the largest share."""
-    return max(margins, key=lambda margin: margin.share)
-
-
-def keeps(margins: Sequence[Margin]) -> bool:
-    """Whether no limit is broken."""
-    return tightest(margins).share <= 1.0

@@ -98,13 +98,14 @@ def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *
 
 
 def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel, rate: float) -> Piece:
-    """A move as by `plan_move`, slowed down until the torque limits hold.
+    """A move as by `plan_move`, slowed down until the limits of torque and power hold.
 
     Raises
     ------
     ImpossibleLimitsError
-        The arm cannot be held somewhere on the way, however slow it goes.
+        Something is in the straight way, or the arm cannot be held somewhere on it, however slow it goes.
     """
+    _check_clear(start, end, bounds)
     move = plan_move(start, end, bounds, rate)
     if not bounds.checks_torque:
         return move
@@ -113,9 +114,26 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
         move = plan_move(start, end, bounds, rate, slowness=_SLOWER**-attempt)
         motion = move.evaluate(np.linspace(0.0, move.duration, _CHECKS))
         torque = model.torque(motion.q, motion.dq, motion.ddq)
-        if (np.abs(torque) <= bounds.torque).all():
+        if (np.abs(torque) <= bounds.torque).all() and (np.abs(torque * motion.dq) <= bounds.power).all():
             return move
     raise _too_heavy(np.abs(torque), bounds, "moving slowly")
+
+
+def _check_clear(start: FloatArray, end: FloatArray, bounds: Bounds) -> None:
+    if bounds.space is None:
+        return
+    way = start + np.linspace(0.0, 1.0, _CHECKS)[:, None] * (end - start)
+    complaint = bounds.space.complaint(way)
+    if complaint is not None:
+        raise ImpossibleLimitsError(
+            f"On the straight way from [{_listed(start)}] to [{_listed(end)}], {complaint}",
+            pointer="/home",
+            title="Impossible limits",
+        )
+
+
+def _listed(posture: FloatArray) -> str:
+    return ", ".join(f"{value:.4g}" for value in posture)
 
 
 def _check_holding(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel) -> None:

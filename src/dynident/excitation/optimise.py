@@ -139,8 +139,7 @@ def _one_start(
         if at.worst < _SMALL_EXCESS and settled:
             break
         penalty = multipliers.penalty * (1.0 if at.worst < _ENOUGH_PROGRESS * worst else _PENALTY_GROWTH)
-        raised = np.maximum(0.0, multipliers.values + multipliers.penalty * at.excess)
-        multipliers = Multipliers(raised, penalty)
+        multipliers = multipliers.raised(at, penalty)
         worst, before = at.worst, at.criterion
     return flat.reshape(x.shape), True
 

@@ -17,32 +17,48 @@ from dynident.robot.model import FloatArray
 
 # Between the samples a motion swings out a little further than on them.
 _SHARE_OF_LIMITS = 0.99
+ROOM_UNIT = 0.5
+"""m: a lack of room of so much weighs as much as a limit that is broken twofold."""
 
 
 @dataclass(frozen=True, eq=False)
 class Multipliers:
-    """Of the augmented Lagrangian: `values` (5, N, n), one for each limit and sample, and the penalty's weight."""
+    """Of the augmented Lagrangian, and the penalty's weight.
+
+    `values` (6, N, n) is one for each limit and sample, `crowding` (N, K) for each distance that is kept.
+    """
 
     values: FloatArray
+    crowding: FloatArray
     penalty: float
+
+    def raised(self, at: Evaluation, penalty: float) -> Multipliers:
+        """Those of the next round, after an evaluation at the end of this one."""
+        return Multipliers(
+            np.maximum(0.0, self.values + self.penalty * at.excess),
+            np.maximum(0.0, self.crowding + self.penalty * at.crowding),
+            penalty,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """At one x: the augmented Lagrangian and its gradient (m n,), the criterion, the limits' excess (5, N, n).
+    """At one x: the augmented Lagrangian and its gradient (m n,), the criterion, the limits' excess (6, N, n).
 
-    An excess of 0 touches a limit, above 0 breaks it: |value| / bound - 1.
+    An excess of 0 touches a limit, above 0 breaks it: |value| / bound - 1. The `crowding` (N, K) tells the same of the
+    distances that are kept, in units of `ROOM_UNIT`.
     """
 
     lagrangian: float
     gradient: FloatArray
     criterion: float
     excess: FloatArray
+    crowding: FloatArray
 
     @property
     def worst(self) -> float:
         """The largest excess."""
-        return float(self.excess.max())
+        return max(float(self.excess.max()), float(self.crowding.max(initial=-np.inf)))
 
 
 class DesignProblem:
@@ -78,9 +94,11 @@ class DesignProblem:
         self._n_parameters = b
         self._nominal = model.nominal
         self._counted = model.counted[:, None]
-        self._middle = np.zeros((5, 1, self.n))
+        self._middle = np.zeros((6, 1, self.n))
         self._middle[0, 0] = bounds.middle
-        room = np.stack([bounds.half_range, bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque])
+        self._clearances = None if bounds.space is None else bounds.space.clearances
+        of_rates = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
+        room = np.stack([bounds.half_range, *of_rates])
         self._moving = bounds.half_range > 0
         room[0, ~self._moving] = np.inf
         # An absent limit has infinite room: its share is zero, and it never acts.
@@ -88,7 +106,8 @@ class DesignProblem:
 
     def no_multipliers(self, penalty: float) -> Multipliers:
         """Where the augmented Lagrangian begins."""
-        return Multipliers(np.zeros((5, self.n_samples, self.n)), penalty)
+        count = 0 if self._clearances is None else self._clearances.hindrances.count
+        return Multipliers(np.zeros((6, self.n_samples, self.n)), np.zeros((self.n_samples, count)), penalty)
 
     def evaluate(self, flat: FloatArray, multipliers: Multipliers) -> Evaluation:
         """The augmented Lagrangian at coefficients (m n,), exact gradient included.
@@ -104,17 +123,29 @@ class DesignProblem:
         chosen = w[:, :, :b] * self._counted
         criterion, of_rows = self._criterion(scale * self._row_model.rows(chosen, dq))
         of_chosen, of_velocity = self._row_model.pull_back(chosen, dq, scale * of_rows)
-        shares = (np.stack([q, dq, ddq, dddq, torque]) - self._middle) * self._per_room
+        shares = (np.stack([q, dq, ddq, dddq, torque, torque * dq]) - self._middle) * self._per_room
         excess = np.abs(shares) - 1.0
         active = np.maximum(0.0, multipliers.values + multipliers.penalty * excess)
-        penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty)
+        crowding, of_crowding, of_posture = self._crowding(q, multipliers)
+        penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty) + of_crowding
         of_signals = active * np.sign(shares) * self._per_room
-        of_w = of_signals[4][:, :, None] * self._nominal
+        of_torque = of_signals[4] + of_signals[5] * dq
+        of_w = of_torque[:, :, None] * self._nominal
         of_w[:, :, :b] += of_chosen * self._counted
-        gradient = self._basis[1].T @ of_velocity
+        gradient = self._basis[1].T @ (of_velocity + of_signals[5] * torque) + self._basis[0].T @ of_posture
         for basis, of_derivative in zip(self._basis, of_signals[:4], strict=False):
             gradient += basis.T @ of_derivative
         for basis, of_derivative in zip(self._basis, self._rows.pull_back(of_w), strict=False):
             gradient += basis.T @ of_derivative
         gradient[:, ~self._moving] = 0.0
-        return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess)
+        return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess, crowding)
+
+    def _crowding(self, q: FloatArray, multipliers: Multipliers) -> tuple[FloatArray, float, FloatArray]:
+        """The crowding (N, K), its part of the augmented Lagrangian, and the gradient of that over q (N, n)."""
+        if self._clearances is None:
+            return multipliers.crowding, 0.0, np.zeros_like(q)
+        rooms = self._clearances.evaluate(q)
+        crowding = rooms.values / -ROOM_UNIT
+        active = np.maximum(0.0, multipliers.crowding + multipliers.penalty * crowding)
+        penalty = float(np.sum(active**2) - np.sum(multipliers.crowding**2)) / (2 * multipliers.penalty)
+        return crowding, penalty, rooms.pull_back(active / -ROOM_UNIT) if active.any() else np.zeros_like(q)

@@ -10,8 +10,9 @@ from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.excitation.baseline import Baseline
 from dynident.excitation.criteria import CriterionChoice, CriterionValues
 from dynident.excitation.expected import ExpectedParameter
-from dynident.excitation.limits import Margin
+from dynident.excitation.margins import Margin
 from dynident.excitation.row_models import RowModelName
+from dynident.excitation.surroundings import Surroundings
 from dynident.robot import Limits
 from dynident.robot.model import FloatArray
 
@@ -19,7 +20,7 @@ Kind = Literal["optimized", "random", "constant_velocity", "slow_sweep", "revers
 KINDS: tuple[str, ...] = get_args(Kind)
 JOINT_BY_JOINT = ("constant_velocity", "slow_sweep", "reversals")
 """Kinds in which one joint moves at a time, with the friction of the joints for its default effects."""
-FAMILIES = ("fourier", "b_spline")
+FAMILIES = ("fourier", "b_spline", "point_to_point")
 DEFAULT_STARTS = 4
 
 _FRICTION = tuple(EffectChoice(name) for name in ("coulomb", "viscous", "offset"))
@@ -35,15 +36,18 @@ class TrajectoryRequest:
     Parameters
     ----------
     family : str
-        "fourier" or "b_spline".
+        "fourier", "b_spline" or "point_to_point".
     duration : float
-        One period in s; for constant velocity the longest stroke; for a slow sweep the way from one end of a joint's
-        range to the other.
+        One period in s (of a point-to-point sequence a result, not a wish); for constant velocity the longest stroke;
+        for a slow sweep the way from one end of a joint's range to the other.
     harmonics : int
         Of a Fourier series: of the fundamental frequency 1 / duration.
     intervals : int
         Of a B-spline: between its knots, evenly spaced. A joint has as many free coefficients; a Fourier series has
         2 harmonics - 1.
+    points : int
+        Of a point-to-point sequence: where the arm comes to rest in a round. They, and the shares of the velocity and
+        acceleration limits of every move, are free.
     periods : int
         How often the period (the set of strokes) is repeated.
     sampling_rate : float
@@ -63,6 +67,7 @@ class TrajectoryRequest:
     duration: float = 10.0
     harmonics: int = 5
     intervals: int = 9
+    points: int = 12
     periods: int = 1
     sampling_rate: float = 100.0
     speeds: tuple[float, ...] | None = None
@@ -104,6 +109,11 @@ class DesignRequest:
     noise : mapping of joint name to N m or N
         Standard deviation of a sample of the joint's torque. With it, the criteria about variances weigh the joints,
         and the standard deviations of the parameters are predicted.
+    torque_margin : float
+        By what share the torque of the real arm may be larger than predicted: the limits of torque and power are
+        divided by 1 more than it.
+    surroundings : Surroundings
+        What the robot must not touch; itself, where nothing else is stated.
     """
 
     kind: str = "optimized"
@@ -117,6 +127,8 @@ class DesignRequest:
     random_trajectories: int = 100
     seed: int = 0
     noise: Mapping[str, float] = field(default_factory=dict)
+    torque_margin: float = 0.0
+    surroundings: Surroundings = field(default_factory=Surroundings)
     model: RowModelName = "dynamic"
 
     @property

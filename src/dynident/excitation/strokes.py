@@ -13,6 +13,7 @@ from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Piece
 from dynident.excitation.moves import move_within_torque
 from dynident.excitation.request import DesignRequest
+from dynident.excitation.ways import way_between
 from dynident.progress import Progress, silent
 from dynident.robot.model import FloatArray
 
@@ -21,6 +22,9 @@ _STROKE_SHARE, _LONGEST_STROKE = 0.8, np.pi
 _SWEEP_SHARE, _LONGEST_SWEEP = 0.98, 2 * np.pi
 # Of a stroke, what speeding up and slowing down may take.
 _RAMP_SHARE = 0.5
+_LOOKS_ALONG_A_RANGE = 200
+# Of the distance between two looks: how long before the last clear one a stroke ends.
+_STOP_BEFORE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +48,30 @@ class Stroke:
 
 def strokes_of(request: DesignRequest, bounds: Bounds, home: FloatArray) -> tuple[Stroke, ...]:
     """The strokes that a request for a motion of one joint at a time asks for, around home (n,), joint by joint."""
+    bounds = clear_ranges(bounds, home)
     joints = [int(j) for j in np.flatnonzero(moving_joints(request.trajectory.joints, bounds.names))]
     if request.kind == "slow_sweep":
         return _sweeps(bounds, joints, request.trajectory.duration)
     if request.kind == "reversals":
         return _reversals(bounds, home, joints, request.wanted_speeds, request.wanted_amplitudes)
     return _constant_speeds(bounds, home, joints, request.wanted_speeds, request.trajectory.duration)
+
+
+def clear_ranges(bounds: Bounds, home: FloatArray) -> Bounds:
+    """The same with the range of every joint cut down to where it touches nothing while the others are at home (n,)."""
+    if bounds.space is None:
+        return bounds
+    low, high = bounds.position_low.copy(), bounds.position_high.copy()
+    for j in range(len(home)):
+        for end, step in ((low, -1), (high, 1)):
+            reach = np.linspace(home[j], end[j], _LOOKS_ALONG_A_RANGE)
+            along = np.tile(home, (len(reach), 1))
+            along[:, j] = reach
+            hindered = bounds.space.hindered(along)
+            if hindered.any():
+                last = max(int(hindered.argmax()) - 1, 0)
+                end[j] = reach[last] - step * _STOP_BEFORE * abs(reach[1] - reach[0]) if last else home[j]
+    return replace(bounds, position_low=low, position_high=high)
 
 
 def _constant_speeds(
@@ -127,12 +149,12 @@ def course_of(
         slow = replace(bounds, velocity=limits)
         low, high = home.copy(), home.copy()
         low[stroke.joint], high[stroke.joint] = stroke.low, stroke.high
-        pieces.append(move_within_torque(at, low, bounds, model, rate))
+        pieces.append(way_between(at, low, bounds, model, rate))
         for _ in range(repeats):
             pieces.append(move_within_torque(low, high, slow, model, rate))
             pieces.append(move_within_torque(high, low, slow, model, rate))
         at = low
     last = sum(piece.duration for piece in pieces)
     first = pieces[0].duration
-    pieces.append(move_within_torque(at, home, bounds, model, rate))
+    pieces.append(way_between(at, home, bounds, model, rate))
     return Course(tuple(pieces), first, last)

@@ -11,7 +11,8 @@ from dynident.excitation.baseline import Baseline
 from dynident.excitation.criteria import CriterionValues
 from dynident.excitation.deciding import Yardstick, row_weights
 from dynident.excitation.expected import ExpectedParameter, expected_parameters
-from dynident.excitation.limits import Bounds, Margin, margins_of
+from dynident.excitation.limits import Bounds
+from dynident.excitation.margins import Margin, margins_of
 from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Motion, Piece, in_sequence
 from dynident.excitation.request import DesignRequest

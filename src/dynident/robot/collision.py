@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.robot.json_fields import parse_json
 from dynident.robot.kinematics import joint_motion
-from dynident.robot.model import FloatArray, Joint, Robot
+from dynident.robot.model import FloatArray, Joint, JointKind, Robot
 from dynident.robot.modified_dh import TITLE, table_capsules
 from dynident.robot.pointers import listed
 from dynident.robot.shapes import Capsule, Shape
@@ -129,9 +129,10 @@ def _held(joint: Element, value: float) -> FloatArray:
     axis = np.array([1.0, 0.0, 0.0])
     if axis_element is not None:
         axis = np.array([float(word) for word in axis_element.attributes["xyz"].split()])
-    kind = "prismatic" if joint.attributes["type"] == "prismatic" else "revolute"
+    kind: JointKind = "prismatic" if joint.attributes["type"] == "prismatic" else "revolute"
     held = Joint("", kind, BASE, np.eye(4), axis / np.linalg.norm(axis))
-    return joint_motion(held, np.array([value]))[0]
+    moved: FloatArray = joint_motion(held, np.array([value]))[0]
+    return moved
 
 
 def _end(joint: Element, end: str) -> str:

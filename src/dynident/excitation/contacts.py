@@ -1,0 +1,210 @@
+"""How near a motion comes to itself and to its surroundings, by coal on the exact shapes.
+
+The distance of two bodies cannot change faster than the joints between them let their points travel. So a few samples
+tell of whole stretches that nothing comes near there, and only the rest of a fine grid is looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+
+from dynident.robot.kinematics import joint_frames
+from dynident.robot.model import FloatArray, Robot
+from dynident.robot.shapes import Block, Capsule, Cylinder, Shape
+
+_FIRST_LOOKS = 48
+_EXACTNESS = 5e-4
+"""m: how exactly the nearest approach is found where it is near."""
+_RELATIVE_EXACTNESS = 0.05
+_IDENTITY = coal.Transform3s()
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Shapes of one name in the frame of a joint; -1 is the base."""
+
+    name: str
+    joint: int
+    shapes: tuple[coal.CollisionGeometry, ...]
+    placements: tuple[tuple[FloatArray, FloatArray], ...]
+    reach: float
+
+
+def solid_of(name: str, joint: int, shapes: Sequence[Shape]) -> Solid:
+    """Shapes for coal; `reach` is the distance of their farthest point from the joint's origin."""
+    made, placements, reach = [], [], 0.0
+    for shape in shapes:
+        geometry, rotation, origin = _geometry(shape)
+        made.append(geometry)
+        placements.append((rotation, origin))
+        if isinstance(shape, Capsule):
+            ends = max(float(np.linalg.norm(shape.start)), float(np.linalg.norm(shape.end)))
+            reach = max(reach, ends + shape.radius)
+        else:
+            reach = max(reach, float(np.linalg.norm(shape.corners, axis=1).max()))
+    return Solid(name, joint, tuple(made), tuple(placements), reach)
+
+
+def half_space_solid(name: str, normal: FloatArray, offset: float) -> Solid:
+    """What lies behind a plane: normal · x < offset."""
+    return Solid(name, -1, (coal.Halfspace(normal, offset),), ((np.eye(3), np.zeros(3)),), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SolidPair:
+    """Two solids that are kept apart; `travel` (n,): how far a point between them goes while a joint moves by one."""
+
+    moving: Solid
+    other: Solid
+    travel: FloatArray
+
+    @property
+    def name(self) -> str:
+        """Both names."""
+        return f"{self.moving.name} – {self.other.name}"
+
+
+def pair_of(robot: Robot, moving: Solid, other: Solid) -> SolidPair:
+    """A pair, `moving` being the one farther from the base."""
+    travel = np.zeros(robot.n)
+    chains = {solid.joint: robot.ancestors(solid.joint) for solid in (moving, other)}
+    for solid, opposite in ((moving, other), (other, moving)):
+        length = solid.reach
+        for j in reversed([joint for joint in chains[solid.joint] if joint not in chains[opposite.joint]]):
+            joint = robot.joints[j]
+            travel[j] = 1.0 if joint.kind == "prismatic" else length
+            length += float(np.linalg.norm(joint.placement[:3, 3]))
+            if joint.kind == "prismatic" and joint.limits.position is not None:
+                length += max(map(abs, joint.limits.position))
+    return SolidPair(moving, other, travel)
+
+
+@dataclass(frozen=True)
+class Approach:
+    """The nearest approach (m) of a body to anything along a motion: to what, and at which sample."""
+
+    name: str
+    distance: float
+    sample: int
+
+
+class ContactCheck:
+    """Distances of pairs of solids along motions.
+
+    Parameters
+    ----------
+    robot : Robot
+    pairs : sequence of SolidPair
+    """
+
+    def __init__(self, robot: Robot, pairs: Sequence[SolidPair]) -> None:
+        self._robot, self.pairs = robot, tuple(pairs)
+        self.bodies = tuple(sorted({pair.moving.joint for pair in pairs}))
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+
+    def distances(self, pair: SolidPair, q: FloatArray) -> FloatArray:
+        """Distance (m,) of a pair at postures q (m, n); negative where they overlap."""
+        return self._distances(pair, joint_frames(self._robot, q))
+
+    def approaches(self, q: FloatArray) -> list[Approach]:
+        """Of every body (in the order of `bodies`) its nearest approach along q (m, n)."""
+        way = np.concatenate([np.zeros((1, q.shape[1])), np.cumsum(np.abs(np.diff(q, axis=0)), axis=0)])
+        return [
+            self._approach([pair for pair in self.pairs if pair.moving.joint == body], q, way) for body in self.bodies
+        ]
+
+    def _approach(self, pairs: Sequence[SolidPair], q: FloatArray, way: FloatArray) -> Approach:
+        looks = np.unique(np.linspace(0, len(q) - 1, min(_FIRST_LOOKS, len(q))).astype(np.intp))
+        frames = joint_frames(self._robot, q[looks])
+        searches = [_Search(way @ pair.travel, looks, self._distances(pair, frames)) for pair in pairs]
+        while True:
+            nearest = min(range(len(pairs)), key=lambda k: searches[k].least)
+            best = searches[nearest].least
+            goal = best - _EXACTNESS - _RELATIVE_EXACTNESS * max(best, 0.0)
+            asked = [search.doubtful(goal) for search in searches]
+            if not any(len(samples) for samples in asked):
+                return Approach(pairs[nearest].name, best, searches[nearest].at)
+            for pair, search, samples in zip(pairs, searches, asked, strict=True):
+                if len(samples):
+                    search.add(samples, self._distances(pair, joint_frames(self._robot, q[samples])))
+
+    def _distances(self, pair: SolidPair, frames: FloatArray) -> FloatArray:
+        found = np.empty(len(frames))
+        for k, frame in enumerate(frames):
+            placed = [_placed(solid, frame) for solid in (pair.moving, pair.other)]
+            found[k] = min(
+                self._distance(a, at_a, b, at_b)
+                for a, at_a in zip(pair.moving.shapes, placed[0], strict=True)
+                for b, at_b in zip(pair.other.shapes, placed[1], strict=True)
+            )
+        return found
+
+    def _distance(self, a: Any, at_a: Any, b: Any, at_b: Any) -> float:
+        self._result.clear()
+        return float(coal.distance(a, at_a, b, at_b, self._request, self._result))
+
+
+class _Search:
+    """What is known of one pair's distance along a motion: `way` (m,) bounds how far it can change."""
+
+    def __init__(self, way: FloatArray, samples: Any, distances: FloatArray) -> None:
+        self._way, self._samples, self._distances = way, samples, distances
+
+    @property
+    def least(self) -> float:
+        return float(self._distances.min())
+
+    @property
+    def at(self) -> int:
+        return int(self._samples[self._distances.argmin()])
+
+    def doubtful(self, goal: float) -> Any:
+        """The middles of stretches in which the distance could fall below `goal`."""
+        first, last = self._samples[:-1], self._samples[1:]
+        lowest = 0.5 * (self._distances[:-1] + self._distances[1:] - (self._way[last] - self._way[first]))
+        split = (lowest < goal) & (last - first > 1)
+        return (first[split] + last[split]) // 2
+
+    def add(self, samples: Any, distances: FloatArray) -> None:
+        order = np.argsort(np.concatenate([self._samples, samples]))
+        self._samples = np.concatenate([self._samples, samples])[order]
+        self._distances = np.concatenate([self._distances, distances])[order]
+
+
+def _placed(solid: Solid, frame: FloatArray) -> list[Any]:
+    """Transforms of a solid's shapes, at the frames (n, 4, 4) of one posture."""
+    if solid.joint < 0:
+        return [coal.Transform3s(rotation, origin) for rotation, origin in solid.placements]
+    turned, moved = frame[solid.joint, :3, :3], frame[solid.joint, :3, 3]
+    return [coal.Transform3s(turned @ rotation, turned @ origin + moved) for rotation, origin in solid.placements]
+
+
+def _geometry(shape: Shape) -> tuple[Any, FloatArray, FloatArray]:
+    if isinstance(shape, Capsule):
+        way = shape.end - shape.start
+        length = float(np.linalg.norm(way))
+        return coal.Capsule(shape.radius, length), _turned_to(way, length), 0.5 * (shape.start + shape.end)
+    if isinstance(shape, Cylinder):
+        return coal.Cylinder(shape.radius, shape.length), shape.placement[:3, :3], shape.placement[:3, 3]
+    if isinstance(shape, Block):
+        return coal.Box(*shape.size), shape.placement[:3, :3], shape.placement[:3, 3]
+    points = coal.StdVec_Vec3s()
+    for corner in shape.corners:
+        points.append(corner)
+    return coal.Convex.convexHull(points, True, ""), np.eye(3), np.zeros(3)
+
+
+def _turned_to(direction: FloatArray, length: float) -> FloatArray:
+    """A rotation (3, 3) whose z axis has this direction."""
+    if length == 0.0:
+        return np.eye(3)
+    z = direction / length
+    helper = np.eye(3)[int(np.abs(z).argmin())]
+    x = np.cross(helper, z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

@@ -1,0 +1,69 @@
+"""Distances that capsules are kept apart by: between segments, and from points to boxes, many at once.
+
+Coordinates are the first axis (3, …): arrays then stay long where the work is done.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.robot.model import FloatArray
+from dynident.robot.shapes import Block
+
+_NO_LENGTH = 1e-18
+_TINY = 1e-12
+_PARALLEL = 1e-9
+
+
+def closest_shares(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where on two segments the closest points lie: shares (…) from 0 (start) to 1 (end) of a and of b (3, …).
+
+    After Ericson, Real-time collision detection (2005), §5.1.9, for arrays.
+    """
+    along_a, along_b, between = a_end - a, b_end - b, a - b
+    aa, bb = dot(along_a, along_a), dot(along_b, along_b)
+    ab, ar, br = dot(along_a, along_b), dot(along_a, between), dot(along_b, between)
+    aa_safe, bb_safe = np.maximum(aa, _NO_LENGTH), np.maximum(bb, _NO_LENGTH)
+    slanted = aa * bb - ab * ab
+    parallel = slanted <= _PARALLEL * aa * bb
+    # Of parallel segments many points are the closest: the middle of a is as good a choice as any.
+    s = np.where(parallel, 0.5, _clipped((ab * br - ar * bb) / np.where(parallel, 1.0, slanted)))
+    t = _clipped((ab * s + br) / bb_safe)
+    s = _clipped((ab * t - ar) / aa_safe)
+    return s, _clipped((ab * s + br) / bb_safe)
+
+
+def unit(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lengths (…) and directions (3, …) of vectors; no direction where there is no length."""
+    length: FloatArray = np.sqrt(dot(vectors, vectors))
+    return length, vectors / np.maximum(length, _TINY)
+
+
+def distance_to_block(points: FloatArray, block: Block) -> tuple[FloatArray, FloatArray]:
+    """Signed distance (…) of points (3, …) from a box, negative inside, and its gradient (3, …)."""
+    rotation, centre = block.placement[:3, :3], block.placement[:3, 3]
+    local = np.tensordot(rotation.T, points, 1)
+    local -= (rotation.T @ centre).reshape(3, *[1] * (points.ndim - 1))
+    beyond = np.abs(local) - 0.5 * block.size.reshape(3, *[1] * (points.ndim - 1))
+    length, direction = unit(np.maximum(beyond, 0.0))
+    deepest = beyond.max(axis=0)
+    inside = deepest <= 0.0
+    direction = np.where(inside, beyond == deepest, direction)
+    gradient: FloatArray = np.tensordot(rotation, direction * np.where(local < 0.0, -1.0, 1.0), 1)
+    return np.where(inside, deepest, length), gradient
+
+
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Scalar products (…) of vectors (3, …)."""
+    product: FloatArray = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Vector products (3, …) of vectors (3, …)."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _clipped(shares: FloatArray) -> FloatArray:
+    clipped: FloatArray = np.minimum(np.maximum(shares, 0.0), 1.0)
+    return clipped
