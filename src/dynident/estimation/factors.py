@@ -49,7 +49,7 @@ class EquationFactors:
         chosen = [(new, where[int(old)]) for new, old in enumerate(columns) if int(old) in where]
         picked = [position for _, position in chosen] + [len(self.columns)]
         factors = triangular(self.factors[:, :, picked]) if len(self.factors) else self.factors
-        return EquationFactors(np.array([new for new, _ in chosen], dtype=np.intp), _square(factors), self.counts)
+        return EquationFactors(np.array([new for new, _ in chosen], dtype=np.intp), squared(factors), self.counts)
 
     def combined(self, weights: FloatArray) -> EquationFactors:
         """The same rows with columns that are combinations of these; `weights` (c, c') from all columns to the new."""
@@ -59,7 +59,7 @@ class EquationFactors:
         whole = np.zeros((k + 1, len(chosen) + 1))
         whole[:k, :-1], whole[k, -1] = own[:, chosen], 1.0
         factors = triangular(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
-        return EquationFactors(chosen.astype(np.intp), _square(factors), self.counts)
+        return EquationFactors(chosen.astype(np.intp), squared(factors), self.counts)
 
     def squares(self, values: FloatArray) -> FloatArray:
         """(s,): sum of the squared residual of parameters χ (c,) in every stretch."""
@@ -126,11 +126,11 @@ def join(factors: FloatArray) -> FloatArray:
     k = factors.shape[-1]
     if not len(factors):
         return np.zeros((k, k))
-    return _square(triangular(factors.reshape(-1, k)))
+    return squared(triangular(factors.reshape(-1, k)))
 
 
-def _square(r: FloatArray) -> FloatArray:
-    """Fill up with zero rows what has fewer rows than columns."""
+def squared(r: FloatArray) -> FloatArray:
+    """(…, k, k): (…, m, k) filled up with zero rows what has fewer rows than columns."""
     missing = r.shape[-1] - r.shape[-2]
     if missing <= 0:
         return r
@@ -194,7 +194,7 @@ class FactorAccumulator:
         self._fold()
         for factors, factor in zip(self._factors, self._open, strict=True):
             assert factor is not None
-            factors.append(_square(factor))
+            factors.append(squared(factor))
         self._counts.append(self._count)
         self._spans.append((self._from, self._to))
         self._open = [None for _ in self._columns]

@@ -17,7 +17,7 @@ EstimatorName = Literal["ols", "wls", "irls", "feasible", "iv", "didim", "ekf"]
 StepsName = Literal["link_by_link", "wrist_then_shoulder"]
 PriorName = Literal["description"]
 
-AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic", "filtered", "energy", "power")
+AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic", "filtered", "energy", "power", "base_wrench")
 AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential", "separate_friction")
 AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls", "feasible", "iv", "didim")
 AVAILABLE_PRIORS: tuple[PriorName, ...] = ("description",)

@@ -9,6 +9,7 @@ from math import pi
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.wrench_equations import wrench_equations
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, motion_band
 from dynident.regressors.equations import Treatment, filtered, over_intervals, plain, reduce_form
@@ -53,8 +54,10 @@ def equations_of(
     Raises
     ------
     DynidentError
-        Where filter or intervals leave no equation.
+        Where filter or intervals leave no equation, or the base's wrench was not recorded or does not show an effect.
     """
+    if choices.model == "base_wrench":
+        return wrench_equations(model, choices, recordings, preprocessing, progress)
     choices, _ = with_constants(choices, recordings, preprocessing)
     form, treatment = _rows_of(model, choices)
     found = reduce_form(form, treatment, recordings, preprocessing, reference, progress)

@@ -59,6 +59,7 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
             "The inertia matrix is not positive definite in every posture: the parameters are not physically possible "
             "as they stand, so use them for prediction near the recorded motion only."
         )
+    found += _other_equations(identification)
     found += _excitation(identification)
     found += _overfit(identification)
     found += _friction_signs(identification)
@@ -66,6 +67,22 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
     if absorbed:
         found.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")
     return tuple(found)
+
+
+def _other_equations(identification: Identification) -> list[str]:
+    """What the errors of torque mean where the torques were not what was fitted."""
+    model = identification.choices.model
+    if model in ("energy", "power"):
+        return [
+            f"The {model} model has one equation and does not minimise the errors of torque (§12.6): judge it by "
+            "these, on validation data, beside the dynamic model's."
+        ]
+    if model == "base_wrench":
+        return [
+            "The base's wrench shows the links alone: friction and rotors are not in this model, so the errors of "
+            "torque contain all of these. The small reaction of turning rotors counts as the links'."
+        ]
+    return []
 
 
 def _excitation(identification: Identification) -> list[str]:

@@ -129,7 +129,7 @@ def _pivoted_rank(scaled: FloatArray, tolerance: float) -> int:
 
 
 def random_observation(observation: Observation, n_states: int, seed: int = 0) -> FloatArray:
-    """The observation matrix (n_states · n, c) at random states, dense: small, for structure only."""
+    """The observation matrix (n_states · its rows, c) at random states, dense: small, for structure only."""
     rng = np.random.default_rng(seed)
     robot = observation.robot
     n = robot.n
@@ -155,9 +155,9 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0) -
         ddddq=ddddq,
         runs=rng.integers(0, 2, (n_states, len(observation.runs))).astype(np.float64),
     )
-    dense = np.zeros((n_states, n, observation.n_columns))
+    dense = np.zeros((n_states, observation.n_rows, observation.n_columns))
     dense[:, observation.entry_rows, observation.entry_columns] = entries
-    return dense.reshape(n_states * n, observation.n_columns)
+    return dense.reshape(n_states * observation.n_rows, observation.n_columns)
 
 
 def _times(observation: Observation, n_states: int, rng: np.random.Generator) -> FloatArray:

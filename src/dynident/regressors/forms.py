@@ -105,6 +105,29 @@ def power_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> For
     return _form(robot, columns, signals, stored, ca.horzcat(*others), _power)
 
 
+def wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
+    """The reaction of the base (§12.8): force and moment at the base frame's origin, along its axes; six equations.
+
+    Raises
+    ------
+    ValueError
+        For a column that has no wrench.
+    """
+    reactions = []
+    for column in columns:
+        if column.wrench is None:
+            raise ValueError(f"{column.name} has no wrench")
+        reactions.append(column.wrench())
+    return _form(robot, columns, signals, ca.SX(6, len(columns)), ca.horzcat(*reactions), _wrench)
+
+
+def _wrench(block: SampleBlock) -> FloatArray:
+    """The measured wrench (m, 6)."""
+    if block.wrench is None:
+        raise ValueError("the samples have no wrench")
+    return block.wrench
+
+
 def _power(block: SampleBlock) -> FloatArray:
     """Γᵀq̇ (m, 1)."""
     return np.asarray(np.einsum("ij,ij->i", block.tau, block.dq)[:, None])

@@ -34,6 +34,7 @@ class Observation:
     runs: tuple[RunSignal, ...]
     entry_rows: IntArray
     entry_columns: IntArray
+    n_rows: int
     program: BlockProgram | JoinedPrograms
     parts: tuple[Observation, Observation] | None = None
 
@@ -54,6 +55,7 @@ class Observation:
             runs=runs,
             entry_rows=np.array(rows, dtype=np.intp),
             entry_columns=np.array(cols, dtype=np.intp),
+            n_rows=int(matrix.shape[0]),
             program=BlockProgram(_inputs(signals, memory, runs), matrix),
         )
 
@@ -75,6 +77,7 @@ class Observation:
             runs=runs,
             entry_rows=np.concatenate([self.entry_rows, tail.entry_rows]),
             entry_columns=np.concatenate([self.entry_columns, self.n_columns + tail.entry_columns]),
+            n_rows=self.n_rows,
             program=JoinedPrograms(self.program, tail.program, widths, picks),
             parts=(self, tail),
         )

@@ -1,0 +1,50 @@
+"""Parameters that are in the equations but are of no interest, taken out of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.estimation.factors import EquationFactors, FloatArray, Reduction, squared, triangular
+from dynident.estimation.least_squares import noise_levels, weighted_factor
+
+_NOISE_ROUNDS = 3
+_FLAT = 1e-11
+
+
+def without_nuisance(reduction: Reduction, n_nuisance: int, *, weighted: bool = True) -> Reduction:
+    """The same equations in the other parameters alone, the first `n_nuisance` being fitted to whatever these are.
+
+    Every column, and Y, is replaced by what regression on the nuisance columns leaves of it; least squares on the rest
+    then gives the same estimates and the same residuals as on the whole (Frisch and Waugh 1933, Lovell 1963).
+
+    Parameters
+    ----------
+    reduction : Reduction
+        With c columns, the nuisance ones first.
+    weighted : bool
+        Weight every equation by the noise of its own residual, as weighted least squares does.
+    """
+    c = reduction.n_columns
+    noise = np.ones(len(reduction.equations))
+    for _ in range(_NOISE_ROUNDS if weighted else 0):
+        factor = weighted_factor(reduction, noise)
+        noise = noise_levels(reduction, _regression(factor[:, :c], factor[:, c:])[:, 0])
+    factor = weighted_factor(reduction, noise)
+    explained = _regression(factor[:, :n_nuisance], factor[:, n_nuisance:])
+    change = np.vstack([-explained, np.eye(c + 1 - n_nuisance)])
+    columns = np.arange(c - n_nuisance)
+    equations = []
+    for equation in reduction.equations:
+        picked = change[np.append(equation.columns, c)]
+        factors = np.zeros((len(equation.factors), *picked.shape[1:] * 2))
+        if len(factors):
+            factors = squared(triangular(equation.factors @ picked))
+        equations.append(EquationFactors(columns, factors, equation.counts))
+    return Reduction(c - n_nuisance, tuple(equations), reduction.spans)
+
+
+def _regression(w: FloatArray, y: FloatArray) -> FloatArray:
+    """(p, q): the least-squares coefficients of y (r, q) on w (r, p); nothing along directions that w does not show."""
+    scales = np.linalg.norm(w, axis=0)
+    scales = np.where(scales > 0, scales, 1.0)
+    return np.asarray(np.linalg.lstsq(w / scales, y, rcond=_FLAT)[0] / scales[:, None])

@@ -1,0 +1,77 @@
+"""The base's reaction wrench, reduced to the base parameters of the dynamic model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.estimation import EstimationError, Reduction
+from dynident.estimation.nuisance import without_nuisance
+from dynident.identification.choices import IdentificationChoices
+from dynident.progress import Progress, silent
+from dynident.recordings import Preprocessing, Recording
+from dynident.recordings.types import WRENCH_NAMES
+from dynident.regressors.base_wrench import wrench_model
+from dynident.regressors.equations import plain, reduce_form
+from dynident.regressors.model import Model
+
+
+def wrench_equations(
+    model: Model,
+    choices: IdentificationChoices,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    progress: Progress = silent,
+) -> Reduction:
+    """Six equations in the model's base parameters; what only the wrench shows is fitted to whatever these are.
+
+    Raises
+    ------
+    DynidentError
+        For an effect that does not show in the base's wrench, a recording without one, or a base parameter that the
+        wrench does not determine.
+    """
+    check_effects(model, choices)
+    check_wrenches(recordings)
+    found = wrench_model(model, tolerance=choices.tolerance)
+    if found.unseen:
+        raise EstimationError(
+            f"the base's wrench does not determine {', '.join(found.unseen)} of this robot; choose another model",
+            pointer="/model",
+            title="Not identifiable with this model",
+        )
+    # No column of the links rests on a predicted load.
+    nothing = np.zeros(10 * model.robot.n)
+    reduction = reduce_form(found.form, plain, recordings, preprocessing, nothing, progress)
+    if reduction.n_rows == 0:
+        return reduction.combined(found.coordinates[:, found.n_extra :])
+    return without_nuisance(reduction.combined(found.coordinates), found.n_extra, weighted=choices.estimator != "ols")
+
+
+def check_effects(model: Model, choices: IdentificationChoices) -> None:
+    """Raise where an effect does not show in the base's wrench."""
+    silent_ones = {column.effect for column in model.columns if column.wrench is None}
+    for index, choice in enumerate(choices.effects):
+        if choice.effect in silent_ones:
+            raise DynidentError(
+                f"{', '.join(sorted(silent_ones))}: not in the base's wrench, which holds the weight and the motion of "
+                "the links; what acts between two links, like friction, a motor or a spring, cancels in it. Choose the "
+                "effect rigid_body, and payload where some runs carry one, or another model",
+                pointer=f"/effects/{index}",
+                title="Effects that the base's wrench does not show",
+            )
+
+
+def check_wrenches(recordings: Sequence[Recording]) -> None:
+    """Raise where a recording has no wrench of the base."""
+    for index, recording in enumerate(recordings):
+        if not recording.has_wrench:
+            raise DynidentError(
+                f"{recording.name} has no wrench of the base: record the columns {', '.join(WRENCH_NAMES)} (force and "
+                "moment of the base on the robot, along the base frame's axes, about its origin), or choose another "
+                "model",
+                pointer=f"/measurement_ids/{index}",
+                title="Wrench of the base needed",
+            )

@@ -1,0 +1,86 @@
+"""The reaction wrench of the base as a source of the dynamic model's base parameters (§12.8; West, Raucent, Geffard).
+
+Six equations show more than the joints' torques do: links' parameters that only load the base. They are put beside the
+base parameters of the dynamic model as coordinates of their own, so that these keep their meaning and can be compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import casadi as ca
+import numpy as np
+
+from dynident.effects import Column
+from dynident.recordings.types import WRENCH_NAMES
+from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, random_observation, select_base
+from dynident.regressors.forms import Form, wrench_form
+from dynident.regressors.model import Model
+from dynident.robot.model import FloatArray
+
+_STATES_PER_COLUMN = 2
+# Share of a base parameter that the wrench may leave open: what rounded right angles in a description make of it.
+_LEFT_OPEN = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchModel:
+    """The equations of the base's wrench for one model.
+
+    `form` has the independent columns (c of them); `coordinates` (c, e + b) gives their parameters from e that only the
+    wrench shows, and behind these the model's b base parameters. `unseen`: names of base parameters that the wrench
+    does not show.
+    """
+
+    form: Form
+    coordinates: FloatArray
+    n_extra: int
+    unseen: tuple[str, ...]
+
+
+def wrench_model(model: Model, *, tolerance: float = DEFAULT_TOLERANCE) -> WrenchModel:
+    """The base's wrench of all links of a model, and of what stands still: the base link and the sensor's offsets."""
+    columns = (*model.columns, *_constants(model.robot.n))
+    whole = wrench_form(model.robot, columns, model.signals)
+    names = tuple(column.name for column in columns)
+    w = random_observation(whole.observation, _STATES_PER_COLUMN * len(columns) // 6 + 40)
+    base = select_base(w, names, tolerance)
+    kept = list(base.kept)
+    grouping = np.hstack([model.base.grouping, np.zeros((model.n_parameters, 6))])
+    shown = grouping[:, kept]
+    norms = np.linalg.norm(w, axis=0)
+    unseen = _unseen(grouping, shown @ base.grouping, norms)
+    # In columns of equal size, what is at right angles to the base parameters completes them.
+    scaled = shown / norms[kept]
+    q, _ = np.linalg.qr(scaled.T, mode="complete")
+    extra = q[:, model.n_parameters :].T * norms[kept]
+    coordinates = np.linalg.pinv(np.vstack([extra, shown]) / norms[kept]) / norms[kept][:, None]
+    form = wrench_form(model.robot, [columns[k] for k in kept], model.signals)
+    return WrenchModel(form, coordinates, len(extra), tuple(model.base.kept_names[k] for k in unseen))
+
+
+def _unseen(grouping: FloatArray, shown: FloatArray, norms: FloatArray) -> list[int]:
+    """Which base parameters are no combination of what the wrench shows, a parameter measured by what it does to it."""
+    size = np.where(norms > 0, 1.0 / np.where(norms > 0, norms, 1.0), np.inf)
+    gap = np.where(grouping == shown, 0.0, np.abs(grouping - shown))
+    with np.errstate(invalid="ignore"):
+        whole = np.where(grouping == 0, 0.0, np.abs(grouping) * size)
+        missing = np.where(gap == 0, 0.0, gap * size)
+    finite = np.where(np.isfinite(whole), whole, 0.0).max(axis=1, initial=0.0)
+    return [int(k) for k in np.flatnonzero(missing.max(axis=1, initial=0.0) > _LEFT_OPEN * finite)]
+
+
+def _constants(n: int) -> list[Column]:
+    """One column for each component: the weight of the base link and the offsets of the sensor."""
+    units = ("N",) * 3 + ("N m",) * 3
+    return [
+        Column("", name, name, "", unit, ca.SX(n, 1), wrench=partial(_unit, k))
+        for k, (name, unit) in enumerate(zip(WRENCH_NAMES, units, strict=True))
+    ]
+
+
+def _unit(component: int) -> ca.SX:
+    rows = ca.SX(6, 1)
+    rows[component] = 1.0
+    return rows
