@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.identification import Identification
+from dynident.identification.prediction import prediction_deviation
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording, SampleBlock
 from dynident.regressors.stream import SampleFunction, parallel_filtered
@@ -190,13 +191,7 @@ def _parts(
         w = rows[:, :n_entries]
         predicted = observation.torque(w, identification.values)
         load = observation.torque(w, load_values)
-        deviation = np.empty_like(predicted)
-        for joint in range(n):
-            positions, columns = observation.joint_entries(joint)
-            row = w[:, positions]
-            deviation[:, joint] = np.sqrt(
-                np.maximum(np.einsum("ij,jk,ik->i", row, covariance[np.ix_(columns, columns)], row, optimize=True), 0)
-            )
+        deviation = prediction_deviation(observation, w, covariance)
         measured = rows[:, n_entries : n_entries + n]
         motion, more = rows[:, n_entries + n : n_entries + 4 * n], rows[:, n_entries + 4 * n :]
         progress(min(1.0, (t[-1] - start) / max(end - start, 1e-9)), f"predicting {recording.name}")

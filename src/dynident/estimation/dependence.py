@@ -1,0 +1,89 @@
+"""Which parameters the data show only together: correlations of the estimates, and directions hardly seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.estimation.factors import FloatArray
+from dynident.estimation.least_squares import Solution
+from dynident.estimation.statistics import Statistics, correlations
+
+CLOSE = 0.9
+"""Two estimates with a correlation above this are determined mostly together."""
+
+HARDLY, NEVER = 50.0, 1000.0
+"""How many times less than the best direction one is seen to be called hardly, or not, determined."""
+
+# Share of the largest contribution below which a parameter does not belong to a direction.
+_SHOWN = 0.25
+
+
+@dataclass(frozen=True)
+class CloseTogether:
+    """Two parameters, by number, and the correlation of their estimates."""
+
+    first: int
+    second: int
+    correlation: float
+
+
+@dataclass(frozen=True)
+class HardlySeen:
+    """A combination of parameters that the data hardly show.
+
+    `parts`: (number, factor) with the largest factor 1 first; `ratio`: how many times less than the best direction the
+    torque shows it, columns of W taken for equally large; `deviation`: standard deviation of the combination.
+    """
+
+    parts: tuple[tuple[int, float], ...]
+    ratio: float
+    deviation: float
+
+
+@dataclass(frozen=True, eq=False)
+class Dependence:
+    """Correlation (c, c) of all estimates, pairs that are close together and combinations hardly seen, worst first."""
+
+    correlation: FloatArray
+    pairs: tuple[CloseTogether, ...]
+    directions: tuple[HardlySeen, ...]
+
+
+def dependence(solution: Solution, found: Statistics, most: int = 10) -> Dependence:
+    """Find what the data show only together; at most so many pairs and directions."""
+    correlation = correlations(found.covariance)
+    # A parameter that is fixed has no correlation with anything.
+    fixed = np.diag(found.covariance) <= 0
+    correlation[fixed] = correlation[:, fixed] = 0.0
+    np.fill_diagonal(correlation, 1.0)
+    return Dependence(correlation, _pairs(correlation, most), _directions(solution, found, most))
+
+
+def _pairs(correlation: FloatArray, most: int) -> tuple[CloseTogether, ...]:
+    first, second = np.nonzero(np.triu(np.abs(correlation) >= CLOSE, 1))
+    sizes = correlation[first, second]
+    order = np.argsort(-np.abs(sizes), kind="stable")[:most]
+    return tuple(CloseTogether(int(first[k]), int(second[k]), float(sizes[k])) for k in order)
+
+
+def _directions(solution: Solution, found: Statistics, most: int) -> tuple[HardlySeen, ...]:
+    scales = solution.scales
+    if len(scales) == 0 or np.any(scales <= 0):
+        return ()
+    _, singular, vt = np.linalg.svd(solution.factor / scales)
+    hidden: list[HardlySeen] = []
+    for size, direction in zip(singular[::-1], vt[::-1], strict=True):
+        ratio = float(singular[0] / size) if size > 0 else float("inf")
+        if ratio < HARDLY or len(hidden) == most:
+            break
+        shown = np.flatnonzero(np.abs(direction) >= _SHOWN * np.abs(direction).max())
+        # The combination whose estimate is bad: v in columns of equal size is v times their sizes in parameters.
+        weights = direction * scales
+        largest = shown[np.argmax(np.abs(weights[shown]))]
+        weights = weights / weights[largest]
+        order = shown[np.argsort(-np.abs(weights[shown]), kind="stable")]
+        parts = tuple((int(k), float(weights[k])) for k in order)
+        hidden.append(HardlySeen(parts, ratio, float(np.sqrt(max(weights @ found.covariance @ weights, 0.0)))))
+    return tuple(hidden)

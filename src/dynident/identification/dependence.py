@@ -1,0 +1,51 @@
+"""In words: which parameters of an identified model are determined only together, and what is not determined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynident.estimation.dependence import NEVER, CloseTogether, Dependence, HardlySeen, dependence
+from dynident.identification.result import Identification
+from dynident.robot.model import FloatArray
+
+MOST_SENTENCES = 10
+_MOST_PARTS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterDependence:
+    """For a reader: `sentences`, worst first; for a heat map: `names` (b) and `correlation` (b, b)."""
+
+    names: tuple[str, ...]
+    correlation: FloatArray
+    sentences: tuple[str, ...]
+    found: Dependence
+
+
+def parameter_dependence(identification: Identification, most: int = MOST_SENTENCES) -> ParameterDependence:
+    """Say which parameters the motion determines only together; at most so many sentences."""
+    names = tuple(column.name for column in identification.model.kept)
+    found = dependence(identification.solution, identification.statistics, most)
+    sentences = [_of_direction(one, names) for one in found.directions]
+    sentences += [_of_pair(one, names) for one in found.pairs]
+    return ParameterDependence(names, found.correlation, tuple(sentences[:most]), found)
+
+
+def _of_pair(pair: CloseTogether, names: tuple[str, ...]) -> str:
+    one, other = names[pair.first], names[pair.second]
+    rather = "their sum" if pair.correlation < 0 else "their difference"
+    return (
+        f"{one} and {other} are determined only together (correlation {pair.correlation:.2f}): the motion shows "
+        f"{rather}, each in units of its own uncertainty, better than either."
+    )
+
+
+def _of_direction(direction: HardlySeen, names: tuple[str, ...]) -> str:
+    text = names[direction.parts[0][0]]
+    for number, factor in direction.parts[1:_MOST_PARTS]:
+        size = abs(factor)
+        text += f" {'+' if factor > 0 else '-'} {'' if abs(size - 1) < 0.005 else f'{size:.2g} '}{names[number]}"
+    if len(direction.parts) > _MOST_PARTS:
+        text += f" and {len(direction.parts) - _MOST_PARTS} more"
+    how = "is not determined" if direction.ratio >= NEVER else "is hardly determined"
+    return f"{text} {how}: this motion shows it {direction.ratio:.0f} times less than what it shows best."

@@ -1,0 +1,88 @@
+"""The torque that an identified model predicts, with its interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from dynident.effects import effect_by_id
+from dynident.effects.memory import MemoryStates
+from dynident.errors import DynidentError
+from dynident.identification.result import Identification
+from dynident.regressors.observation import Observation
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedTorque:
+    """Torque (m, n) in N m or N, and how sure it is at `level`.
+
+    `mean_half_width` (m, n): of the interval that holds the model's own torque, from the covariance of the parameters;
+    `half_width` (m, n): of the interval that holds what would be measured (behind the filters of the identification):
+    the residual noise comes on top. Both hold where the model does: what it lacks is in neither outside the motion that
+    it was identified from.
+    """
+
+    torque: FloatArray
+    mean_half_width: FloatArray
+    half_width: FloatArray
+    level: float
+
+
+def predict(
+    identification: Identification, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, level: float = 0.95
+) -> PredictedTorque:
+    """Predict torque along a motion q, dq, ddq (m, n each; rad or m), in its order: hysteresis remembers the path.
+
+    Raises
+    ------
+    DynidentError
+        For arrays that do not fit, a level outside (0, 1), or effects that depend on more than the motion.
+    """
+    observation = identification.model.observation
+    _check(identification, (q, dq, ddq), level)
+    entries = observation.evaluate(
+        q, dq, ddq, reference=identification.reference, memory=MemoryStates(observation.memory).push(q)
+    )
+    torque = observation.torque(entries, identification.values)
+    deviation = prediction_deviation(observation, entries, identification.statistics.covariance)
+    quantile = float(stdtrit(identification.statistics.freedom, 0.5 + 0.5 * level))
+    both = np.sqrt(deviation**2 + identification.noise**2)
+    return PredictedTorque(torque, quantile * deviation, quantile * both, level)
+
+
+def prediction_deviation(observation: Observation, entries: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Standard deviation (m, n) of predicted torque that parameters with this covariance (b, b) cause.
+
+    Entries (m, number of entries) as an evaluation of the observation matrix gives them, filtered or not.
+    """
+    deviation = np.empty((len(entries), observation.robot.n))
+    for joint in range(observation.robot.n):
+        positions, columns = observation.joint_entries(joint)
+        row = entries[:, positions]
+        variance = np.einsum("ij,jk,ik->i", row, covariance[np.ix_(columns, columns)], row, optimize=True)
+        deviation[:, joint] = np.sqrt(np.maximum(variance, 0.0))
+    return deviation
+
+
+def _check(identification: Identification, motion: tuple[FloatArray, FloatArray, FloatArray], level: float) -> None:
+    n = identification.model.robot.n
+    for name, values in zip(("q", "dq", "ddq"), motion, strict=True):
+        if values.ndim != 2 or values.shape != (len(motion[0]), n):
+            raise DynidentError(
+                f"{name} has the shape {values.shape}; all three have to be (samples, {n})", pointer=f"/{name}"
+            )
+        if not np.isfinite(values).all():
+            raise DynidentError(f"{name} holds a value that is not finite", pointer=f"/{name}")
+    if not 0 < level < 1:
+        raise DynidentError(f"level is {level}; give a probability between 0 and 1, usually 0.95", pointer="/level")
+    for choice in identification.choices.effects:
+        effect = effect_by_id(choice.effect)
+        if effect.needs_temperature or effect.needs_session or choice.runs or effect.in_some_runs:
+            raise DynidentError(
+                f"{choice.effect} depends on more than the motion (time of the session, temperature or run); compare "
+                "the model with a recording instead, which has these",
+                pointer="/effects",
+            )
