@@ -293,3 +293,18 @@ def test_rounded_right_angles_are_admitted() -> None:
     robot = with_bodies(robot_from_urdf("rounded", re.sub(r'rpy="[^"]*"', 'rpy="1.5708 0 0"', text)))
     assert any("rounded" in note for note in to_mjcf(identified(robot)).notes)
     assert not any("rounded" in note for note in to_mjcf(identified(arm("ur10"))).notes)
+
+
+@pytest.mark.parametrize("name", ["ur10", "scara"])
+def test_what_the_feasible_estimator_gives_can_be_exported_exactly(name: str) -> None:
+    model = measured(name, noise=2.0, estimator="feasible")
+    assert complete(model).exact
+    motion = path(model.model.robot)
+    for text, used in (
+        (
+            torque_of_urdf(to_urdf(model).content.decode(), model.model.robot.gravity, motion),
+            np.ones(len(motion.t), bool),
+        ),
+        (torque_of_mjcf(to_mjcf(model).content.decode(), motion), moving(motion)),
+    ):
+        assert_same(text[used], predicted(model, motion)[used])

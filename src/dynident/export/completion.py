@@ -84,7 +84,7 @@ def complete(identification: Identification, *, nearest: bool = False, rotors_in
             pointer="/format",
             title="Not physically feasible",
         )
-    return _nearest(identification, unknowns, blamed)
+    return _nearest(identification, rotors_in_links, blamed)
 
 
 def _equations(unknowns: Unknowns, values: FloatArray) -> Equations:
@@ -160,7 +160,7 @@ def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> F
     return constrained_least_squares(goal, right, bounds, unknowns.rotor_places, held).values[size:]
 
 
-def _nearest(identification: Identification, unknowns: Unknowns, blamed: list[str]) -> Completion:
+def _nearest(identification: Identification, rotors_in_links: bool, blamed: list[str]) -> Completion:
     """What the feasible estimator makes of the same equations."""
     data = Data(
         identification.equations,
@@ -180,7 +180,12 @@ def _nearest(identification: Identification, unknowns: Unknowns, blamed: list[st
         f"{_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} instead of "
         f"{before:.2%}."
     )
-    changed = _gathered(identification, unknowns, found.standard.values[unknowns.columns], values)
+    unknowns = Unknowns.of(identification.model, rotors_in_links=rotors_in_links)
+    completed = _completed(unknowns, _equations(unknowns, values), values)
+    if completed is None:
+        unknowns = Unknowns.of(identification.model)
+        completed = found.standard.values[unknowns.columns]
+    changed = _gathered(identification, unknowns, completed, values)
     return replace(changed, exact=False, notes=(note, *changed.notes))
 
 

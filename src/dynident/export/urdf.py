@@ -56,8 +56,12 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
 
 def _notes(links: Links) -> list[str]:
     robot, notes = links.robot, []
-    rotors = [f"{joint.name} {links.standard.rotors[j]:.6g}" for j, joint in enumerate(robot.joints)]
-    if np.any(links.standard.rotors):
+    rotors = [
+        f"{joint.name} {rotor:.6g}"
+        for joint, rotor in zip(robot.joints, links.standard.rotors, strict=True)
+        if rotor > 0
+    ]
+    if rotors:
         notes.append(
             f"URDF has no rotor inertia; it stands in <{ROTOR_TAG} inertia> of each joint, and programs that do not "
             f"read that leave out its torque, inertia times acceleration (kg m² or kg): {', '.join(rotors)}."
@@ -76,7 +80,7 @@ class _Tree:
     """A URDF that is changed in place; what nobody touches stays as it was written."""
 
     def __init__(self, text: str, locked: Mapping[str, float]) -> None:
-        declared = re.sub(r"^\s*<\?xml[^>]*\?>", "", text)
+        declared = re.sub(r"^\ufeff?\s*<\?xml[^>]*\?>", "", text)
         self._document = minidom.parseString(declared.strip().encode())
         self._root = _root_of(self._document)
         self._joints = {joint.getAttribute("name"): joint for joint in self._children(self._root, "joint")}
