@@ -97,7 +97,7 @@ def model_document(identification: Identification) -> dict[str, Any]:
     """JSON values of the identified model: what predicts, and what people and other programs read.
 
     `columns` are all standard parameters with their units; `grouping` has the weight of each in every base parameter
-    (§12.2: base parameter = Σ weight x standard parameter), zeros left out; `standard_parameters` are a feasible full
+    (base parameter = Σ weight x standard parameter), zeros left out; `standard_parameters` are a feasible full
     set that gives the same base parameters, where there is one.
     """
     model, base = identification.model, identification.model.base
