@@ -27,8 +27,8 @@ class Identifications(Collection[Identification]):
     ) -> Identification:
         """Identify the base parameters of a robot.
 
-        `effects`: ids, or {"effect", "joints"}. `more`: model, strategy, estimator, preprocessing, name, as in the
-        contract.
+        `effects`: ids, or {"effect", "joints"}. `more`: model, strategy, steps, estimator, prior, preprocessing, name,
+        …, as in the contract.
         """
         body = {
             "robot_id": id_of(robot),
@@ -46,6 +46,14 @@ class Identifications(Collection[Identification]):
     def remove(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
         """Take effects out, off some joints or off all: a new identification, whose parent is this one."""
         return self._post({"effects": _effects(effects), "name": name}, f"/{id_of(identification)}/remove")
+
+    def essential(self, identification: Record | str, *, ratio: float | None = None) -> dict[str, Any]:
+        """Read the essential parameters, found by backward elimination, with the errors along the way."""
+        return dict(self._transport.get(f"{self.path}/{id_of(identification)}/essential", ratio=ratio))
+
+    def correlation(self, identification: Record | str) -> dict[str, Any]:
+        """Read the correlation of the estimates, and what the motion determines only together, in words."""
+        return dict(self._transport.get(f"{self.path}/{id_of(identification)}/correlation"))
 
     def lineage(self, identification: Record | str) -> list[dict[str, Any]]:
         """Read the ladder of models that led to this one, the first one first."""

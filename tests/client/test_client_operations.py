@@ -60,6 +60,8 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.identifications.create("r1", ["m1"]),
         lambda c: c.identifications.extend("x1", ["offset"]),
         lambda c: c.identifications.remove("x1", [{"effect": "offset", "joints": ["elbow"]}]),
+        lambda c: c.identifications.essential("x1", ratio=12.0),
+        lambda c: c.identifications.correlation("x1"),
         lambda c: c.identifications.lineage("x1"),
         lambda c: c.identifications.compare_lineages("x1", "x2"),
         lambda c: c.identifications.export("x1"),

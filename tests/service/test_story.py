@@ -142,7 +142,6 @@ def test_what_is_not_there_yet_is_said_with_what_there_is(live: Client) -> None:
         assert there in caught.value.problem["available"]
     for choice, pointer in (
         ({"estimator": "magic"}, "/estimator"),
-        ({"model": "energy"}, "/model"),
         ({"effects": ["magic"]}, "/effects/0"),
         ({"effects": [{"effect": "coulomb", "joints": ["nose"]}]}, "/effects/0"),
         ({"validation": [run, run]}, "/validation_ids/1"),

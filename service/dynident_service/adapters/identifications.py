@@ -12,6 +12,9 @@ from dynident.effects import EffectChoice
 from dynident.effects.catalogue import check_shape, joints_of
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentificationChoices
+from dynident.identification.dependence import ParameterDependence, parameter_dependence
+from dynident.identification.essential import EssentialPath
+from dynident.identification.result import IdentifiedParameter
 from dynident.identification.shapes import check_shapes_given
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
 from dynident.robot import Robot
@@ -34,7 +37,9 @@ def choices_from_request(
         estimator=request.estimator,
         steps=request.steps,
         prior=request.prior,
+        free_links=tuple(request.free_links),
         pole=request.pole,
+        interval=request.interval,
         preprocessing=_preprocessing(request, recordings) if recordings else None,
     )
     check_effects(choices.effects, robot)
@@ -54,21 +59,7 @@ def describe_identification(found: Identification, parent_id: str | None) -> wir
     """Describe an identified model for the wire."""
     robot = found.model.robot
     return wire.IdentificationResult(
-        parameters=[
-            wire.ParameterView(
-                name=one.name,
-                value=one.value,
-                unit=one.unit,
-                standard_deviation=finite(one.standard_deviation),
-                relative_standard_deviation=finite(one.relative_standard_deviation),
-                well_identified=one.well_identified,
-                effect=one.effect,
-                link=one.link,
-                grouping=one.grouping,
-                shape_parameters=dict(one.shape),
-            )
-            for one in found.parameters
-        ],
+        parameters=[show_parameter(one) for one in found.parameters],
         residual=show_errors(found.fit, found.noise),
         validation=None if found.held_out is None else show_errors(found.held_out),
         condition_number=finite(found.condition_number),
@@ -79,9 +70,61 @@ def describe_identification(found: Identification, parent_id: str | None) -> wir
         effects=[show_choice(one) for one in found.choices.effects],
         preprocessing=show_preprocessing(found.preprocessing),
         warnings=list(found.warnings),
+        dependence=list(parameter_dependence(found).sentences),
         parent_id=parent_id,
         joints=list(robot.joint_names),
         effort_units=[joint.effort_unit for joint in robot.joints],
+    )
+
+
+def show_parameter(one: IdentifiedParameter) -> wire.ParameterView:
+    """Show a parameter."""
+    low, high = one.interval
+    return wire.ParameterView(
+        name=one.name,
+        value=one.value,
+        unit=one.unit,
+        standard_deviation=finite(one.standard_deviation),
+        relative_standard_deviation=finite(one.relative_standard_deviation),
+        well_identified=one.well_identified,
+        effect=one.effect,
+        link=one.link,
+        grouping=one.grouping,
+        shape_parameters=dict(one.shape),
+        interval=(finite(low), finite(high)),
+        essential=one.essential,
+    )
+
+
+def describe_essential(found: EssentialPath) -> wire.EssentialView:
+    """Describe what is left of a model by backward elimination."""
+    left = found.identification
+    return wire.EssentialView(
+        reason=found.reason,
+        essential=list(found.essential),
+        steps=[
+            wire.EssentialStepView(
+                name=step.name,
+                relative_standard_deviation=finite(step.relative_deviation),
+                ratio=finite(step.ratio),
+                p_value=step.p_value,
+                residual=show_errors(step.fit),
+                validation=None if step.held_out is None else show_errors(step.held_out),
+            )
+            for step in found.steps
+        ],
+        parameters=[show_parameter(one) for one in left.parameters if one.essential],
+        residual=show_errors(left.fit),
+        validation=None if left.held_out is None else show_errors(left.held_out),
+    )
+
+
+def describe_correlation(found: ParameterDependence) -> wire.CorrelationView:
+    """Describe how estimates depend on one another."""
+    return wire.CorrelationView(
+        parameters=list(found.names),
+        correlation=[numbers(row) for row in found.correlation],
+        sentences=list(found.sentences),
     )
 
 

@@ -10,6 +10,8 @@ from rich.console import Console
 from dynident.diagnosis import Comparison, Diagnosis, Judgement
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification
+from dynident.identification.dependence import parameter_dependence
+from dynident.identification.essential import EssentialPath
 from dynident.reports.numbers import estimate, number, percent
 from dynident.reports.words import place_text
 from dynident.robot import Robot
@@ -41,8 +43,25 @@ def show_identification(console: Console, found: Identification, *, parameters: 
     console.print(_errors_table(found))
     if parameters:
         console.print(_parameters_table(found))
+        for sentence in parameter_dependence(found).sentences:
+            console.print(f"  {sentence}", markup=False)
     for warning in found.warnings:
         console.print(f"! {warning}", markup=False, style="yellow")
+
+
+def show_essential(console: Console, found: EssentialPath) -> None:
+    """What was taken out, step by step, and what is left."""
+    rows = []
+    for step in found.steps:
+        held_out = "–" if step.held_out is None else percent(step.held_out.relative_total)
+        p_value = f"{step.p_value:.2g}"
+        rows.append(
+            [step.name, percent(step.relative_deviation, 2), p_value, percent(step.fit.relative_total), held_out]
+        )
+    columns = ("taken out", "relative deviation", "p", "fit", "held out")
+    console.print(table("Backward elimination", columns, rows))
+    console.print(_parameters_table(found.identification))
+    console.print(found.reason, markup=False)
 
 
 def show_ladder(console: Console, found: Identification) -> None:
@@ -190,10 +209,12 @@ def _errors_table(found: Identification) -> object:
 def _parameters_table(found: Identification) -> object:
     rows = []
     for one in found.parameters:
+        if not one.essential:
+            continue
         value, deviation = estimate(one.value, one.standard_deviation)
+        interval = " to ".join(estimate(end, one.standard_deviation)[0] for end in one.interval)
         relative = percent(one.relative_standard_deviation, 2)
-        rows.append(
-            [one.name, one.link, value, deviation, one.unit, relative, "✓" if one.well_identified else "! poorly"]
-        )
-    columns = ("parameter", "joint", "value", "standard deviation", "unit", "relative", "identified")
+        judged = "✓" if one.well_identified else "! poorly"
+        rows.append([one.name, one.link, value, deviation, interval, one.unit, relative, judged])
+    columns = ("parameter", "joint", "value", "standard deviation", "95 % interval", "unit", "relative", "identified")
     return table(f"{len(rows)} base parameters", columns, rows, right_from=2)

@@ -43,8 +43,14 @@ class IdentificationRequest(Asked):
     prior: Literal["description"] | None = Field(
         default=None, description="Inertias that the robot's description gives, weighted by their uncertainty"
     )
+    free_links: list[str] = Field(
+        default=[], max_length=100, description="Joints whose links the prior is not believed of, such as a loaded one"
+    )
     pole: float | None = Field(
         default=None, gt=0, description="a of the filtered model's F(s) = a²/(s + a)² in rad/s; null: from the data"
+    )
+    interval: float | None = Field(
+        default=None, gt=0, description="Seconds that an equation of the energy model spans; null: from the data"
     )
     preprocessing: Preprocessing | Literal["auto"] = "auto"
 
@@ -85,6 +91,10 @@ class ParameterView(Shown):
     link: str
     grouping: str = Field(description="Written out in standard parameters")
     shape_parameters: dict[str, float]
+    interval: tuple[float | None, float | None] = Field(
+        default=(None, None), description="Holds the true value in 95 of 100 cases"
+    )
+    essential: bool = Field(default=True, description="False: set to zero as not essential")
 
 
 class ErrorsView(Shown):
@@ -120,6 +130,7 @@ class IdentificationResult(Shown):
     effects: list[EffectChoice]
     preprocessing: UsedPreprocessing
     warnings: list[str]
+    dependence: list[str] = Field(default=[], description="Parameters that the motion determines only together")
     parent_id: str | None
     joints: list[str]
     effort_units: list[str]
@@ -132,6 +143,36 @@ class IdentificationView(Computed[IdentificationRequest, IdentificationResult]):
     parent_id: str | None
     added: list[EffectChoice] = Field(description="What was added to the parent.")
     removed: list[EffectChoice] = Field(description="What was taken out of the parent.")
+
+
+class EssentialStepView(Shown):
+    """One parameter less."""
+
+    name: str
+    relative_standard_deviation: float | None = Field(description="Before it went, a fraction")
+    ratio: float | None = Field(description="Of the largest to the smallest relative standard deviation")
+    p_value: float = Field(description="How often noise alone would be as large as all that is taken out so far")
+    residual: ErrorsView
+    validation: ErrorsView | None
+
+
+class EssentialView(Shown):
+    """The essential parameters of a model: those left by backward elimination."""
+
+    reason: str = Field(description="Why the elimination ended")
+    essential: list[str]
+    steps: list[EssentialStepView]
+    parameters: list[ParameterView] = Field(description="Estimated anew with the others at zero")
+    residual: ErrorsView
+    validation: ErrorsView | None
+
+
+class CorrelationView(Shown):
+    """How the estimates of the parameters depend on one another."""
+
+    parameters: list[str]
+    correlation: list[list[float | None]] = Field(description="Row by row, in the order of `parameters`")
+    sentences: list[str] = Field(description="What the motion determines only together, worst first")
 
 
 class Rung(Shown):

@@ -15,6 +15,7 @@ from dynident_service.routes import (
     robots,
     simulations,
     system,
+    uncertainty,
     validations,
 )
 
@@ -26,6 +27,7 @@ ROUTERS = (
     simulations.router,
     measurements.router,
     identifications.router,
+    uncertainty.router,
     comparisons.router,
     diagnoses.router,
     validations.router,

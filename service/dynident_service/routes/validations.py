@@ -83,7 +83,7 @@ def _check_fields(body: ValidationRequest) -> None:
 def _measurements(services: Services, body: ValidationRequest, model: Resource) -> tuple[RestsOn, ...]:
     asked = StoredIdentification.model_validate(model.request)
     robot = services.resources.get("robot", model.one("robot"))
-    chosen = _chosen(body, asked)
+    chosen = _chosen(body, asked, _motions(services, asked.measurement_ids))
     if body.kind in ("cross", "methods"):
         for index, identifier in enumerate(chosen):
             if identifier in asked.measurement_ids:
@@ -95,12 +95,18 @@ def _measurements(services: Services, body: ValidationRequest, model: Resource) 
     return needs
 
 
-def _chosen(body: ValidationRequest, asked: StoredIdentification) -> list[str]:
-    """The measurements that the test is made on."""
+def _motions(services: Services, identifiers: list[str]) -> list[str]:
+    """Measurements of motions, without the tests of single joints' friction among them."""
+    roles = {one: services.resources.get("measurement", one).request.get("role") for one in identifiers}
+    return [one for one in identifiers if roles[one] != "friction"]
+
+
+def _chosen(body: ValidationRequest, asked: StoredIdentification, motions: list[str]) -> list[str]:
+    """The measurements that the test is made on; `motions` of those that the model was identified from."""
     given = body.measurement_ids
     match body.kind:
         case "direct":
-            return asked.measurement_ids
+            return motions
         case "inertia_matrix":
             return []
         case "cross":
@@ -114,11 +120,11 @@ def _chosen(body: ValidationRequest, asked: StoredIdentification) -> list[str]:
                 raise unusable("give the measurements with the load", "/measurement_ids")
             return given
         case "simulation":
-            return given or (asked.validation_ids or asked.measurement_ids)[:1]
+            return given or (asked.validation_ids or motions)[:1]
         case "filters":
             if given is not None and len(given) > 1:
                 raise unusable("filters are chosen on one measurement; give one", "/measurement_ids/1")
-            return given or asked.measurement_ids[:1]
+            return given or motions[:1]
 
 
 _SIMULATED: tuple[ValidationKind, ...] = ("simulation", "filters")

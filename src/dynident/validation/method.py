@@ -50,6 +50,7 @@ class Method:
             strategy=self.strategy,
             estimator=self.estimator,
             prior=self.prior,
+            free_links=() if self.prior is None else choices.free_links,
             steps=self.steps,
         )
 

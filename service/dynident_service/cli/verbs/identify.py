@@ -53,6 +53,9 @@ def identify(
     steps: Steps = "link_by_link",
     estimator: Estimator = "wls",
     prior: Prior = "",
+    free_links: Annotated[
+        str, typer.Option("--free-links", metavar="JOINT,…", help="Links that the prior is not believed of.")
+    ] = "",
     pole: Annotated[
         float | None, typer.Option("--pole", help="a of the filtered model's F(s) in rad/s; from the data if left out.")
     ] = None,
@@ -86,7 +89,10 @@ def identify(
     options = inputs.FileOptions(columns, units, windows, accept, dict.fromkeys(friction, "friction"))
     chosen = inputs.effects_of(effects, machine) or DEFAULT_EFFECTS
     method = methods.method_of(model, strategy, steps, estimator, prior)
-    unfiltered = method.of(IdentificationChoices(effects=chosen, pole=pole, interval=interval))
+    unfiltered = replace(
+        method.of(IdentificationChoices(effects=chosen, pole=pole, interval=interval)),
+        free_links=tuple(name.strip() for name in free_links.split(",") if name.strip()),
+    )
     with (
         terminal.progress_bar("identify") as progress,
         inputs.loaded([*measurements, *friction], machine, options, part(progress, 0.0, 0.5), validation) as (

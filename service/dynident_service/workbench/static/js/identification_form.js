@@ -1,17 +1,15 @@
-// Which measurements, which effects, which estimator; then Run.
+// Which measurements, which effects, which method; then Run.
 
 import { post } from "./api.js";
 import { catalogue } from "./catalogue.js";
 import { field, h, put, select } from "./dom.js";
 import { counted } from "./format.js";
 import { go } from "./location.js";
+import { ESTIMATORS, MODELS, PRIORS, STEPS, STRATEGIES } from "./methods.js";
 import { clearForm, showInForm } from "./problem.js";
 
 const DEFAULTS = new Set(["rigid_body", "rotor_inertia", "coulomb", "viscous"]);
-const ESTIMATORS = [["wls", "weighted least squares"], ["ols", "ordinary least squares"], ["irls", "robust (reweighted)"], ["feasible", "physically feasible"], ["iv", "instrumental variable"]];
-const MODELS = [["dynamic", "dynamic [12.18]"], ["filtered", "filtered dynamic [12.28]"], ["energy", "energy [12.43]"], ["power", "power [12.51]"], ["base_wrench", "base wrench"]];
 const USES = [["fit", "fit"], ["hold", "hold out"], ["", "leave out"]];
-const STRATEGIES = [["global", "all at once"], ["sequential", "link by link"], ["separate_friction", "friction first"]];
 
 /** A form that identifies a robot and goes to the new model; `update(measurements)` keeps what has been filled in. */
 export async function identificationForm(robot) {
@@ -19,9 +17,13 @@ export async function identificationForm(robot) {
   const uses = new Map(); // measurement's id -> its select
   const places = h("div", { class: "list-of-choices" });
   const name = h("input", { name: "name", id: "model-name", maxlength: 200, placeholder: robot.name });
-  const estimator = select(ESTIMATORS, "wls", null, { id: "estimator" });
-  const model = select(MODELS, "dynamic", null, { name: "model" });
-  const strategy = select(STRATEGIES, "global", null, { name: "strategy" });
+  const model = explained("Model", MODELS, "dynamic", "model");
+  const strategy = explained("Strategy", STRATEGIES, "global", "strategy");
+  const steps = explained("Steps", STEPS, "link_by_link", "steps");
+  const estimator = explained("Estimator", ESTIMATORS, "wls", "estimator");
+  const prior = explained("Prior", PRIORS, "", "prior");
+  strategy.control.addEventListener("change", () => { steps.element.hidden = strategy.control.value !== "sequential"; });
+  steps.element.hidden = true;
   const effects = items.map((one) => h("label", { title: one.signature, "data-effect": one.id }, h("input", { type: "checkbox", name: "effect", value: one.id, checked: DEFAULTS.has(one.id) }), ` ${one.title}`));
   const said = h("div");
   const submit = h("button", { class: "main", id: "run" }, "Run the identification");
@@ -50,9 +52,11 @@ export async function identificationForm(robot) {
       measurement_ids: chosen("fit"),
       validation_ids: chosen("hold"),
       effects: boxes.map((box) => ({ effect: box.value })),
-      estimator: estimator.value,
-      model: model.value,
-      strategy: strategy.value,
+      estimator: estimator.control.value,
+      model: model.control.value,
+      strategy: strategy.control.value,
+      steps: steps.control.value,
+      prior: prior.control.value || null,
     };
     try {
       const made = await post("/identifications", body);
@@ -69,11 +73,24 @@ export async function identificationForm(robot) {
     h("fieldset", { "data-pointer": "/measurement_ids" }, h("legend", {}, "Measurements"), places),
     h("fieldset", { class: "checks-of", "data-pointer": "/effects" }, h("legend", {}, "Effects in the model"), effects),
     h("p", { class: "note" }, "Begin with these four: the diagnosis says what is missing."),
-    h("div", { class: "fields" }, field("Name", name, { pointer: "/name" }), field("Estimator", estimator, { pointer: "/estimator" }), field("Model", model, { pointer: "/model" }), field("Strategy", strategy, { pointer: "/strategy" })),
+    h("div", { class: "fields" }, field("Name", name, { pointer: "/name" })),
+    h("details", { class: "methods" }, h("summary", {}, "How to identify"), h("div", { class: "fields" }, [model, strategy, steps, estimator, prior].map((one) => one.element))),
     said,
     h("p", {}, submit),
   );
   return { element: form, update };
+}
+
+/** A choice with what it is for beneath it; `id` is the field of the request. */
+function explained(label, list, chosen, id) {
+  const control = select(list.map(([value, text]) => [value, text]), chosen, (value) => { hint.textContent = aboutOf(list, value); }, { id, name: id });
+  const element = field(label, control, { pointer: `/${id}`, hint: aboutOf(list, chosen) });
+  const hint = element.querySelector("small");
+  return { control, element };
+}
+
+function aboutOf(list, value) {
+  return list.find(([known]) => known === value)[2];
 }
 
 function useOf({ role }) {

@@ -9,12 +9,14 @@ import { counted, moment, number, percent, quantity } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
 import { ladderSection, stepInWords } from "./ladder.js";
 import { takeNote } from "./location.js";
+import { methodInWords } from "./methods.js";
 import { missingSection } from "./missing.js";
 import { Model, newestDiagnosis } from "./model.js";
 import { parametersSection } from "./parameters.js";
 import { problemBox } from "./problem.js";
 import { spectraSection } from "./spectra.js";
 import { torqueSection } from "./torque.js";
+import { validationsSection } from "./validations.js";
 
 const ENDED = new Set(["succeeded", "failed", "cancelled"]);
 
@@ -31,10 +33,11 @@ export async function modelPage(target, wanted, signal) {
     errorsSection(model),
     ladderSection(model, signal),
     missingSection(model, signal),
+    validationsSection(model, signal),
     torqueSection(model, signal),
     failureSection(model, signal),
     spectraSection(model, signal),
-    parametersSection(model),
+    parametersSection(model, signal),
   ];
   put(target, sections);
   if (takeNote()?.arrived) {
@@ -83,7 +86,7 @@ function header(model) {
     { "aria-label": "Model" },
     h("h1", {}, nameOf(model)),
     h("p", { class: "note" }, `${model.robot.name}, ${counted(model.joints.length, "joint")}; ${moment(found.created_at)}; `,
-      `${found.request.model} model, ${found.request.estimator} estimator; ${filters(result.preprocessing)}`),
+      `${methodInWords(found.request)}; ${filters(result.preprocessing)}`),
     warnings(result),
     h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) =>
       h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ? `tile-${id}` : null }, value), h("dd", { class: "note" }, more)))),
@@ -108,11 +111,18 @@ function warnings(result) {
 function actions(model) {
   const said = h("div");
   const report = h("button", { type: "button", onclick: () => makeReport(model, report, said) }, "Report");
-  const json = `/v1/identifications/${model.id}/export?format=json`;
-  const exported = apiKey.get()
-    ? h("button", { type: "button", onclick: () => save(json, `${model.id}.json`) }, "Model as JSON")
-    : h("a", { class: "button", href: json, download: `${model.id}.json` }, "Model as JSON");
-  return [h("p", { class: "actions" }, report, exported), said];
+  const exports = EXPORTS.map(([format, text, ending]) => exportButton(model, format, text, ending));
+  return [h("p", { class: "actions" }, report, h("span", { class: "note" }, "Take the model along:"), exports), said];
+}
+
+const EXPORTS = [["json", "JSON", "json"], ["urdf", "URDF", "urdf"], ["mjcf", "MJCF", "xml"], ["c", "C code", "c"], ["casadi", "CasADi", "casadi"]];
+
+function exportButton(model, format, text, ending) {
+  const path = `/v1/identifications/${model.id}/export?format=${format}`;
+  const name = `${model.id}.${ending}`;
+  return apiKey.get()
+    ? h("button", { type: "button", onclick: () => save(path, name) }, text)
+    : h("a", { class: "button", href: path, download: name }, text);
 }
 
 async function makeReport(model, button, said) {

@@ -1,30 +1,78 @@
-// The base parameters of a model.
+// The base parameters of a model: how sure they are, what belongs together, which are essential.
 
-import { h, numeric, row, table } from "./dom.js";
-import { number, percent } from "./format.js";
+import { get } from "./api.js";
 import { titleOf } from "./catalogue.js";
+import { h, numeric, put, row, table } from "./dom.js";
+import { number, percent } from "./format.js";
+import { problemBox } from "./problem.js";
 
 /** All parameters, folded away until somebody wants them. */
-export function parametersSection(model) {
-  const { parameters } = model.result;
-  const head = ["parameter", "effect", right("value"), right("standard deviation"), "unit", right("relative"), "well identified", "in standard parameters"];
+export function parametersSection(model, signal) {
+  const { parameters, dependence } = model.result;
+  return h(
+    "section",
+    {},
+    h(
+      "details",
+      { id: "parameters" },
+      h("summary", {}, h("h2", {}, `Base parameters (${parameters.length})`)),
+      together(dependence),
+      parametersTable(model, "Base parameters", parameters),
+      essentialPart(model, signal),
+    ),
+  );
+}
+
+function parametersTable(model, caption, parameters) {
+  const head = ["parameter", "effect", right("value"), right("standard deviation"), right("95 % interval"), "unit", right("relative"), "well identified", "in standard parameters"];
   const rows = parameters.map((one) =>
     row([
       h("code", {}, one.name),
       titleOf(model.effects, one.effect),
       numeric(number(one.value, 4), one.value),
       numeric(number(one.standard_deviation, 2), one.standard_deviation),
+      { class: "n", text: one.interval[0] === null ? "–" : `${number(one.interval[0])} to ${number(one.interval[1])}` },
       one.unit,
       numeric(percent(one.relative_standard_deviation, 2)),
       one.well_identified ? h("span", { class: "mark ok" }, "✓ yes") : h("span", { class: "mark warning" }, "no"),
       h("code", {}, one.grouping),
     ]),
   );
-  return h(
-    "section",
-    {},
-    h("details", {}, h("summary", {}, h("h2", {}, `Base parameters (${parameters.length})`)), table("Base parameters", head, rows)),
+  return table(caption, head, rows);
+}
+
+function together(sentences) {
+  if (!sentences.length) return null;
+  return h("div", { class: "box" }, h("p", {}, h("strong", {}, "Determined only together")), h("ul", { id: "together" }, sentences.map((one) => h("li", {}, one))));
+}
+
+/** Backward elimination on demand: it takes no data, so no job. */
+function essentialPart(model, signal) {
+  const found = h("div", { id: "essential" });
+  const button = h("button", { type: "button", onclick: () => find() }, "Essential parameters");
+  const find = async () => {
+    button.disabled = true;
+    try {
+      put(found, essentialFound(model, await get(`/identifications/${model.id}/essential`, {}, signal)));
+    } catch (error) {
+      if (!signal.aborted) put(found, problemBox(error));
+    }
+    button.disabled = false;
+  };
+  return [h("p", { class: "actions" }, button, h("span", { class: "note" }, "takes out what the data do not show, one by one, and shows the errors along the way")), found];
+}
+
+function essentialFound(model, path) {
+  const rows = path.steps.map((one) =>
+    row([h("code", {}, one.name), numeric(percent(one.relative_standard_deviation, 2), one.relative_standard_deviation), numeric(number(one.p_value, 2), one.p_value),
+      numeric(percent(one.residual.relative_total), one.residual.relative_total), numeric(percent(one.validation?.relative_total), one.validation?.relative_total)]),
   );
+  const head = ["taken out", right("relative deviation"), right("p"), right("fit"), right("held out")];
+  return [
+    h("p", {}, path.reason),
+    rows.length ? table("Backward elimination", head, rows) : null,
+    parametersTable(model, "Essential parameters", path.parameters),
+  ];
 }
 
 function right(text) {

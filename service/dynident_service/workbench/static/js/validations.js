@@ -1,0 +1,151 @@
+// Is the model to be trusted: the validations of the chapter, each with its verdict and the reason.
+
+import { get, post } from "./api.js";
+import { announce, h, numeric, put, row, table } from "./dom.js";
+import { number, percent, quantity } from "./format.js";
+import { computed, progressBar } from "./jobs.js";
+import { methodsTable } from "./methods_table.js";
+import { problemBox } from "./problem.js";
+
+const KINDS = [
+  ["direct", "Direct", "The torque error on the data that the model was identified from."],
+  ["cross", "Cross", "The torque error on data that no parameter saw."],
+  ["inertia_matrix", "Inertia matrix", "A search for the posture where the inertia matrix is least positive."],
+  ["simulation", "Simulation", "A robot with these parameters makes the recorded motion: does it need the recorded torque?"],
+  ["methods", "Methods", "All models, strategies and estimators on the same data: do they agree?"],
+  ["filters", "Filters", "Recordings like these are simulated and identified with many filters: were the right ones chosen?"],
+  ["payload", "Known load", "A run with a known load: is the load found?"],
+];
+const WORDS = { pass: "✓ pass", fail: "✕ fail", not_evaluated: "– not evaluated" };
+
+/** A line for each kind of validation, with what the newest of its kind found; each can be made anew. */
+export function validationsSection(model, signal) {
+  const lines = new Map(KINDS.map((kind) => [kind[0], lineOf(model, kind, signal)]));
+  const run = h("button", { type: "button", class: "main", id: "validate-all", onclick: () => all() }, "Validate");
+  const all = async () => {
+    run.disabled = true;
+    for (const [kind, line] of lines) if (usable(model, kind)) await line.validate();
+    run.disabled = false;
+  };
+  known(model, lines, signal);
+  return h(
+    "section",
+    { "aria-labelledby": "validations-title" },
+    h("h2", { id: "validations-title" }, "Is it to be trusted"),
+    h("p", { class: "actions" }, run, h("span", { class: "note" }, "makes all of these, one after another")),
+    h("ul", { class: "verdicts" }, [...lines.values()].map((line) => line.element)),
+  );
+}
+
+function usable(model, kind) {
+  if (kind === "cross") return model.measurements.some((one) => one.heldOut);
+  return kind !== "payload" || loads(model).length > 0;
+}
+
+function loads(model) {
+  return model.loads ?? [];
+}
+
+function lineOf(model, [kind, name, about], signal) {
+  const chip = h("span", { class: "chip verdict none" }, "not made yet");
+  const button = h("button", { type: "button", class: "small", "aria-label": `Validate: ${name}`, onclick: () => validate() }, "Run");
+  const said = h("div", { class: "reason" }, h("span", { class: "note" }, about));
+  const element = h("li", { "data-kind": kind }, h("div", { class: "verdict-head" }, h("strong", { title: about }, name), chip, button), said);
+  const show = (validation) => {
+    const { result } = validation;
+    chip.className = `chip verdict ${result.verdict}`;
+    put(chip, WORDS[result.verdict]);
+    put(said, h("p", {}, result.reason), details(model, result));
+    button.textContent = "Again";
+  };
+  const wait = async (made) => {
+    const bar = progressBar(made.job_id, `${name} validation`);
+    put(said, bar.element);
+    const found = await computed("/validations", made, bar.update, signal);
+    show(found);
+    announce(`${name}: ${WORDS[found.result.verdict]}. ${found.result.reason}`);
+  };
+  const validate = async () => {
+    button.disabled = true;
+    try {
+      const body = { identification_id: model.id, kind };
+      if (kind === "payload") body.measurement_ids = loads(model);
+      await wait(await post("/validations", body, { signal }));
+    } catch (error) {
+      if (!signal.aborted) put(said, problemBox(error));
+    }
+    button.disabled = false;
+  };
+  return { element, validate, show, wait };
+}
+
+/** Show what is known already: the newest validation of every kind. */
+async function known(model, lines, signal) {
+  try {
+    const { items } = await get("/validations", { identification_id: model.id, limit: 100 }, signal);
+    for (const [kind, line] of lines) {
+      const newest = items.find((one) => one.request.kind === kind && one.status !== "failed" && one.status !== "cancelled");
+      if (newest?.status === "succeeded") line.show(newest);
+      else if (newest) line.wait(newest).catch(() => {});
+    }
+  } catch (error) {
+    if (!signal.aborted) throw error;
+  }
+}
+
+function details(model, result) {
+  if (result.methods.length) return methodsTable(model, result);
+  if (result.simulations.some((one) => one.torque)) return simulationsTable(model, result);
+  if (result.filters) return filtersTable(result.filters);
+  if (result.payload) return payloadTable(result.payload);
+  if (result.measurements.length) return errorsTable(model, result);
+  if (result.worst_posture) return postureTable(result);
+  return null;
+}
+
+function folded(title, inner) {
+  return h("details", {}, h("summary", {}, title), inner);
+}
+
+function shares(errors) {
+  return [...errors.relative, errors.relative_total].map((value) => numeric(percent(value), value));
+}
+
+function heads(model) {
+  return [...model.joints, "all joints"].map((text) => ({ text, class: "n" }));
+}
+
+function errorsTable(model, result) {
+  const rows = result.measurements.map((one) => row([one.name, ...shares(one.errors)]));
+  return folded("Relative error of each joint", table("Relative torque error", ["measurement", ...heads(model)], rows));
+}
+
+function simulationsTable(model, result) {
+  const rows = result.simulations.filter((one) => one.torque).flatMap((one) => [
+    row([`${one.name}: torque`, ...shares(one.torque)]),
+    row([`${one.name}: position, of its range`, ...one.position_share.map((value) => numeric(percent(value, 2), value)), ""]),
+  ]);
+  return folded("Each joint", table("Simulated against recorded", ["", ...heads(model)], rows));
+}
+
+function postureTable(result) {
+  const rows = Object.entries(result.worst_posture).map(([joint, value]) => row([joint, numeric(number(value, 3), value)]));
+  return folded(`The worst of ${result.postures_tried} postures`, table("Worst posture", ["joint", { text: "rad or m", class: "n" }], rows));
+}
+
+function filtersTable(filters) {
+  const cutoff = (value) => (value === null ? "none" : quantity(value, "Hz"));
+  const rows = filters.trials.map((one) => {
+    const { position_cutoff: position, torque_cutoff: torque } = one.preprocessing;
+    const same = (other) => JSON.stringify(one) === JSON.stringify(other);
+    const mark = [same(filters.used) ? "used" : null, same(filters.chosen) ? "smallest error" : null].filter(Boolean).join(", ");
+    return row([cutoff(position), cutoff(torque), numeric(percent(one.error, 3), one.error), numeric(percent(one.bias, 3), one.bias), mark || one.problem || ""]);
+  });
+  const head = ["position cut-off", "torque cut-off", { text: "parameter error", class: "n" }, { text: "bias", class: "n" }, ""];
+  return folded(`${rows.length} choices of filters`, table("What each choice of filters leaves in the parameters, as a share of the torque", head, rows));
+}
+
+function payloadTable(payload) {
+  const rows = payload.parameters.map((one) => row([h("code", {}, one.name), numeric(number(one.value, 4), one.value), `${number(one.interval[0], 3)} to ${number(one.interval[1], 3)}`, one.unit]));
+  return folded("What was found of the load", table("The load", ["parameter", { text: "value", class: "n" }, "95 % interval", "unit"], rows));
+}

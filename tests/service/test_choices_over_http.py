@@ -1,0 +1,119 @@
+"""The choices of an identification over HTTP: each that is available works, each that does not fit is refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from dynident.identification.choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS
+from dynident.robot import library_table
+from dynident_client import Client, JobFailed, ProblemError, Record
+
+pytestmark = pytest.mark.slow
+
+
+@dataclass
+class Bench:
+    client: Client
+    robot: Record
+    training: Record
+    held_out: Record
+
+    def identified(self, **choices: Any) -> Record:
+        made = self.client.identifications.create(self.robot, [self.training], validation=[self.held_out], **choices)
+        return made.wait()
+
+
+@pytest.fixture(scope="module")
+def bench(live: Client) -> Bench:
+    robot = live.robots.create("scara", modified_dh=library_table("scara"))
+    runs = []
+    for seed in (1, 2):
+        trajectory = {"duration": 10.0, "periods": 2, "sampling_rate": 200.0}
+        made = live.simulations.create(robot, trajectory=trajectory, seed=seed).wait()
+        runs.append(live.measurements.get(made.result["measurement_id"]))
+    return Bench(live, robot, *runs)
+
+
+@pytest.mark.parametrize("model", [name for name in AVAILABLE_MODELS if name != "base_wrench"])
+def test_every_model_predicts_what_no_parameter_saw(bench: Bench, model: str) -> None:
+    assert bench.identified(model=model).result["validation"]["relative_total"] < 0.3
+
+
+@pytest.mark.parametrize("estimator", AVAILABLE_ESTIMATORS)
+def test_every_estimator_predicts_what_no_parameter_saw(bench: Bench, estimator: str) -> None:
+    assert bench.identified(estimator=estimator).result["validation"]["relative_total"] < 0.3
+
+
+@pytest.mark.parametrize("steps", ["link_by_link", "wrist_then_shoulder"])
+def test_both_ways_of_steps_predict_what_no_parameter_saw(bench: Bench, steps: str) -> None:
+    found = bench.identified(strategy="sequential", steps=steps)
+    assert found.result["validation"]["relative_total"] < 0.3
+
+
+def test_parameters_come_with_intervals_and_the_prior_with_narrower_ones(bench: Bench) -> None:
+    plain, believed = bench.identified(), bench.identified(prior="description")
+    for one in plain.result["parameters"]:
+        low, high = one["interval"]
+        assert low < one["value"] < high
+    for one, other in zip(plain.result["parameters"], believed.result["parameters"], strict=True):
+        assert other["standard_deviation"] <= 1.5 * one["standard_deviation"] + 1e-9
+
+
+def test_essential_parameters_and_correlations_are_there_without_the_data(bench: Bench) -> None:
+    model = bench.identified()
+    essential = bench.client.identifications.essential(model)
+    names = [one["name"] for one in model.result["parameters"]]
+    taken_out = [step["name"] for step in essential["steps"]]
+    assert sorted(essential["essential"] + taken_out) == sorted(names)
+    assert [one["name"] for one in essential["parameters"]] == essential["essential"]
+    assert essential["validation"]["relative_total"] < 1.3 * model.result["validation"]["relative_total"]
+    correlation = bench.client.identifications.correlation(model)
+    assert correlation["parameters"] == names
+    assert all(row[k] == pytest.approx(1.0) for k, row in enumerate(correlation["correlation"]))
+    assert correlation["sentences"] == model.result["dependence"]
+    with pytest.raises(ProblemError) as refused:
+        bench.client.identifications.essential(model, ratio=0.5)
+    assert (refused.value.status, refused.value.errors[0]["pointer"]) == (422, "ratio")
+
+
+@pytest.mark.parametrize(
+    ("choices", "pointer"),
+    [
+        ({"model": "static"}, "/model"),
+        ({"strategy": "random"}, "/strategy"),
+        ({"estimator": "best"}, "/estimator"),
+        ({"steps": "backwards"}, "/steps"),
+        ({"prior": "hope"}, "/prior"),
+        ({"pole": -1.0}, "/pole"),
+        ({"pole": "fast"}, "/pole"),
+        ({"interval": 0.0}, "/interval"),
+        ({"free_links": ["elbow"]}, "/free_links"),
+    ],
+)
+def test_a_choice_that_there_is_not_is_refused_with_its_field(
+    bench: Bench, choices: dict[str, Any], pointer: str
+) -> None:
+    with pytest.raises(ProblemError) as refused:
+        bench.client.identifications.create(bench.robot, [bench.training], **choices)
+    assert (refused.value.status, refused.value.errors[0]["pointer"]) == (422, pointer)
+
+
+@pytest.mark.parametrize(
+    ("choices", "words"),
+    [
+        ({"model": "base_wrench"}, "wrench"),
+        ({"model": "energy", "strategy": "sequential"}, "energy"),
+        ({"prior": "description", "free_links": ["nose"]}, "nose"),
+    ],
+)
+def test_choices_that_do_not_fit_one_another_or_the_data_fail_in_words(
+    bench: Bench, choices: dict[str, Any], words: str
+) -> None:
+    with pytest.raises((ProblemError, JobFailed)) as failed:
+        bench.identified(**choices)
+    assert words in str(failed.value)
+    assert failed.value.problem["status"] == 422
+    assert failed.value.errors[0]["pointer"].startswith("/")
