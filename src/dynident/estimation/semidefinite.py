@@ -17,8 +17,9 @@ from dynident.estimation.factors import FloatArray, IntArray
 
 _SOLVED = ("Solved", "AlmostSolved")
 _INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
-# What is aimed at, and what is still accepted where rounding stops the progress.
-_TOLERANCE, _ACCEPTED = 1e-13, 1e-7
+# What is aimed at, one after the other until it is reached, and what is accepted where rounding stops the progress.
+_TOLERANCES, _ACCEPTED = (1e-11, 1e-9), 1e-7
+_REGULARISATION = 1e-10
 # A constraint holds the solution where so little is left to it; parameters are about one.
 _HELD = 1e-6
 
@@ -111,14 +112,13 @@ class _Problem:
         # The residual as a variable of its own: factorᵀfactor would square the condition number.
         quadratic = sparse.diags(np.concatenate([np.zeros(c), np.ones(r)]), format="csc")
         rows, rights, cones = self._rows()
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
-        settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = settings.reduced_tol_feas = _ACCEPTED
-        settings.max_threads = 1
-        solver = clarabel.DefaultSolver(quadratic, np.zeros(c + r), sparse.csc_matrix(rows), rights, cones, settings)
-        found = solver.solve()
-        status = str(found.status)
+        for tolerance in _TOLERANCES:
+            found = clarabel.DefaultSolver(
+                quadratic, np.zeros(c + r), sparse.csc_matrix(rows), rights, cones, _settings(tolerance)
+            ).solve()
+            status = str(found.status)
+            if status in _SOLVED or status in _INFEASIBLE:
+                break
         if status in _INFEASIBLE:
             raise InfeasibleError("no parameters satisfy all constraints at once", title="Infeasible")
         if status not in _SOLVED or not np.all(np.isfinite(found.x)):
@@ -163,6 +163,16 @@ class _Problem:
             edges += [place] if of_matrix else []
             rows += of_matrix
         return Constrained(values, np.array(rows).reshape(-1, c), zeros, tuple(edges))
+
+
+def _settings(tolerance: float) -> clarabel.DefaultSettings:
+    made = clarabel.DefaultSettings()
+    made.verbose = False
+    made.max_threads = 1
+    made.static_regularization_constant = _REGULARISATION
+    made.tol_gap_abs = made.tol_gap_rel = made.tol_feas = tolerance
+    made.reduced_tol_gap_abs = made.reduced_tol_gap_rel = made.reduced_tol_feas = _ACCEPTED
+    return made
 
 
 def _held_by(bound: MatrixBound, values: FloatArray) -> list[FloatArray]:

@@ -1,10 +1,10 @@
 """Physically feasible parameters: those of bodies that can exist, nearest to the data (Wensing, Kim and Slotine 2018).
 
 The standard parameters φ are the unknowns and the base parameters are β = G φ, so the data are fitted as well as by any
-parameters that a real robot could have: the pseudo-inertia of every link and payload has no negative eigenvalue, and
-what nature allows no negative value (rotor inertia, Coulomb and viscous friction) is not negative. The data determine
-β alone. Of the φ that give it those nearest to the description are taken; near is measured by how far descriptions
-usually are off (`usual_errors`), and without a prior this decides nothing that the data can decide.
+parameters that a real robot could have: the pseudo-inertia of every link and payload has no negative eigenvalue, and no
+rotor inertia is negative, nor friction where it is Coulomb and viscous alone. The data determine β alone. Of the φ that
+give it those nearest to the description are taken; near is measured by how far descriptions usually are off
+(`usual_errors`), and without a prior this decides nothing that the data can decide.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
 
 # Least eigenvalue of a pseudo-inertia, of that of a usual error in the description: exported bodies must not be flat.
 _LEAST = 1e-5
-# Weight of what decides between parameters that neither data nor prior tell apart, of the largest weight of the data.
-_WEAK = 1e-4
-_ROUNDS = 2
+# Weight of what decides between parameters that neither data nor prior tell apart: a usual error counts for so many
+# standard deviations, or for so much of the largest weight of the data where those are so exact that it would be lost.
+_WEAK, _LEAST_SHARE = 0.03, 1e-6
+_ROUNDS = 3
 _NULL = 1e-7
 _NOTABLE = 1.02
 
@@ -96,18 +97,20 @@ class _FeasibleProblem:
         factor = weighted_factor(self.equations, noise, self.known)
         b = len(factor) - 1
         of_data = factor[:b, :b] @ self.grouping
-        weak = _WEAK * float(np.abs(of_data).max(initial=0.0))
+        weak = max(_WEAK, _LEAST_SHARE * float(np.abs(of_data).max(initial=0.0)))
         rows = np.vstack([of_data, self.rest, weak * self.open])
         right = np.concatenate([factor[:b, b], self.rest @ self.mean, weak * (self.open @ self.mean)])
         bounds = [MatrixBound(body.columns, PSEUDO_INERTIA_PARTS, -_LEAST * np.eye(4)) for body in self.bodies]
         try:
-            return constrained_least_squares(rows, right, bounds, self.not_negative)
+            found = constrained_least_squares(rows, right, bounds, self.not_negative)
         except InfeasibleError as error:
             raise DynidentError(
                 f"no physically feasible parameters were found: {error.detail}",
                 pointer="/estimator",
                 title=error.title,
             ) from error
+        # Where nothing holds it back the solution is that of least squares, to the last digit.
+        return found if len(found.held) else replace(found, values=np.linalg.lstsq(rows, right)[0])
 
     def free(self, found: Constrained) -> FloatArray | None:
         """(b, f): directions in which base parameters can move while the constraints that hold stay where they are."""
@@ -141,7 +144,6 @@ def _problem(
     grouping = model.base.grouping * belief.size
     written = np.where(model.base.written, grouping, 0.0)
     seen = np.vstack([written / np.linalg.norm(written, axis=1)[:, None], rest])
-    positive = np.array([k for k, column in enumerate(model.columns) if _positive(column)], dtype=np.intp)
     return _FeasibleProblem(
         equations=equations,
         known=known,
@@ -152,7 +154,7 @@ def _problem(
         rest=rest,
         open=null_space(seen).T,
         bodies=bodies_of(model.columns),
-        not_negative=positive,
+        not_negative=_not_negative(model),
     )
 
 
@@ -170,8 +172,21 @@ def _sizes(model: Model, belief: Belief, unconstrained: Solution) -> FloatArray:
     )
 
 
+def _not_negative(model: Model) -> IntArray:
+    """The parameters that nature allows no negative value.
+
+    Beside other friction effects Coulomb and viscous friction are only parts of a sum, which alone has a sign.
+    """
+    others = any(effect_by_id(c.effect).is_friction and c.effect not in _PLAIN_FRICTION for c in model.effects)
+    always = ("rotor_inertia",) if others else ("rotor_inertia", *_PLAIN_FRICTION)
+    return np.array([k for k, c in enumerate(model.columns) if c.effect in always or _positive(c)], dtype=np.intp)
+
+
 def _positive(column: Column) -> bool:
     return any(spec.positive for spec in effect_by_id(column.effect).parameters if spec.name == column.parameter)
+
+
+_PLAIN_FRICTION = ("coulomb", "viscous")
 
 
 def _warnings(

@@ -1,0 +1,221 @@
+"""The description's inertias as a prior: against dense algebra, and what it is said to be good for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from oracles import arm, fourier_motion, pinocchio_torque, record
+
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.estimation import EstimationError, solve, weighted_factor
+from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.identification.prior import Belief, belief_of, parted, prior_of
+from dynident.identification.storage import from_bytes, to_bytes
+from dynident.recordings import Preprocessing
+from dynident.regressors.model import build_model
+from dynident.robot import Robot
+from dynident.robot.usual_errors import usual_errors
+
+LINKS = (EffectChoice("rigid_body"),)
+EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous"))
+CHOICES = IdentificationChoices(EFFECTS, prior="description", preprocessing=Preprocessing(15.0, 15.0, 5))
+LAST = "wrist_3_joint"
+
+
+def heavier(robot: Robot, factor: float = 1.1) -> Robot:
+    """The same robot with a description that is a tenth off."""
+    assert robot.inertias is not None
+    return replace(robot, inertias=factor * robot.inertias)
+
+
+def run(amplitude: float = 1.2, still: tuple[int, ...] = (), duration: float = 10.0, payload=None, name: str = "run"):
+    robot = arm("ur10")
+    motion = fourier_motion(robot, duration, 200.0, seed=2, amplitude=amplitude)
+    q, dq, ddq = motion.q.copy(), motion.dq.copy(), motion.ddq.copy()
+    for joint in still:
+        q[:, joint], dq[:, joint], ddq[:, joint] = 0.3, 0.0, 0.0
+    loaded = robot
+    if payload is not None:
+        inertias = robot.inertias.copy()
+        inertias[-1] += payload
+        loaded = replace(robot, inertias=inertias)
+    tau = pinocchio_torque(loaded, q, dq, ddq) + 1.5 * np.sign(dq) + 2.0 * dq + 0.2 * ddq
+    tau = tau + 0.3 * np.random.default_rng(7).normal(size=tau.shape)
+    return record(robot, replace(motion, q=q, dq=dq, ddq=ddq), tau, name)
+
+
+@cache
+def short(prior: str | None, free: tuple[str, ...] = (), estimator: str = "wls") -> Identification:
+    """A motion of a few degrees, which determines little."""
+    choices = replace(CHOICES, prior=prior, free_links=free, estimator=estimator)
+    return identify(heavier(arm("ur10")), [run(amplitude=0.1)], [run(amplitude=1.5, name="wide")], choices)
+
+
+def test_base_parameters_are_believed_as_sums_of_what_is_believed_of_standard_ones():
+    robot = arm("ur10")
+    model = build_model(robot, LINKS)
+    known = prior_of(model, replace(CHOICES, effects=LINKS))
+    mean = model.base.grouping @ robot.inertias.reshape(-1)
+    covariance = (model.base.grouping * usual_errors(robot).reshape(-1) ** 2) @ model.base.grouping.T
+    np.testing.assert_allclose(np.linalg.inv(known.factor.T @ known.factor), covariance, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.lstsq(known.factor, known.right)[0], mean, atol=1e-9)
+
+
+def test_nothing_is_believed_of_sums_with_something_unknown_in_them():
+    model = build_model(arm("ur10"), EFFECTS)
+    known = prior_of(model, replace(CHOICES, free_links=(LAST,)))
+    belief = belief_of(model, replace(CHOICES, free_links=(LAST,)))
+    # Wide beliefs of the unknown instead of none: what these leave known has to be the same.
+    grouping = np.where(belief.stated | model.base.written, model.base.grouping, 0.0)
+    wide = (grouping * np.where(belief.stated, belief.size, 1e4) ** 2) @ grouping.T
+    size = np.sqrt(np.diag((grouping * np.where(belief.stated, belief.size, 0.0) ** 2) @ grouping.T))
+    information = (known.factor * size).T @ (known.factor * size)
+    np.testing.assert_allclose(information, np.linalg.inv(wide) * np.outer(size, size), atol=1e-4)
+    names = [column.name for column in model.kept]
+    for name in ("ZZ6", "MX6", "Fc3", "Ia4", "ZZ1"):
+        assert np.abs(known.factor[:, names.index(name)] * belief.size[model.base.kept[names.index(name)]]).max() < 1e-9
+
+
+def test_the_two_parts_of_a_belief_are_the_whole_of_it():
+    model = build_model(arm("ur10"), LINKS)
+    belief = belief_of(model, replace(CHOICES, effects=LINKS))
+    both = parted(model, belief)
+    in_units = both.base.factor @ (model.base.grouping * belief.size)
+    everything = np.vstack([in_units, both.rest])
+    np.testing.assert_allclose(everything.T @ everything, np.eye(len(belief.size)), atol=1e-8)
+    assert isinstance(belief, Belief)
+
+
+def test_a_prior_makes_a_poor_motion_predict_a_good_one():
+    with_prior, without = short("description"), short(None)
+    assert with_prior.held_out.relative_total < 0.3 * without.held_out.relative_total
+    # The description, a tenth off, is put right where the motion shows it.
+    assert with_prior.held_out.relative_total < 0.06
+
+
+def test_parameters_that_rest_on_the_prior_are_named_and_not_called_well_identified():
+    found = short("description")
+    warning = next(warning for warning in found.warnings if "rest on it" in warning)
+    poor = {p.name for p in found.parameters if not p.well_identified}
+    named = {name.strip(" .") for name in warning.rsplit(":", 1)[1].split(",")}
+    assert len(named) > 5
+    assert named <= poor
+    assert "a belief" in warning
+    assert found.condition_number == pytest.approx(short(None).condition_number)
+    assert any("condition number" in text and "motion alone" in text for text in found.warnings)
+
+
+def test_a_prior_is_weighed_as_rows_are():
+    found = short("description")
+    known = prior_of(found.model, found.choices)
+    c = found.model.n_parameters
+    rows = np.vstack([weighted_factor(found.equations, found.solution.noise), known.rows])
+    expected = np.linalg.lstsq(rows[:, :c], rows[:, c])[0]
+    np.testing.assert_allclose(found.values, expected, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(solve(found.equations, found.solution.noise, known).values, found.values)
+
+
+def test_a_joint_that_does_not_move_is_filled_in_by_the_prior_but_its_friction_is_not():
+    robot, still = arm("ur10"), run(still=(0,))
+    moving = robot.joint_names[1:]
+    plain = replace(CHOICES, effects=(LINKS[0], *(replace(choice, joints=moving) for choice in EFFECTS[1:])))
+    with pytest.raises(EstimationError, match=r"not identifiable.*ZZ1"):
+        identify(robot, [still], choices=replace(plain, prior=None))
+    found = identify(robot, [still], choices=plain)
+    zz1 = next(p for p in found.parameters if p.name == "ZZ1")
+    described = found.model.base.grouping @ [
+        *robot.inertias.reshape(-1),
+        *np.zeros(len(found.model.columns) - 10 * robot.n),
+    ]
+    assert zz1.value == pytest.approx(described[found.parameters.index(zz1)], abs=zz1.standard_deviation)
+    assert not zz1.well_identified
+    with pytest.raises(EstimationError, match="not identifiable") as raised:
+        identify(robot, [still], choices=CHOICES)
+    assert "Fc1" in raised.value.detail
+    assert "Fc2" not in raised.value.detail
+
+
+PAYLOAD = np.array([0.06, 0, 0, 0.06, 0, 0.01, 0, 0, 0.4, 4.0])
+
+
+@pytest.mark.parametrize("estimator", ["wls", "feasible"])
+def test_a_payload_that_is_in_all_runs_is_told_from_the_last_link_by_the_prior(estimator):
+    carrying = run(payload=PAYLOAD, name="carrying")
+    payload = EffectChoice("payload", runs=("carrying",))
+    choices = replace(CHOICES, effects=(*EFFECTS, payload), estimator=estimator)
+    with pytest.raises(EstimationError, match="not identifiable"):
+        identify(arm("ur10"), [carrying], choices=replace(choices, prior=None))
+    found = identify(arm("ur10"), [carrying], choices=choices)
+    mass = next(p for p in found.parameters if p.name == "Mp")
+    assert abs(mass.value - 4.0) < 3 * mass.standard_deviation
+    assert mass.standard_deviation < 0.8
+
+
+def test_a_free_last_link_takes_up_a_payload():
+    found = identify(arm("ur10"), [run(payload=PAYLOAD)], choices=replace(CHOICES, free_links=(LAST,),
+                                                                          estimator="feasible"))  # fmt: skip
+    names = [column.name for column in found.model.columns]
+    mass, deviation = (
+        values[names.index("M6")] for values in (found.standard.values, found.standard.standard_deviations)
+    )
+    truth = arm("ur10").inertias[5, 9] + 4.0
+    assert abs(mass - truth) < 3 * deviation
+    assert deviation < 1.0
+    believed = identify(arm("ur10"), [run(payload=PAYLOAD)], choices=replace(CHOICES, estimator="feasible"))
+    assert abs(believed.standard.values[names.index("M6")] - truth) > abs(mass - truth)
+
+
+def test_a_prior_comes_back_from_a_file():
+    found = short("description", (LAST,))
+    again = from_bytes(to_bytes(found))
+    assert again.choices == found.choices
+    assert [p.well_identified for p in again.parameters] == [p.well_identified for p in found.parameters]
+
+
+def impossible(**change) -> Robot:
+    robot = arm("ur10")
+    return replace(robot, inertias=change["inertias"])
+
+
+def mended(place: tuple[int, int], value: float) -> np.ndarray:
+    made = arm("ur10").inertias.copy()
+    made[place] = value
+    return made
+
+
+@pytest.mark.parametrize(
+    ("inertias", "says"),
+    [
+        (None, "gives no inertias"),
+        (np.zeros((6, 10)), "gives no inertias"),
+        (np.tile([0.1, 0, 0, 0.1, 0, 0.1, 0, 0, 0, 1.0], (6, 1)), "placeholders"),
+        (mended((2, 3), np.nan), "nothing can be believed"),
+        (mended((1, 9), -2.0), "mass of -2 kg"),
+    ],
+)
+def test_a_description_that_says_nothing_is_no_prior(inertias, says):
+    with pytest.raises(DynidentError, match=says) as raised:
+        identify(impossible(inertias=inertias), [run()], choices=CHOICES)
+    assert raised.value.pointer == "/prior"
+
+
+def test_a_free_link_that_does_not_exist_is_an_error():
+    with pytest.raises(DynidentError, match="wrist_3_joint") as raised:
+        identify(arm("ur10"), [run()], choices=replace(CHOICES, free_links=("elbow",)))
+    assert raised.value.pointer == "/free_links/0"
+
+
+def test_a_free_link_without_a_prior_is_an_error():
+    with pytest.raises(DynidentError, match="there is no prior") as raised:
+        IdentificationChoices(free_links=(LAST,))
+    assert raised.value.pointer == "/free_links"
+
+
+def test_a_prior_needs_the_global_strategy():
+    with pytest.raises(DynidentError, match="global") as raised:
+        identify(arm("ur10"), [run()], choices=replace(CHOICES, strategy="sequential"))
+    assert raised.value.pointer == "/prior"
