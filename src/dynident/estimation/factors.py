@@ -61,6 +61,11 @@ class EquationFactors:
         factors = triangular(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
         return EquationFactors(chosen.astype(np.intp), squared(factors), self.counts)
 
+    def changed(self, change: FloatArray, columns: IntArray) -> EquationFactors:
+        """The rows of [W | Y] change, change (p + 1, p' + 1): Y and W mixed; `columns` (p',) name the new columns."""
+        factors = triangular(self.factors @ change) if len(self.factors) else np.zeros((0, *change.shape[1:] * 2))
+        return EquationFactors(np.asarray(columns, dtype=np.intp), squared(factors), self.counts)
+
     def squares(self, values: FloatArray) -> FloatArray:
         """(s,): sum of the squared residual of parameters χ (c,) in every stretch."""
         k = len(self.columns)

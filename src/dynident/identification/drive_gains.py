@@ -1,0 +1,279 @@
+"""Drive gains [12.17] from runs without and with a known payload: by total least squares (§12.3.6).
+
+In g_j u_j = W_j χ + w_j, with u the recorded currents and w the torque that the known payload needs, gains and
+parameters are found together [Gautier & Briot 2011]; only the known payload gives them a scale. The errors are those of
+the currents, so that g_j u_j cannot simply be moved to the side of the columns: ordinary least squares would make the
+gains too small. Of total least squares this is the form that knows where the errors are: Σ |u_j - (W_j χ + w_j) / g_j|²
+over the noise of every joint. The singular vector of the smallest singular value of [W w -u] is where it starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
+from dynident.identification.payloads import PLAIN_EFFECTS, known_payload, loaded_data, scaled
+from dynident.recordings import Preprocessing, Recording
+from dynident.robot import Robot
+from dynident.robot.model import FloatArray
+from dynident.threads import single_threaded
+
+IntArray = NDArray[np.intp]
+
+_ROUNDS = 60
+_SETTLED = 1e-8
+# Relative standard deviations beyond which a gain is said not to be identifiable from the data.
+_IDENTIFIABLE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class DriveGains:
+    """Drive gains of all joints.
+
+    `values` (n,) in units of `stated` (n,), the gains that the recorded torque was computed with (N m/A or N/A; 1
+    where the columns are currents or nothing is known of them); `covariance` (n, n) with the correlation of the
+    residuals accounted for. `identifiable` (n,) is false where the data leave a gain more than a tenth uncertain.
+    """
+
+    joint_names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    stated: FloatArray
+    identifiable: tuple[bool, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def standard_deviations(self) -> FloatArray:
+        """(n,)."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @property
+    def intervals(self) -> FloatArray:
+        """(n, 2): 95 % confidence intervals."""
+        reach = 1.96 * self.standard_deviations
+        return np.column_stack([self.values - reach, self.values + reach])
+
+    @property
+    def factors(self) -> FloatArray:
+        """(n,): what the recorded torque is to be multiplied by."""
+        return np.asarray(self.values / self.stated)
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadEstimate:
+    """Mass (kg) of what was carried, its standard deviation, and the part of it that the gains' uncertainty makes."""
+
+    mass: float
+    standard_deviation: float
+    from_gains: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % confidence interval, kg."""
+        return self.mass - 1.96 * self.standard_deviation, self.mass + 1.96 * self.standard_deviation
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether the interval leaves out zero, so that the data show a payload at all."""
+        return abs(self.mass) > 1.96 * self.standard_deviation
+
+
+@single_threaded
+def identify_gains(
+    robot: Robot,
+    unloaded: Sequence[Recording],
+    loaded: Sequence[Recording],
+    *,
+    effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
+    stated: Sequence[float] | None = None,
+    preprocessing: Preprocessing | None = None,
+) -> DriveGains:
+    """Identify the drive gains from the same motion without and with a known payload.
+
+    Parameters
+    ----------
+    robot : Robot
+    unloaded, loaded : sequences of Recording
+        The metadata of the loaded ones state the payload: its mass (kg) and, where known, its centre (m).
+    effects : sequence of EffectChoice
+        The model besides the payload.
+    stated : sequence of float, optional
+        Gains that the recordings' torque was computed with; those of the robot's drives where left out, else 1.
+
+    Raises
+    ------
+    DynidentError
+        For a missing run, a payload without a usable mass, torque that is zero, or data that do not determine the
+        model.
+    """
+    payloads = [known_payload(recording) for recording in loaded]
+    data = loaded_data(robot, unloaded, loaded, effects, preprocessing)
+    known = {
+        data.payload_column(recording, name): value
+        for recording, payload in zip(loaded, payloads, strict=True)
+        for name, value in payload.parameters.items()
+    }
+    factors, covariance = total_least_squares(data.reduction, known)
+    scale = _stated(robot, stated)
+    deviations = np.sqrt(np.diag(covariance)) / np.abs(factors)
+    identifiable = tuple(bool(d <= _IDENTIFIABLE) for d in deviations)
+    warnings = tuple(
+        f"The gain of {name} is not identifiable from this data: its standard deviation is {deviation:.0%}. The "
+        "payload changes too little of what this joint feels: carry a heavier one, or move more."
+        for name, deviation, good in zip(robot.joint_names, deviations, identifiable, strict=True)
+        if not good
+    )
+    return DriveGains(
+        robot.joint_names, factors * scale, covariance * np.outer(scale, scale), scale, identifiable, warnings
+    )
+
+
+@single_threaded
+def payload_mass(
+    robot: Robot,
+    unloaded: Sequence[Recording],
+    loaded: Recording,
+    *,
+    gains: DriveGains | None = None,
+    effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
+    preprocessing: Preprocessing | None = None,
+) -> PayloadEstimate:
+    """Weigh what a recording carries, by what it changes against recordings without it.
+
+    Parameters
+    ----------
+    gains : DriveGains, optional
+        Identified for torque columns that were computed with the same stated gains; the recorded torque is taken as it
+        is where they are left out.
+
+    Raises
+    ------
+    DynidentError
+        Where the recordings do not determine the model.
+    """
+    data = loaded_data(robot, unloaded, [loaded], effects, preprocessing)
+    column = data.payload_column(loaded, "Mp")
+    factors = np.ones(robot.n) if gains is None else gains.factors
+    reduction = scaled(data.reduction, factors)
+    solution = weighted(reduction)
+    variance = float(statistics(reduction, solution).covariance[column, column])
+    by_gain = 0.0
+    if gains is not None:
+        # The mass is linear in the torque: what each joint's torque contributes to it is its slope over that gain.
+        slopes = _contributions(reduction, solution.noise, solution.normal_inverse[column]) / gains.values
+        by_gain = float(slopes @ gains.covariance @ slopes)
+    return PayloadEstimate(float(solution.values[column]), float(np.sqrt(variance + by_gain)), float(np.sqrt(by_gain)))
+
+
+def total_least_squares(reduction: Reduction, known: Mapping[int, float]) -> tuple[FloatArray, FloatArray]:
+    """Factors f (n,) on the measured side of f_j y_j = W_j χ, and their covariance (n, n).
+
+    Parameters
+    ----------
+    reduction : Reduction
+        Rows of [W | y], y in any unit, one unit an equation.
+    known : mapping of column to value
+        Parameters that are known, in the unit of χ; they give the factors their scale.
+
+    Raises
+    ------
+    EstimationError
+        Where what is known leaves no trace in the data.
+    """
+    c, n = reduction.n_columns, len(reduction.equations)
+    fixed = np.zeros(c)
+    fixed[list(known)] = list(known.values())
+    free = np.array([k for k in range(c) if k not in known], dtype=np.intp)
+    values, inverse = _start(reduction, fixed, free)
+    for _ in range(_ROUNDS):
+        linear = _linearised(reduction, free, values, inverse)
+        solution = weighted(linear)
+        before = inverse
+        values = fixed.copy()
+        values[free] = solution.values[: len(free)]
+        inverse = solution.values[len(free) :]
+        if np.abs(inverse - before).max() <= _SETTLED * np.abs(inverse).max():
+            break
+    else:
+        raise EstimationError(
+            "the gains do not settle: the payload's torque is too small beside the noise; carry a heavier one",
+            pointer="/loaded_ids",
+            title="Not identifiable",
+        )
+    covariance = statistics(linear, solution).covariance[len(free) :, len(free) :]
+    slope = 1.0 / inverse**2
+    return 1.0 / inverse, np.asarray(covariance[:n, :n] * np.outer(slope, slope))
+
+
+def _start(reduction: Reduction, fixed: FloatArray, free: IntArray) -> tuple[FloatArray, FloatArray]:
+    """χ (c,) and 1/f (n,) of the singular vector of the smallest singular value of [W w -y], columns of equal size."""
+    c, n = reduction.n_columns, len(reduction.equations)
+    parts = []
+    for j, equation in enumerate(reduction.equations):
+        k = len(equation.columns)
+        freedom = max(float(equation.counts.sum()) - k, 1.0)
+        noise = max(abs(float(equation.joined[k, k])) / np.sqrt(freedom), 1e-9 * float(np.abs(equation.joined).max()))
+        wide = np.zeros((k + 1, c + 1 + n))
+        wide[:, equation.columns] = equation.joined[:, :k]
+        wide[:, c] = equation.joined[:, :k] @ fixed[equation.columns]
+        wide[:, c + 1 + j] = -equation.joined[:, k]
+        parts.append(wide / noise)
+    rows = np.vstack(parts)[:, [*free, *range(c, c + 1 + n)]]
+    sizes = np.linalg.norm(rows, axis=0)
+    if not sizes.all():
+        raise EstimationError(
+            "the known payload, or a joint's torque, leaves no trace in the data",
+            pointer="/loaded_ids",
+            title="Not identifiable",
+        )
+    vector = np.linalg.svd(rows / sizes)[2][-1] / sizes
+    vector = vector / vector[len(free)]
+    values = fixed.copy()
+    values[free] = vector[: len(free)]
+    return values, 1.0 / vector[len(free) + 1 :]
+
+
+def _linearised(reduction: Reduction, free: IntArray, values: FloatArray, inverse: FloatArray) -> Reduction:
+    """y_j = k_j W_j χ about χ and k = 1/f: columns k_j W_j of the free parameters and W_j χ of k_j."""
+    number = {int(column): new for new, column in enumerate(free)}
+    made = []
+    for j, equation in enumerate(reduction.equations):
+        p = len(equation.columns)
+        own = [i for i, column in enumerate(equation.columns) if int(column) in number]
+        change = np.zeros((p + 1, len(own) + 2))
+        change[own, range(len(own))] = inverse[j]
+        change[:p, len(own)] = values[equation.columns]
+        change[own, -1] = inverse[j] * values[equation.columns[own]]
+        change[p, -1] = 1.0
+        columns = [number[int(equation.columns[i])] for i in own] + [len(free) + j]
+        made.append(equation.changed(change, np.array(columns, dtype=np.intp)))
+    return Reduction(len(free) + len(reduction.equations), tuple(made), reduction.spans)
+
+
+def _contributions(reduction: Reduction, noise: FloatArray, row: FloatArray) -> FloatArray:
+    """(n,): what each equation's torque contributes to a parameter, `row` (c,) its row of (WᵀW)⁻¹."""
+
+    def share(equation: EquationFactors, sigma: float) -> float:
+        k = len(equation.columns)
+        score = equation.joined[:, :k].T @ equation.joined[:, k] / sigma**2
+        return float(row[equation.columns] @ score)
+
+    return np.array([share(e, float(s)) for e, s in zip(reduction.equations, noise, strict=True)])
+
+
+def _stated(robot: Robot, stated: Sequence[float] | None) -> FloatArray:
+    if stated is None:
+        return np.array([1.0 if drive.gain is None else drive.gain for drive in robot.drives])
+    given = np.asarray(stated, dtype=np.float64)
+    if given.shape != (robot.n,) or not np.all(np.isfinite(given) & (given != 0)):
+        raise DynidentError(
+            f"the stated gains are {list(stated)}; give one number other than 0 for each of the {robot.n} joints",
+            pointer="/gains",
+        )
+    return given

@@ -1,0 +1,146 @@
+"""What recordings carry: known payloads by their metadata, and reduced data with columns for them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.errors import DynidentError
+from dynident.estimation import Reduction
+from dynident.identification.checks import check_recordings, check_reduction
+from dynident.recordings import Preprocessing, Recording, choose_preprocessing
+from dynident.regressors.model import Model, build_model
+from dynident.regressors.stream import reduce_recordings
+from dynident.robot import Robot
+from dynident.robot.model import FloatArray
+
+PLAIN_EFFECTS = tuple(EffectChoice(n) for n in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
+"""What is identified beside a payload or gains where nobody says more."""
+
+_TITLE = "Unusable payload"
+_FIRST_MOMENTS = ("MXp", "MYp", "MZp")
+
+
+@dataclass(frozen=True)
+class KnownPayload:
+    """What a recording's metadata says of its payload: kg, and m in the frame of the last joint where stated."""
+
+    mass: float
+    centre: tuple[float, float, float] | None = None
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The parameters of the payload effect that are known."""
+        if self.centre is None:
+            return {"Mp": self.mass}
+        moments = {name: self.mass * x for name, x in zip(_FIRST_MOMENTS, self.centre, strict=True)}
+        return {"Mp": self.mass, **moments}
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedData:
+    """Recordings without and with payloads, reduced to a model in which every loaded recording has its own payload."""
+
+    model: Model
+    reduction: Reduction
+    loaded: tuple[Recording, ...]
+
+    def payload_column(self, recording: Recording, parameter: str) -> int:
+        """Number of a payload's parameter ("Mp", "MXp", …) among those of the model."""
+        for k, column in enumerate(self.model.kept):
+            if column.effect == "payload" and column.name == parameter and column.runs == (recording.name,):
+                return k
+        raise DynidentError(
+            f"{parameter} of the payload in {recording.name} dissolves in other parameters",
+            pointer="/measurement_ids",
+            title="Not identifiable",
+        )
+
+
+def known_payload(recording: Recording) -> KnownPayload:
+    """The payload that a recording's metadata states.
+
+    Raises
+    ------
+    DynidentError
+        Where there is none, or its mass or centre is no usable number.
+    """
+    if recording.payload is None:
+        raise _unusable(recording, "", 'no payload is stated; give "payload": {"mass": …} in kg')
+    mass = _number(recording.payload.get("mass"))
+    if not (math.isfinite(mass) and mass > 0):
+        stated = recording.payload.get("mass")
+        raise _unusable(recording, "/mass", f"the payload's mass is {stated!r}; give a number of kg above zero")
+    centre = recording.payload.get("centre")
+    if centre is None:
+        return KnownPayload(mass)
+    numbers = [_number(x) for x in centre] if isinstance(centre, Sequence) else []
+    if len(numbers) != 3 or not all(math.isfinite(x) for x in numbers):
+        raise _unusable(
+            recording, "/centre", f"the payload's centre is {centre!r}; give x, y and z in m in the last joint's frame"
+        )
+    return KnownPayload(mass, (numbers[0], numbers[1], numbers[2]))
+
+
+def loaded_data(
+    robot: Robot,
+    unloaded: Sequence[Recording],
+    loaded: Sequence[Recording],
+    effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
+    preprocessing: Preprocessing | None = None,
+) -> LoadedData:
+    """Reduce recordings without and with a payload.
+
+    Raises
+    ------
+    DynidentError
+        Where one of the two kinds is missing, two loaded recordings have the same name, or an effect needs the load.
+    """
+    for pointer, word, group in (("/unloaded_ids", "without", unloaded), ("/loaded_ids", "with", loaded)):
+        if not group:
+            raise DynidentError(
+                f"a recording {word} the payload is missing: the same motion is needed without and with it",
+                pointer=pointer,
+                title="Nothing to compare",
+            )
+    names = [recording.name for recording in (*unloaded, *loaded)]
+    if len(set(names)) < len(names):
+        raise DynidentError("two recordings have the same name; give each its own", pointer="/loaded_ids", title=_TITLE)
+    for index, choice in enumerate(effects):
+        effect = effect_by_id(choice.effect, f"/effects/{index}")
+        if effect.needs_load or effect.in_some_runs:
+            raise DynidentError(
+                f"{choice.effect} cannot stand beside unknown gains and payloads; leave it out",
+                pointer=f"/effects/{index}",
+                title="Unfit effect",
+            )
+    recordings = [*unloaded, *loaded]
+    check_recordings(robot, recordings, ())
+    carried = [EffectChoice("payload", runs=(recording.name,)) for recording in loaded]
+    model = build_model(robot, [*effects, *carried])
+    chosen = preprocessing or choose_preprocessing(recordings)
+    reduction = reduce_recordings(model.observation, recordings, chosen, np.zeros(10 * robot.n))
+    check_reduction(model, reduction)
+    return LoadedData(model, reduction, tuple(loaded))
+
+
+def scaled(reduction: Reduction, factors: FloatArray) -> Reduction:
+    """The same data with the torque of every equation multiplied by a factor (n,)."""
+    equations = tuple(
+        equation.changed(np.diag([*np.ones(len(equation.columns)), factor]), equation.columns)
+        for equation, factor in zip(reduction.equations, factors, strict=True)
+    )
+    return Reduction(reduction.n_columns, equations, reduction.spans)
+
+
+def _number(value: object) -> float:
+    """The value as a number; not a number where it is none."""
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+
+
+def _unusable(recording: Recording, where: str, detail: str) -> DynidentError:
+    return DynidentError(f"{recording.name}: {detail}", pointer=f"/payload{where}", title=_TITLE)
