@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification, IdentifiedParameter
+from dynident.identification.dependence import parameter_dependence
 from dynident.reports.numbers import estimate, number, percent
 from dynident.reports.section import Section
 from dynident.reports.words import shape_text
@@ -19,6 +20,7 @@ class ParameterRow:
     parameter: IdentifiedParameter
     value: str
     deviation: str
+    interval: str
     relative: str
     unit: str
 
@@ -44,12 +46,13 @@ class ParameterGroup:
 
 @dataclass(frozen=True)
 class ParametersContent:
-    """Parameters by effect, and the number of independent samples behind their deviations."""
+    """Parameters by effect, the number of independent samples behind their deviations, what is known together only."""
 
     groups: tuple[ParameterGroup, ...]
     effective: tuple[EffectiveRows, ...]
     n_poor: int
     n_parameters: int
+    together: tuple[str, ...]
 
 
 def parameters_section(identification: Identification) -> Section:
@@ -60,6 +63,7 @@ def parameters_section(identification: Identification) -> Section:
         tuple(_effective(identification)),
         sum(not parameter.well_identified for parameter in parameters),
         len(parameters),
+        parameter_dependence(identification).sentences,
     )
     return Section("parameters", "Identified parameters", "parameters", content)
 
@@ -76,6 +80,7 @@ def _row(parameter: IdentifiedParameter) -> ParameterRow:
         parameter,
         value,
         deviation,
+        " to ".join(estimate(end, parameter.standard_deviation)[0] for end in parameter.interval),
         percent(parameter.relative_standard_deviation, 2),
         "–" if parameter.unit == "-" else parameter.unit,
     )
@@ -87,7 +92,7 @@ def _effective(identification: Identification) -> Iterator[EffectiveRows]:
     if len(equations) != len(names):
         names = tuple(f"{identification.choices.model} equation {k + 1}" for k in range(len(equations)))
     counts = [equation.counts.sum() for equation in equations]
-    for name, rows, effective in zip(names, counts, identification.effective_rows, strict=True):
+    for name, rows, effective in zip(names, counts, identification.statistics.effective_rows, strict=True):
         yield EffectiveRows(
             name, f"{int(rows)}", number(float(effective)), percent(float(effective / max(rows, 1.0)), 2)
         )
