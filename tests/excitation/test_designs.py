@@ -240,7 +240,7 @@ def test_a_sliding_joint_without_a_range_is_asked_for_one(scara):
 @pytest.mark.parametrize(
     ("request_", "pointer"),
     [
-        (replace(QUICK, kind="sequential"), "/kind"),
+        (replace(QUICK, kind="ballet"), "/kind"),
         (replace(QUICK, criterion=CriterionChoice("best")), "/criterion/name"),
         (replace(QUICK, trajectory=replace(SHORT, family="spiral")), "/trajectory/family"),
         (replace(QUICK, trajectory=replace(SHORT, family="b_spline", intervals=1)), "/trajectory/intervals"),

@@ -8,6 +8,7 @@ from dynident.errors import DynidentError
 from dynident.excitation.criteria import check_criterion, check_wishes
 from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT, KINDS, DesignRequest, TrajectoryRequest
 from dynident.excitation.row_models import ROW_MODELS
+from dynident.excitation.special_sets import SETS
 from dynident.excitation.surroundings import check_surroundings
 
 _MOST_SAMPLES = 5_000_000
@@ -51,8 +52,11 @@ def check_request(request: DesignRequest) -> None:
         )
     if request.kind in JOINT_BY_JOINT:
         return
-    if trajectory.family == "point_to_point":
+    if request.kind == "sequential":
+        _check_set(request)
+    if trajectory.family == "point_to_point" or request.kind == "sequential":
         _check_points(request)
+    if trajectory.family == "point_to_point":
         return
     _check_fineness(trajectory)
     samples = trajectory.sampling_rate * trajectory.duration * trajectory.periods * sum(1 / p for p in trajectory.paces)
@@ -60,6 +64,15 @@ def check_request(request: DesignRequest) -> None:
         raise DynidentError(
             f"the trajectory would have {samples:.0f} samples; at most {_MOST_SAMPLES} can be designed",
             pointer="/trajectory",
+        )
+
+
+def _check_set(request: DesignRequest) -> None:
+    _one_of(request.trajectory.sets, SETS, "set of test motions", "/trajectory/sets")
+    if request.trajectory.joints:
+        raise DynidentError(
+            "a set of test motions says itself which joints move in each of them; leave joints out",
+            pointer="/trajectory/joints",
         )
 
 
@@ -72,12 +85,12 @@ def _check_points(request: DesignRequest) -> None:
         )
     if request.model != "dynamic":
         raise DynidentError(
-            f"only a periodic trajectory can be designed for the {request.model} model; leave model out",
+            f"only a periodic trajectory of all joints can be designed for the {request.model} model; leave model out",
             pointer="/model",
         )
     if trajectory.paces != (1.0,):
         raise DynidentError(
-            "a sequence of moves has a share of the speed for each of them; leave paces out",
+            "sequences of moves and sets of test motions choose their speeds themselves; leave paces out",
             pointer="/trajectory/paces",
         )
 

@@ -18,6 +18,7 @@ from dynident.excitation.optimise import Budget
 from dynident.excitation.periodic import periodic
 from dynident.excitation.request import JOINT_BY_JOINT, Design, DesignRequest
 from dynident.excitation.sequences import point_to_point
+from dynident.excitation.sequential import sequential
 from dynident.excitation.strokes import course_of, strokes_of
 from dynident.excitation.task import Made, Task
 from dynident.progress import Progress, part, silent
@@ -89,10 +90,13 @@ def design_experiment(
         margins=made.margins,
         notes=(*made.notes, *notes, *model.notes, *limits.notes),
         expected=made.valued.expected,
+        runs=made.runs,
     )
 
 
 def _moving_together(task: Task, budget: Budget) -> Made:
+    if task.request.kind == "sequential":
+        return sequential(task, budget)
     if task.request.trajectory.family == "point_to_point":
         return point_to_point(task, budget)
     return periodic(task, budget)
@@ -101,6 +105,12 @@ def _moving_together(task: Task, budget: Budget) -> Made:
 def _told(model: DesignModel, earlier: Sequence[Recording], request: DesignRequest) -> FloatArray | None:
     if not earlier:
         return None
+    if request.kind == "sequential":
+        raise DynidentError(
+            "a set of test motions complements itself, not earlier runs; leave the earlier runs out, or choose the "
+            'kind "optimized"',
+            pointer="/earlier_ids",
+        )
     if not model.counted.all():
         raise DynidentError(
             "with locked joints, the parameters are grouped in another way than in earlier runs of all joints; leave "

@@ -13,15 +13,22 @@ import pyarrow.parquet as pq
 
 from dynident.errors import DynidentError
 from dynident.excitation.criteria import CriterionValues
-from dynident.excitation.request import Design
+from dynident.excitation.request import Design, IntArray
+from dynident.robot.model import FloatArray
 
 FORMATS = ("csv", "parquet", "json")
 """Formats of a trajectory."""
 
 
 def design_table(design: Design) -> pa.Table:
-    """Columns t, q_<joint>…, dq_<joint>…, ddq_<joint>… of all samples."""
-    columns = {"t": design.t}
+    """Columns t, q_<joint>…, dq_<joint>…, ddq_<joint>… of all samples.
+
+    Of a set of test motions also `segment`: the number of the run from 1 on, 0 on the ways between them. A recording
+    that keeps it is cut there.
+    """
+    columns: dict[str, FloatArray | IntArray] = {"t": design.t}
+    if design.runs:
+        columns["segment"] = design.segments
     for prefix, values in (("q", design.q), ("dq", design.dq), ("ddq", design.ddq)):
         columns |= {f"{prefix}_{name}": values[:, j] for j, name in enumerate(design.joint_names)}
     return pa.table(columns)
@@ -79,6 +86,7 @@ def design_document(design: Design) -> dict[str, object]:
             }
             for one in design.expected
         ],
+        "runs": [asdict(run) for run in design.runs],
         "notes": list(design.notes),
     }
 

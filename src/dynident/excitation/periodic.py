@@ -61,7 +61,7 @@ def periodic(task: Task, budget: Budget) -> Made:
     if not np.isfinite(best.values.condition_number):
         notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
     fine = Judge(family, model, task.yardstick, n_samples=_VALUED_SAMPLES, rows=request.model)
-    motions, margins = _verified(task, family, best)
+    motions, margins = within_limits(task, family, best)
     placed = with_moves(request.home, motions[0].start, bounds, model, rate)
     pieces = (placed.approach, *(replace(motion, periods=wanted.periods) for motion in motions), placed.retreat)
     exciting = (placed.approach.duration, sum(piece.duration for piece in pieces[:-1]))
@@ -83,7 +83,7 @@ def _valued(task: Task, judge: Judge, motion: PeriodicMotion) -> Valued:
     return Valued(judge.values(motion.x), task.expected(w, dq, judge.row_model, n_samples))
 
 
-def _verified(task: Task, family: Family, best: Candidate) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
+def within_limits(task: Task, family: Family, best: Candidate) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
     """One period of the best candidate at every pace, shrunk until the fine grid agrees."""
     x = best.x.copy()
     families = [_at_pace(family, pace, task.rate) for pace in task.request.trajectory.paces]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from dynident.excitation.criteria import CriterionValues
 from dynident.excitation.deciding import Yardstick
 from dynident.excitation.limits import Bounds
+from dynident.excitation.locked import BoolArray
 from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Piece
 from dynident.excitation.moves import plan_move
@@ -67,6 +69,12 @@ class Legs:
         self._nominal, self._n_parameters = model.nominal, model.n_parameters
         self._counted = model.counted[:, None]
         self._known: dict[bytes, Leg | None] = {}
+
+    def counting(self, moving: BoolArray) -> Legs:
+        """The same where only the equations of some joints (n,) count."""
+        made = copy(self)
+        made._counted, made._known = moving[:, None], {}
+        return made
 
     def of(self, sequence: PointSequence) -> tuple[Leg, ...] | None:
         """The moves to each point, the one to the first from the last; `None` where one breaks a limit."""

@@ -6,22 +6,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.excitation.baseline import Baseline
 from dynident.excitation.criteria import CriterionChoice, CriterionValues
 from dynident.excitation.expected import ExpectedParameter
 from dynident.excitation.margins import Margin
 from dynident.excitation.row_models import RowModelName
+from dynident.excitation.special_sets import SetName
 from dynident.excitation.surroundings import Surroundings
 from dynident.robot import Limits
 from dynident.robot.model import FloatArray
 
-Kind = Literal["optimized", "random", "constant_velocity", "slow_sweep", "reversals"]
+Kind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]
+IntArray = NDArray[np.int64]
 KINDS: tuple[str, ...] = get_args(Kind)
 JOINT_BY_JOINT = ("constant_velocity", "slow_sweep", "reversals")
 """Kinds in which one joint moves at a time, with the friction of the joints for its default effects."""
 FAMILIES = ("fourier", "b_spline", "point_to_point")
 DEFAULT_STARTS = 4
+_HAIR = 1e-9
 
 _FRICTION = tuple(EffectChoice(name) for name in ("coulomb", "viscous", "offset"))
 _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
@@ -48,6 +54,9 @@ class TrajectoryRequest:
     points : int
         Of a point-to-point sequence: where the arm comes to rest in a round. They, and the shares of the velocity and
         acceleration limits of every move, are free.
+    sets : str
+        For sequential designs, the test motions: "link_by_link" from the terminal link, "wrist_then_shoulder", or
+        "vandanjon": inertia, centrifugal coupling, inertial coupling, gravity. Each run takes about the duration.
     periods : int
         How often the period (the set of strokes) is repeated.
     sampling_rate : float
@@ -68,6 +77,7 @@ class TrajectoryRequest:
     harmonics: int = 5
     intervals: int = 9
     points: int = 12
+    sets: SetName = "vandanjon"
     periods: int = 1
     sampling_rate: float = 100.0
     speeds: tuple[float, ...] | None = None
@@ -83,7 +93,8 @@ class DesignRequest:
     Parameters
     ----------
     kind : str
-        One of `KINDS`. "optimized" and "random" move all joints; of the others, "constant_velocity" runs every joint
+        One of `KINDS`. "optimized" and "random" move all joints at once; "sequential" runs a set of test motions, some
+        joints at a time; of the others, "constant_velocity" runs every joint
         there and back at several speeds, "slow_sweep" slowly over its whole range, "reversals" back and forth by small
         amplitudes.
     effects : tuple of EffectChoice, optional
@@ -158,6 +169,16 @@ class DesignRequest:
         return self.starts
 
 
+@dataclass(frozen=True)
+class Run:
+    """One test motion of a set: what it is for, the joints that move, and from when to when (s)."""
+
+    label: str
+    joints: tuple[str, ...]
+    start: float
+    end: float
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
     """A verified experiment: t (N,), q, dq, ddq (N, n) at the sampling rate, from home to home.
@@ -165,7 +186,7 @@ class Design:
     `exciting` are the times (s) between which the exciting part lies; `period` is its period, `None` where it has
     none. `baseline` is what random trajectories reach, `None` where there is nothing to compare. `margins` tell how
     near every limit comes, on a grid ten times as fine. `parameter_names` are the base parameters it was designed for,
-    `expected` how well each of them will come out.
+    `expected` how well each of them will come out. `runs` are the test motions of a set, one after the other.
     """
 
     joint_names: tuple[str, ...]
@@ -182,11 +203,20 @@ class Design:
     margins: tuple[Margin, ...]
     notes: tuple[str, ...]
     expected: tuple[ExpectedParameter, ...] = ()
+    runs: tuple[Run, ...] = ()
 
     @property
     def n_samples(self) -> int:
         """Number of samples N."""
         return len(self.t)
+
+    @property
+    def segments(self) -> IntArray:
+        """Number (N,) of the run that a sample belongs to, from 1 on; 0 outside of all runs."""
+        number = np.zeros(len(self.t), dtype=np.int64)
+        for index, run in enumerate(self.runs):
+            number[(self.t >= run.start - _HAIR) & (self.t <= run.end + _HAIR)] = index + 1
+        return number
 
     @property
     def sampling_rate(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -47,8 +48,8 @@ def point_to_point(task: Task, budget: Budget) -> Made:
     if request.kind == "optimized":
         best, note = _best(task, space, legs, candidates, budget)
         notes.append(note)
-    best, pieces = _first_that_fits(task, [best, *candidates])
-    placed = with_moves(request.home, best.sequence.points[-1], bounds, model, task.rate)
+    chosen, pieces = first_that_fits(task, [best.sequence, *(one.sequence for one in candidates)])
+    placed = with_moves(request.home, chosen.points[-1], bounds, model, task.rate)
     margins = verified(task, (placed.approach, *pieces, placed.retreat))
     rounds = pieces * request.trajectory.periods
     first = placed.approach.duration
@@ -96,11 +97,11 @@ def _best(
     return best, f"{ended} before the time was over." if budget.spent else f"{ended}."
 
 
-def _first_that_fits(task: Task, found: list[FoundSequence]) -> tuple[FoundSequence, tuple[Piece, ...]]:
+def first_that_fits(task: Task, found: Sequence[PointSequence]) -> tuple[PointSequence, tuple[Piece, ...]]:
     """The first sequence whose moves keep the limits on the fine grid as well, and these moves."""
     for one in found[:_MOST_SETTLED]:
         try:
-            return one, settled(task, one.sequence)
+            return one, settled(task, one)
         except ImpossibleLimitsError as error:
             reason = error
     raise reason

@@ -15,7 +15,7 @@ from dynident.excitation.limits import Bounds
 from dynident.excitation.margins import Margin, margins_of
 from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Motion, Piece, in_sequence
-from dynident.excitation.request import DesignRequest
+from dynident.excitation.request import DesignRequest, Run
 from dynident.excitation.row_models import EVERY_JOINT, RowModel
 from dynident.progress import Progress, part
 from dynident.robot.model import FloatArray
@@ -83,6 +83,7 @@ class Made:
     baseline: Baseline | None
     margins: tuple[Margin, ...]
     notes: tuple[str, ...]
+    runs: tuple[Run, ...] = ()
 
 
 def _finely(pieces: Sequence[Piece], rate: float, progress: Progress) -> Iterator[Motion]:

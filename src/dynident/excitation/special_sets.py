@@ -1,0 +1,104 @@
+"""Sets of special test motions (§12.3.4.2): which joints move in each run, and how, while the others are locked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from dynident.errors import DynidentError
+
+SetName = Literal["link_by_link", "wrist_then_shoulder", "vandanjon"]
+SETS: tuple[str, ...] = get_args(SetName)
+
+_WRIST = 3
+_POSTURES_OF_A_GROUP = 3
+"""How often a group of joints moves, each time with the others locked elsewhere: links then show from new sides."""
+
+
+@dataclass(frozen=True)
+class Freely:
+    """The moving joints take a trajectory of the family asked for."""
+
+
+@dataclass(frozen=True)
+class BetweenTwoPoints:
+    """The moving joints go back and forth between two points.
+
+    `short`: of those, the joints that only speed up and slow down again; the `long` ones cruise at full speed, and the
+    rest go a little way meanwhile, so that their friction has a sign.
+    """
+
+    short: tuple[int, ...] = ()
+    long: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Slowly:
+    """The moving joints go slowly through many postures."""
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One test motion: its label, the indices of the joints that move, and how."""
+
+    label: str
+    moving: tuple[int, ...]
+    how: Freely | BetweenTwoPoints | Slowly
+
+
+def planned_runs(name: SetName, joint_names: tuple[str, ...]) -> tuple[PlannedRun, ...]:
+    """The runs of a set, in the order in which they are made.
+
+    Raises
+    ------
+    DynidentError
+        The robot has too few joints for the set.
+    """
+    if name == "link_by_link":
+        return _link_by_link(joint_names)
+    if name == "wrist_then_shoulder":
+        return _wrist_then_shoulder(joint_names)
+    return _vandanjon(joint_names)
+
+
+def _link_by_link(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
+    """From the terminal link [12.22]-[12.24]: its joint and the two before it, which carry it about other axes.
+
+    The joints beyond are locked: their links are known by then, and move as one with this link.
+    """
+    return tuple(
+        PlannedRun(f"link {j + 1} ({joints[j]})", tuple(range(max(0, j - 2), j + 1)), Freely())
+        for j in reversed(range(len(joints)))
+    )
+
+
+def _wrist_then_shoulder(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
+    """The last three joints with the arm locked, then the arm with the wrist locked, in several postures (§12.7)."""
+    n = len(joints)
+    if n <= _WRIST:
+        raise DynidentError(
+            f"the robot has {n} joints; a wrist of {_WRIST} and a shoulder need at least {_WRIST + 1}",
+            pointer="/trajectory/sets",
+        )
+    groups = (("wrist", tuple(range(n - _WRIST, n))), ("shoulder", tuple(range(n - _WRIST))))
+    return tuple(
+        PlannedRun(f"{name}, posture {k + 1}", moving, Freely())
+        for name, moving in groups
+        for k in range(_POSTURES_OF_A_GROUP)
+    )
+
+
+def _vandanjon(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
+    """Four phenomena, one after the other [Vandanjon 95]: all of them, combined, make one global system."""
+    n = len(joints)
+    inertia = [PlannedRun(f"inertia, {joints[j]}", (j,), BetweenTwoPoints(short=(j,))) for j in range(n)]
+    pairs = [(i, j) for j in range(1, n) for i in (j - 1, j - 2) if i >= 0]
+    centrifugal = [
+        PlannedRun(f"centrifugal coupling, {joints[i]} on {joints[j]}", (i, j), BetweenTwoPoints(long=(i,)))
+        for i, j in pairs
+    ]
+    coupling = [
+        PlannedRun(f"inertial coupling, {joints[i]} and {joints[j]}", (i, j), BetweenTwoPoints(short=(i, j)))
+        for i, j in pairs
+    ]
+    return (*inertia, *centrifugal, *coupling, PlannedRun("gravity", tuple(range(n)), Slowly()))
