@@ -15,7 +15,6 @@ from dynident.excitation.criteria import CriterionChoice, CriterionValues
 from dynident.excitation.expected import ExpectedParameter
 from dynident.excitation.margins import Margin
 from dynident.excitation.row_models import RowModelName
-from dynident.excitation.special_sets import SetName
 from dynident.excitation.surroundings import Surroundings
 from dynident.robot import Limits
 from dynident.robot.model import FloatArray
@@ -77,7 +76,7 @@ class TrajectoryRequest:
     harmonics: int = 5
     intervals: int = 9
     points: int = 12
-    sets: SetName = "vandanjon"
+    sets: str = "vandanjon"
     periods: int = 1
     sampling_rate: float = 100.0
     speeds: tuple[float, ...] | None = None

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 from dynident.errors import DynidentError
 
-SetName = Literal["link_by_link", "wrist_then_shoulder", "vandanjon"]
-SETS: tuple[str, ...] = get_args(SetName)
+SETS = ("link_by_link", "wrist_then_shoulder", "vandanjon")
 
 _WRIST = 3
 _POSTURES_OF_A_GROUP = 3
@@ -46,7 +44,7 @@ class PlannedRun:
     how: Freely | BetweenTwoPoints | Slowly
 
 
-def planned_runs(name: SetName, joint_names: tuple[str, ...]) -> tuple[PlannedRun, ...]:
+def planned_runs(name: str, joint_names: tuple[str, ...]) -> tuple[PlannedRun, ...]:
     """The runs of a set, in the order in which they are made.
 
     Raises
