@@ -40,7 +40,7 @@ def null_space(rows: FloatArray) -> FloatArray:
 def owed_to_known(reduction: Reduction, solution: Solution) -> NDArray[np.bool_]:
     """(c,): which parameters are known for what was known beside the data rather than for the data."""
     if solution.known is None:
-        return np.zeros(reduction.n_columns, dtype=bool)
+        return np.zeros(len(solution.values), dtype=bool)
     noise = doubtful_noise(reduction, solution.values)
     c = reduction.n_columns
     alone = deviations(weighted_factor(reduction, noise)[:c, :c])

@@ -17,7 +17,7 @@ from dynident.robot.model import Robot
 
 _LONGEST_WRIST = 3
 # Those that solve any part of the equations; the others need the whole robot's torque, or go through all samples.
-_STEPWISE: tuple[EstimatorName, ...] = ("ols", "wls", "irls")
+_STEPWISE: tuple[EstimatorName, ...] = ("ols", "wls")
 _JOINT_BY_JOINT: tuple[ModelName, ...] = ("dynamic", "filtered")
 
 

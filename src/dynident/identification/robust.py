@@ -1,0 +1,181 @@
+"""Robust regression by iteratively reweighted least squares: rows that nothing explains lose their weight.
+
+A contact or a glitch of the torque is no noise: squared, a hundredth of the rows can outweigh all others. Every row of
+every joint's torque gets a weight from its own residual (see `estimation.robust`), from Huber's function to convergence
+and then from the bisquare. The last solution is that of least squares on pseudo-observations ŷ + ψ(e) / mean ψ', whose
+cluster-robust covariance is that of the robust estimate: residuals stay correlated and are not counted as independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.estimation import Information, Reduction, noise_levels, solve, statistics, weighted
+from dynident.estimation.least_squares import doubtful_noise
+from dynident.estimation.robust import BISQUARE, HUBER, Influence, robust_scale
+from dynident.identification.choices import IdentificationChoices
+from dynident.identification.data import Data
+from dynident.identification.fit import Fit
+from dynident.recordings import Recording
+from dynident.regressors.model import Model
+from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
+from dynident.robot.model import FloatArray
+
+_MOST_ROUNDS = 15
+# A round that moves no parameter by more than this share of its standard deviation is the last.
+_SETTLED = 0.05
+_REJECTED = 0.1
+_NOTABLE = 0.002
+_MOST_SPANS, _GAP = 3, 0.5
+
+
+def reweighted(model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+    """Robust estimates from the rows of all joints' torques.
+
+    Raises
+    ------
+    DynidentError
+        Where the equations are not the rows of the joints' torques, or no recording is at hand to go through again.
+    """
+    _check(data)
+    passes = _Passes(model, data)
+    first = weighted(data.equations, known)
+    # Where something is known beside the data, rows count for what they are worth as independent samples.
+    share = np.ones(len(first.noise))
+    if known is not None:
+        share = doubtful_noise(data.equations, first.values) / noise_levels(data.equations, first.values)
+    values = first.values
+    for influence in (HUBER, BISQUARE):
+        values = _settled(passes, values, influence, share, known)
+    sigma = robust_scale(passes.residuals(values))
+    found = passes.pseudo_observations(values, sigma, BISQUARE)
+    solution = solve(found, _floored(sigma) * share, known)
+    return Fit(solution, statistics(found, solution), passes.told(values, sigma))
+
+
+def _settled(
+    passes: _Passes, values: FloatArray, influence: Influence, share: FloatArray, known: Information | None
+) -> FloatArray:
+    """χ after as many rounds of reweighting as it takes, at most fifteen."""
+    for _ in range(_MOST_ROUNDS):
+        sigma = _floored(robust_scale(passes.residuals(values)))
+        rows = passes.reduced(values, sigma, influence)
+        solution = solve(rows, sigma * share, known)
+        moved = np.abs(solution.values - values)
+        values = solution.values
+        if np.all(moved <= _SETTLED * np.sqrt(np.diag(solution.normal_inverse))):
+            break
+    return values
+
+
+def _floored(sigma: FloatArray) -> FloatArray:
+    # A joint without residual must not get an infinite weight.
+    return np.asarray(np.maximum(sigma, 1e-9 * max(float(sigma.max(initial=0.0)), 1e-12)))
+
+
+def _check(data: Data) -> None:
+    if data.equations is not data.torque:
+        raise DynidentError(
+            "irls gives each row of the joints' torques a weight of its own, and these equations are made of many rows "
+            "at a time; choose the dynamic model with the global strategy, or another estimator",
+            pointer="/estimator",
+            title="Choices that do not fit",
+        )
+    if not data.recordings:
+        raise DynidentError(
+            "irls goes through the samples of the recordings again, and only their reduced data are at hand; identify "
+            "from the recordings, or choose ols, wls or feasible",
+            pointer="/estimator",
+            title="Recordings needed",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Passes:
+    """Passes through the filtered rows of all recordings, from memory where they are kept."""
+
+    model: Model
+    data: Data
+
+    def residuals(self, values: FloatArray) -> FloatArray:
+        """(m, n): y - ŷ of all rows for parameters (b,)."""
+        found = [self._residual(s, values) for recording in self.data.recordings for s in self._samples(recording)]
+        return np.concatenate(found) if found else np.zeros((0, self.model.robot.n))
+
+    def reduced(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
+        """The equations with every row times the root of its weight at parameters (b,) and scales (n,)."""
+        rows = self.model.observation.entry_rows
+
+        def weighed(samples: FilteredSamples) -> FilteredSamples:
+            root = np.sqrt(influence.weight(self._residual(samples, values) / sigma))
+            return replace(samples, values=samples.values * root[:, rows], tau=samples.tau * root)
+
+        return self._reduce(weighed)
+
+    def pseudo_observations(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
+        """The equations of the pseudo-observations ŷ + ψ(e) / mean ψ', weights 1."""
+        safe = _floored(sigma)
+        slope = influence.slope(self.residuals(values) / safe).mean(axis=0)
+
+        def mended(samples: FilteredSamples) -> FilteredSamples:
+            rest = self._residual(samples, values)
+            kept = influence.weight(rest / safe) * rest / np.maximum(slope, 0.1)
+            return replace(samples, tau=samples.tau - rest + kept)
+
+        return self._reduce(mended)
+
+    def told(self, values: FloatArray, sigma: FloatArray) -> tuple[str, ...]:
+        """Which rows were given up, in words."""
+        safe = _floored(sigma)
+        weights, times = [], []
+        for recording in self.data.recordings:
+            for samples in self._samples(recording):
+                weights.append(BISQUARE.weight(self._residual(samples, values) / safe) < _REJECTED)
+                times.append([(recording.name, float(t)) for t in samples.t])
+        rejected = np.concatenate(weights)
+        shares = rejected.mean(axis=0)
+        if float(rejected.any(axis=1).mean()) < _NOTABLE:
+            return ()
+        names = self.model.robot.joint_names
+        joints = ", ".join(f"{names[j]} {shares[j]:.1%}" for j in np.argsort(-shares) if shares[j] >= _NOTABLE)
+        when = [place for part in times for place in part]
+        spans = _spans([when[k] for k in np.flatnonzero(rejected.any(axis=1))])
+        return (f"Rows that nothing in the model explains were given up: {joints}; most at {', '.join(spans)}.",)
+
+    def _reduce(self, change: Callable[[FilteredSamples], FilteredSamples]) -> Reduction:
+        data = self.data
+        return reduce_recordings(
+            self.model.observation,
+            data.recordings,
+            data.preprocessing,
+            data.reference,
+            samples_of=lambda recording: (change(samples) for samples in self._samples(recording)),
+        )
+
+    def _samples(self, recording: Recording) -> Iterator[FilteredSamples]:
+        kept = None if self.data.rows is None else self.data.rows.of(recording, self.data.preprocessing)
+        if kept is not None:
+            yield from kept
+            return
+        data = self.data
+        yield from filtered_samples(self.model.observation, recording, data.preprocessing, data.reference)
+
+    def _residual(self, samples: FilteredSamples, values: FloatArray) -> FloatArray:
+        return np.asarray(samples.tau - self.model.observation.torque(samples.values, values))
+
+
+def _spans(places: list[tuple[str, float]]) -> list[str]:
+    """The stretches of time that hold most of these places (recording, time), the fullest first."""
+    found: list[tuple[int, str, float, float]] = []
+    for name, time in places:
+        if found and found[-1][1] == name and 0 <= time - found[-1][3] <= _GAP:
+            count, _, start, _ = found.pop()
+            found.append((count + 1, name, start, time))
+        else:
+            found.append((1, name, time, time))
+    most = sorted(found, key=lambda span: -span[0])[:_MOST_SPANS]
+    return [f"{start:.1f} to {end:.1f} s of {name}" for _, name, start, end in most]
