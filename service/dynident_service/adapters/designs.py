@@ -21,6 +21,7 @@ from dynident.simulation import Reference
 from dynident_service.adapters.effects import choices_of
 from dynident_service.adapters.identifications import check_effects, finite
 from dynident_service.adapters.robots import limits_of
+from dynident_service.adapters.surroundings import surroundings_document, surroundings_of
 from dynident_service.models import designs as wire
 from dynident_service.problems import unusable
 
@@ -55,6 +56,9 @@ def design_request(asked: wire.DesignRequest) -> DesignRequest:
             family=trajectory.family,
             duration=trajectory.duration,
             harmonics=trajectory.harmonics,
+            intervals=trajectory.intervals,
+            points=trajectory.points,
+            sets=trajectory.sets,
             periods=trajectory.periods,
             sampling_rate=trajectory.sampling_rate,
             speeds=None if trajectory.speeds is None else tuple(trajectory.speeds),
@@ -69,6 +73,8 @@ def design_request(asked: wire.DesignRequest) -> DesignRequest:
         random_trajectories=asked.random_trajectories,
         seed=asked.seed,
         noise=asked.noise,
+        torque_margin=asked.torque_margin,
+        surroundings=surroundings_of(asked.surroundings),
         model=asked.model or "dynamic",
     )
 
@@ -82,7 +88,7 @@ def _check_rivals(choice: CriterionChoice, robot: Robot) -> None:
 
 def show_request(request: DesignRequest, robot_id: str) -> wire.DesignRequest:
     """Show what is asked of a design, ready to be posted."""
-    document = asdict(request)
+    document = {**asdict(request), "surroundings": surroundings_document(request.surroundings)}
     for asked in (document, document["criterion"]):
         asked["effects"] = [_choice_document(one) for one in asked["effects"] or ()]
     if request.effects is None:
@@ -128,6 +134,7 @@ def describe_design(found: Design) -> wire.DesignResult:
             for one in found.expected
         ],
         joints=list(found.joint_names),
+        runs=[wire.Run(label=run.label, joints=list(run.joints), start=run.start, end=run.end) for run in found.runs],
         notes=list(found.notes),
     )
 

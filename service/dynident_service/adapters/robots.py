@@ -69,6 +69,7 @@ def _joint(robot: Robot, index: int, joint: Joint) -> wire.JointView:
             acceleration=limits.acceleration,
             jerk=limits.jerk,
             effort=limits.effort,
+            power=limits.power,
         ),
         antecedent=robot.joint_names[joint.parent] if joint.parent >= 0 else None,
         link=joint.link,

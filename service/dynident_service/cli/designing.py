@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 from rich.console import Console
 
 from dynident.errors import DynidentError
-from dynident.excitation import Design, DesignRequest
+from dynident.excitation import Design, DesignRequest, Surroundings
 from dynident.reports.numbers import number, percent
 from dynident.robot import Limits
 from dynident_service.adapters import robots
+from dynident_service.adapters.surroundings import surroundings_of as wire_to_surroundings
 from dynident_service.cli.inputs import document_of, stored_diagnosis
 from dynident_service.cli.terminal import table
 from dynident_service.models.common import Limits as WireLimits
+from dynident_service.models.surroundings import Surroundings as WireSurroundings
 from dynident_service.problems import fields_of
 
+Wanted = TypeVar("Wanted")
 _LIMITS = TypeAdapter(dict[str, WireLimits])
+_SURROUNDINGS = TypeAdapter(WireSurroundings)
 
 
 def proposed_design(path: Path) -> DesignRequest:
@@ -32,13 +39,27 @@ def limits_of(path: Path | None) -> dict[str, Limits]:
     """Read limits by joint from a JSON file."""
     if path is None:
         return {}
+    found = _validated(_LIMITS, path, "Unusable limits")
+    return {name: robots.limits_of(value) for name, value in found.items()}
+
+
+def surroundings_of(path: Path | None, mesh_folders: Sequence[Path]) -> Surroundings:
+    """Read what stands around the robot from a JSON file; the folders are looked for meshes."""
+    stated = (
+        Surroundings()
+        if path is None
+        else wire_to_surroundings(_validated(_SURROUNDINGS, path, "Unusable surroundings"))
+    )
+    return replace(stated, mesh_folders=tuple(str(folder) for folder in mesh_folders))
+
+
+def _validated(fields: TypeAdapter[Wanted], path: Path, title: str) -> Wanted:
     document = document_of(path)
     try:
-        found = _LIMITS.validate_python(document)
+        return fields.validate_python(document)
     except ValidationError as error:
         first = fields_of([{**item, "loc": ("body", *item["loc"])} for item in error.errors()], document)[0]
-        raise DynidentError(first.detail, pointer=f"{path}{first.pointer}", title="Unusable limits") from error
-    return {name: robots.limits_of(value) for name, value in found.items()}
+        raise DynidentError(first.detail, pointer=f"{path}{first.pointer}", title=title) from error
 
 
 def show_design(console: Console, found: Design) -> None:

@@ -69,13 +69,14 @@ class EffectChoice(Asked):
 
 
 class Limits(Asked):
-    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N."""
+    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W."""
 
     position: tuple[float, float] | None = None
     velocity: float | None = None
     acceleration: float | None = None
     jerk: float | None = None
     effort: float | None = None
+    power: float | None = None
 
 
 def plain(model: BaseModel) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Limits, Name, Shown
 from dynident_service.models.identifications import MODELS
+from dynident_service.models.surroundings import Surroundings
 
 DesignKind = Literal["optimized", "sequential", "constant_velocity", "random", "slow_sweep", "reversals"]
 
@@ -40,9 +41,16 @@ class Trajectory(Asked):
     """The family of motions."""
 
     family: Literal["fourier", "b_spline", "point_to_point"] = "fourier"
-    harmonics: int = 5
+    harmonics: int = Field(default=5, description="For fourier: of the fundamental frequency 1 / duration")
+    intervals: int = Field(default=9, description="For b_spline: between its knots; as many free coefficients a joint")
+    points: int = Field(default=12, description="For point_to_point: where the arm comes to rest in a round")
+    sets: Literal["link_by_link", "wrist_then_shoulder", "vandanjon"] = Field(
+        default="vandanjon", description="For sequential designs: the test motions (§12.3.4.2)"
+    )
     duration: float = Field(
-        default=10.0, description="One period, s; of constant velocity the longest stroke, of a slow sweep one way"
+        default=10.0,
+        description="One period, s; of a set about one run, of constant velocity the longest stroke, of a slow sweep "
+        "one way",
     )
     periods: int = 1
     sampling_rate: float = Field(default=100.0, description="Hz")
@@ -52,9 +60,11 @@ class Trajectory(Asked):
     amplitudes: list[float] | None = Field(
         default=None, min_length=1, description="For reversals: how far back and forth, rad or m"
     )
-    joints: list[str] = Field(default=[], description="For motions of one joint at a time: those that move; or all")
+    joints: list[str] = Field(default=[], description="Those that move, the others locked at home; all where empty")
     paces: list[float] = Field(
-        default=[1.0], min_length=1, description="For fourier: the same path at each of these shares of its speed"
+        default=[1.0],
+        min_length=1,
+        description="For fourier and b_spline: the same path at each of these shares of its speed",
     )
 
 
@@ -77,6 +87,10 @@ class DesignRequest(Asked):
     noise: dict[str, float] = Field(
         default={}, description="By joint: standard deviation of a sample of its torque, N m or N"
     )
+    torque_margin: float = Field(
+        default=0.0, description="By what share the torque may be larger than predicted: its limits leave room for that"
+    )
+    surroundings: Surroundings = Surroundings()
     earlier_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Measurements that the new experiment is to complement"
     )
@@ -103,8 +117,10 @@ class BaselineValues(CriterionValues):
 class Margin(Shown):
     """How near the motion comes to a limit, on a fine grid."""
 
-    joint: str
-    limit: str
+    joint: str = Field(description="The joint; of a clearance, the two that come near each other")
+    limit: str = Field(
+        description="position_min, position_max, velocity, …, torque, power, clearance, tool_min or tool_max"
+    )
     value: float = Field(description="The extreme one")
     bound: float
     share: float | None = Field(description="Of the room that is used: 1 touches the limit")
@@ -121,6 +137,15 @@ class ExpectedParameter(Shown):
     standard_deviation: float | None = Field(description="null where no noise is stated or it is not determined")
 
 
+class Run(Shown):
+    """One test motion of a set."""
+
+    label: str
+    joints: list[str] = Field(description="Those that move; the others are locked")
+    start: float = Field(description="s")
+    end: float = Field(description="s")
+
+
 class DesignResult(Shown):
     """A verified experiment."""
 
@@ -135,6 +160,7 @@ class DesignResult(Shown):
     parameter_names: list[str]
     expected_parameters: list[ExpectedParameter] = Field(default=[], description="How well they will come out")
     joints: list[str]
+    runs: list[Run] = Field(default=[], description="Of a set of test motions; numbered in the trajectory's segment")
     notes: list[str]
 
 

@@ -15,14 +15,23 @@ def design(
     robot: RobotArgument,
     effects: Effects,
     kind: Annotated[
-        str, typer.Option("--kind", help="optimized, random, constant_velocity, slow_sweep or reversals.")
+        str, typer.Option("--kind", help="optimized, random, sequential, constant_velocity, slow_sweep or reversals.")
     ] = "optimized",
     criterion: Annotated[
         str,
         typer.Option("--criterion", help="condition_number, d_optimal, a_optimal, e_optimal, … (§12.3.4)."),
     ] = "condition_number",
-    duration: Annotated[float, typer.Option("--duration", help="One period in s.")] = 10.0,
-    harmonics: Annotated[int, typer.Option("--harmonics", help="Of the fundamental frequency.")] = 5,
+    family: Annotated[str, typer.Option("--family", help="fourier, b_spline or point_to_point.")] = "fourier",
+    duration: Annotated[float, typer.Option("--duration", help="One period in s; of a set about one run.")] = 10.0,
+    harmonics: Annotated[int, typer.Option("--harmonics", help="fourier: of the fundamental frequency.")] = 5,
+    intervals: Annotated[int, typer.Option("--intervals", help="b_spline: between its knots.")] = 9,
+    points: Annotated[int, typer.Option("--points", help="point_to_point: rests in a round.")] = 12,
+    sets: Annotated[
+        str, typer.Option("--sets", help="sequential: link_by_link, wrist_then_shoulder or vandanjon.")
+    ] = "vandanjon",
+    joints: Annotated[
+        list[str] | None, typer.Option("--joint", help="Moves, the others stay at home; may be repeated. Else all.")
+    ] = None,
     periods: Annotated[int, typer.Option("--periods", help="How often the period is repeated.")] = 1,
     rate: Annotated[float, typer.Option("--rate", help="Sampling rate in Hz.")] = 100.0,
     time_budget: Annotated[
@@ -36,6 +45,21 @@ def design(
             help='Tighter limits for this experiment, JSON: {"joint": {"position": [lo, hi], "velocity": …}}.',
         ),
     ] = None,
+    surroundings: Annotated[
+        Path | None,
+        typer.Option(
+            "--surroundings",
+            metavar="FILE",
+            help='What not to touch, JSON: {"floor": z, "boxes": […], "walls": […], "tool_range": {…}, …}.',
+        ),
+    ] = None,
+    meshes: Annotated[
+        list[Path] | None,
+        typer.Option("--meshes", metavar="FOLDER", help="Where the URDF's collision meshes are; may be repeated."),
+    ] = None,
+    torque_margin: Annotated[
+        float, typer.Option("--torque-margin", help="Share by which torque may be larger than predicted.")
+    ] = 0.0,
     diagnosis: Annotated[
         Path | None,
         typer.Option(
@@ -62,7 +86,7 @@ def design(
     from dynident.progress import part
     from dynident_service.adapters.designs import describe_design
     from dynident_service.cli import inputs, tables, terminal
-    from dynident_service.cli.designing import limits_of, proposed_design, show_design
+    from dynident_service.cli.designing import limits_of, proposed_design, show_design, surroundings_of
     from dynident_service.models.common import plain
 
     tables.check_ending(out, tables.TRAJECTORY_ENDINGS)
@@ -71,12 +95,27 @@ def design(
         kind=kind,
         effects=inputs.effects_of(effects, machine) or None,
         criterion=CriterionChoice(criterion),
-        trajectory=TrajectoryRequest(duration=duration, harmonics=harmonics, periods=periods, sampling_rate=rate),
+        trajectory=TrajectoryRequest(
+            family=family,
+            duration=duration,
+            harmonics=harmonics,
+            intervals=intervals,
+            points=points,
+            sets=sets,
+            joints=tuple(joints or ()),
+            periods=periods,
+            sampling_rate=rate,
+        ),
         time_budget=time_budget,
         seed=seed,
         model=inputs.row_model_of(model),
     )
-    request = replace(asked if diagnosis is None else proposed_design(diagnosis), limits=limits_of(limits))
+    request = replace(
+        asked if diagnosis is None else proposed_design(diagnosis),
+        limits=limits_of(limits),
+        torque_margin=torque_margin,
+        surroundings=surroundings_of(surroundings, meshes or []),
+    )
     with (
         terminal.progress_bar("design") as progress,
         inputs.loaded(earlier or [], machine, inputs.FileOptions(), part(progress, 0.0, 0.1)) as (
