@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -164,3 +165,16 @@ def test_a_kr300_whose_motion_is_too_small_is_warned_of_and_gets_no_invented_eff
     assert any("condition number" in warning for warning in plain.warnings)
     assert any("error on validation data" in warning for warning in plain.warnings)
     assert diagnose(plain, [training]).recommended == ()
+
+
+def test_all_models_of_the_chapter_tell_much_the_same_of_a_ur10e(ur10e):
+    arm, recordings = ur10e
+    training = [recordings[name] for name in ("id_30s_12harm", "id_40s_12harm")]
+    errors = {
+        model: held_out(identify(arm, training, [recordings["val_ptp10"]], replace(CHOICES, model=model)))
+        for model in ("dynamic", "filtered", "energy", "power")
+    }
+    # §12.7: the filtered model is equivalent; one equation is less exciting than six, and torque is not what it fits.
+    assert errors["filtered"] < 1.05 * errors["dynamic"] < 0.054
+    assert errors["dynamic"] < errors["power"] < 0.09
+    assert errors["dynamic"] < errors["energy"] < 0.09

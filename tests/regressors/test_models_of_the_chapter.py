@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -12,7 +14,8 @@ from scipy import integrate, signal
 
 from dynident.effects import CATALOGUE, EffectChoice, Signals, columns_of, reference_size
 from dynident.estimation import Reduction, ordinary
-from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass, recording_from_arrays
+from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
+from dynident.recordings.types import StoredRows
 from dynident.regressors.equations import filtered, over_intervals, plain, reduce_form
 from dynident.regressors.forms import filtered_form, power_form
 from dynident.regressors.model import Model, build_model
@@ -200,6 +203,42 @@ def test_nothing_is_filtered_or_integrated_from_one_run_into_the_next(which):
         grams = [part.equations[k].joined.T @ part.equations[k].joined for part in apart]
         np.testing.assert_allclose(whole.T @ whole, sum(grams), atol=1e-8 * np.abs(sum(grams)).max())
     assert error(together, truth_of(model)) < LIMITS[which]
+
+
+class Endless:
+    """Rows of a periodic motion of any length, made as they are read."""
+
+    def __init__(self) -> None:
+        self.robot = arm("scara")
+        motion = fourier_motion(self.robot, 10.0, 100.0, 1)
+        self.q, self.tau = motion.q, pinocchio_torque(self.robot, motion.q, motion.dq, motion.ddq)
+
+    def rows(self, first, length, block_length):
+        for start in range(first, first + length, block_length):
+            index = np.arange(start, min(start + block_length, first + length)) % len(self.q)
+            yield StoredRows(self.q[index], self.tau[index], None)
+
+
+@pytest.mark.slow
+def test_ten_times_the_data_takes_no_more_memory_in_any_model():
+    source = Endless()
+    robot = source.robot
+    model = build_model(robot, EFFECTS)
+    power = power_form(robot, model.kept, model.signals)
+    forms = [
+        (filtered_form(robot, model.kept, model.signals), filtered(20.0)),
+        (power, plain),
+        (power, over_intervals(1)),
+    ]
+    for form, treatment in forms:
+        peaks = []
+        for length in (40_000, 400_000):
+            run = Recording("long", robot.joint_names, 100.0, (Segment(0, length, 0.0),), source)
+            tracemalloc.start()
+            reduce_form(form, treatment, [run], Preprocessing(8.0, 6.0, 4), np.zeros(40))
+            peaks.append(tracemalloc.get_traced_memory()[1])
+            tracemalloc.stop()
+        assert peaks[1] < 1.15 * peaks[0]
 
 
 def test_an_interval_never_spans_rows_that_are_missing():

@@ -17,14 +17,14 @@ from dynident.estimation import EquationFactors, Reduction, errors, ordinary, so
 from dynident.estimation.nuisance import without_nuisance
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.removing import remove
-from dynident.recordings import Preprocessing, Recording, recording_from_arrays
+from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.regressors.base_wrench import wrench_model
 from dynident.regressors.forms import wrench_form
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_urdf, to_pinocchio
 
 LINKS = (EffectChoice("rigid_body"),)
-SLOW = Preprocessing(None, 5.0, 20)
+SLOW = Preprocessing(None, 5.0, 10)
 STANDING = np.array([3.0, -2.0, 80.0, 1.0, -4.0, 0.5])
 
 
@@ -92,9 +92,9 @@ VERY_SLOW = {"seconds": 200.0, "rate": 500.0, "frequency": 0.0025}
 )
 def test_noise_free_wrench_and_torque_give_the_same_base_parameters_as_the_description(name):
     robot = arm(name)
-    run, filters = recorded(robot, **VERY_SLOW), Preprocessing(None, 5.0, 10)
+    run = recorded(robot, **VERY_SLOW)
     for model, estimator in (("base_wrench", "ols"), ("base_wrench", "wls"), ("dynamic", "ols"), ("dynamic", "wls")):
-        choices = IdentificationChoices(LINKS, model=model, estimator=estimator, preprocessing=filters)
+        choices = IdentificationChoices(LINKS, model=model, estimator=estimator, preprocessing=SLOW)
         found = identify(robot, [run], [], choices)
         assert error(found, found.model.base.grouping @ robot.inertias.ravel()) < 1e-8, (model, estimator)
         said = any("friction and rotors are not in this model" in warning for warning in found.warnings)
@@ -179,6 +179,31 @@ def test_a_payload_is_found_by_the_wrench_and_can_be_taken_out_again():
     assert {p.effect for p in smaller.parameters} == {"rigid_body"}
     grown = extend(smaller, [choice], runs)
     np.testing.assert_allclose(grown.values, found.values, rtol=1e-3, atol=1e-3)
+
+
+def test_block_borders_leave_no_trace_in_the_equations_of_the_wrench(monkeypatch):
+    run = recorded(arm("scara"), 40.0, 200.0, windows=((2.0, 17.0), (19.0, 36.0)))
+    whole = by_wrench(arm("scara"), [run]).equations
+    monkeypatch.setattr("dynident.recordings.filtering.READ_LENGTH", 777)
+    monkeypatch.setattr(
+        "dynident.regressors.stream.filtered_blocks", lambda *given: filtered_blocks(*given, block_length=331)
+    )
+    cut = by_wrench(arm("scara"), [run]).equations
+    assert cut.n_rows == whole.n_rows
+    for one, other in zip(cut.equations, whole.equations, strict=True):
+        grams = [equation.joined.T @ equation.joined for equation in (one, other)]
+        np.testing.assert_allclose(grams[0], grams[1], atol=1e-7 * np.abs(grams[1]).max())
+
+
+def test_a_wrench_of_the_wrong_sign_is_suspected():
+    robot = arm("scara")
+    run = recorded(robot, 30.0, 200.0)
+    rows = next(iter(run.source.rows(0, run.n_samples, run.n_samples)))
+    t = np.arange(run.n_samples) / 200.0
+    turned = recording_from_arrays(t, rows.q, rows.tau, joint_names=robot.joint_names, wrench=-rows.wrench)
+    right, wrong = (any("sign of the wrench" in w for w in by_wrench(robot, [r]).warnings) for r in (run, turned))
+    assert wrong
+    assert not right
 
 
 def test_friction_is_refused_with_what_to_choose():

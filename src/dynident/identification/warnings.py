@@ -78,10 +78,15 @@ def _other_equations(identification: Identification) -> list[str]:
             "these, on validation data, beside the dynamic model's."
         ]
     if model == "base_wrench":
-        return [
+        told = (
             "The base's wrench shows the links alone: friction and rotors are not in this model, so the errors of "
             "torque contain all of these. The small reaction of turning rotors counts as the links'."
-        ]
+        )
+        if not identification.inertia_matrix_positive_definite:
+            told += (
+                " Check the sign of the wrench: it is that of the base on the robot, so at rest its force points up."
+            )
+        return [told]
     return []
 
 
