@@ -50,7 +50,7 @@ def instrumental_variables(
     DynidentError
         Where nothing can be simulated, or the simulated motion is no instrument for the measured one.
     """
-    _check_simulable(model, choices, data, known)
+    check_simulable(model, choices, data)
     cutoff = _cutoff(data, _HARMONICS * motion_band(data.recordings))
     strength = 1.0
 
@@ -83,7 +83,7 @@ def output_error(model: Model, choices: IdentificationChoices, data: Data, known
     DynidentError
         Where nothing can be simulated.
     """
-    _check_simulable(model, choices, data, known)
+    check_simulable(model, choices, data)
     wide = choose_preprocessing(data.recordings).position_cutoff
     cutoff = _cutoff(data, np.inf if wide is None else wide)
     c = model.n_parameters
@@ -196,12 +196,11 @@ def _cutoff(data: Data, wanted: float) -> float:
     return float(min(wanted, _NYQUIST_SHARE * 0.5 * rate, np.inf if own is None else own))
 
 
-def _check_simulable(model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> None:
+def check_simulable(model: Model, choices: IdentificationChoices, data: Data) -> None:
     """Raise where the estimator does not go with the other choices, or the recordings are not at hand."""
     if choices.model != "dynamic":
         raise DynidentError(
-            f"{choices.estimator} compares the dynamic model's rows with simulated ones; it goes with the model "
-            f"dynamic, not {choices.model}",
+            f"{choices.estimator} integrates the dynamic model; it goes with the model dynamic, not {choices.model}",
             pointer="/estimator",
         )
     if choices.strategy != "global" or data.equations.n_columns != model.n_parameters:
