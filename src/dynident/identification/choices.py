@@ -19,7 +19,7 @@ PriorName = Literal["description"]
 
 AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic", "filtered", "energy", "power", "base_wrench")
 AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential", "separate_friction")
-AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls", "feasible", "iv", "didim")
+AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls", "irls", "feasible", "iv", "didim", "ekf")
 AVAILABLE_PRIORS: tuple[PriorName, ...] = ("description",)
 
 

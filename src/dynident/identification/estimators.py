@@ -10,6 +10,8 @@ from dynident.identification.choices import EstimatorName, IdentificationChoices
 from dynident.identification.data import Data
 from dynident.identification.feasible import feasible
 from dynident.identification.fit import Estimator, Fit
+from dynident.identification.kalman import kalman
+from dynident.identification.robust import reweighted
 from dynident.identification.simulating import instrumental_variables, output_error
 from dynident.regressors.model import Model
 
@@ -30,5 +32,13 @@ def _weighted(model: Model, choices: IdentificationChoices, data: Data, known: I
 
 
 ESTIMATORS: Mapping[EstimatorName, Estimator] = MappingProxyType(
-    {"ols": _ordinary, "wls": _weighted, "feasible": feasible, "iv": instrumental_variables, "didim": output_error}
+    {
+        "ols": _ordinary,
+        "wls": _weighted,
+        "irls": reweighted,
+        "feasible": feasible,
+        "iv": instrumental_variables,
+        "didim": output_error,
+        "ekf": kalman,
+    }
 )
