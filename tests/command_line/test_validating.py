@@ -47,6 +47,29 @@ def test_methods_in_a_table(desk: Path):
     assert [row["estimator"] for row in json.loads((desk / "methods.json").read_text())["methods"]] == ["wls", "ols"]
 
 
+def test_a_report_holds_how_validations_ended(desk: Path):
+    for kind, run in (("cross", [desk / "run2.csv"]), ("inertia_matrix", [])):
+        dynident("validate", desk / "model.npz", kind, *run, "--out", desk / f"{kind}.json")
+    stored = ["--validated", desk / "cross.json", "--validated", desk / "inertia_matrix.json"]
+    answer = dynident("report", desk / "model.npz", desk / "run1.csv", *stored, "-o", desk / "validated.html")
+    assert answer.code == 0, answer.err
+    page = (desk / "validated.html").read_text(encoding="utf-8")
+    assert json.loads((desk / "cross.json").read_text())["reason"] in page
+    assert "The worst posture that was found" in page
+    refused = dynident("report", desk / "model.npz", desk / "run1.csv", "--validated", desk / "arm.json")
+    assert refused.code == 2
+    assert "arm.json" in refused.err
+
+
+def test_essential_parameters(desk: Path):
+    answer = dynident("essential", desk / "model.npz", "--out", desk / "essential.npz", "--json")
+    assert answer.code == 0, answer.err
+    assert len(answer.document["parameters"]) == len(answer.document["essential"])
+    assert "Backward elimination" in dynident("essential", desk / "model.npz").out
+    smaller = dynident("validate", desk / "essential.npz", "cross", desk / "run2.csv", "--json")
+    assert smaller.document["total"]["relative_total"] == answer.document["validation"]["relative_total"]
+
+
 @pytest.mark.slow
 def test_the_simulator_and_the_filters(desk: Path):
     answer = dynident("validate", desk / "model.npz", "simulation", desk / "run2.csv", "--longest", "4", "--json")

@@ -128,6 +128,20 @@ def test_data_that_the_model_has_seen_does_not_count_as_unseen(tried: Tried) -> 
     assert tried.refused("filters", measurements=[tried.training, tried.held_out]) == (422, "/measurement_ids/1")
 
 
+def test_a_report_holds_how_validations_ended(tried: Tried) -> None:
+    client = tried.client
+    cross = client.validations.create(tried.model, "cross").wait()
+    page = client.reports.content(client.reports.create(tried.model, validations=[cross]).wait()).decode()
+    assert "Cross validation" in page
+    assert cross.result["reason"].replace("'", "&#39;") in page
+    other = client.identifications.create(tried.model["robot_id"], [tried.training]).wait()
+    for model, stranger, words in ((other, cross, "another model"), (tried.model, "val_nothing", "there is no")):
+        with pytest.raises(ProblemError) as refused:
+            client.reports.create(model, validations=[stranger])
+        assert refused.value.errors[0]["pointer"] == "/validation_ids/0"
+        assert words in refused.value.errors[0]["detail"]
+
+
 def test_a_cutoff_beyond_nyquist_fails_in_words(tried: Tried) -> None:
     with pytest.raises(JobFailed) as failed:
         tried.ends("filters", cutoffs=[150.0], longest=3.0)

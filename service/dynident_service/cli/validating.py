@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import get_args
+
+from pydantic import ValidationError
 
 from dynident.errors import DynidentError
 from dynident.identification import Identification
@@ -23,6 +26,7 @@ from dynident.validation import (
 from dynident.validation.filters import LONGEST as LONGEST_FOR_FILTERS
 from dynident.validation.simulation import LONGEST
 from dynident_service.adapters import validations as adapter
+from dynident_service.cli import inputs
 from dynident_service.models.validations import ValidationKind, ValidationResult
 
 _TITLE = "Unusable option"
@@ -51,6 +55,21 @@ def kind_of(name: str) -> ValidationKind:
         pointer="KIND",
         title=_TITLE,
     )
+
+
+def stored_validation(path: Path) -> ValidationResult:
+    """Read what `dynident validate --out` wrote.
+
+    Raises
+    ------
+    DynidentError
+        Where the file is not there or holds no validation.
+    """
+    try:
+        return ValidationResult.model_validate_json(inputs.read_text(path))
+    except ValidationError as error:
+        detail = f"{path.name} holds no validation; give what `dynident validate --out` wrote"
+        raise DynidentError(detail, pointer="--validated", title="Unusable file") from error
 
 
 def check(asked: Asked, n_measurements: int, n_held_out: int) -> None:

@@ -19,6 +19,9 @@ class ReportRequest(Asked):
     design_id: Identifier | None = Field(
         default=None, description="The experiment: its promises are shown beside what was achieved"
     )
+    validation_ids: list[Identifier] = Field(
+        default=[], max_length=100, description="Validations of this model: how each of them ended"
+    )
     measurement_ids: list[Identifier] | None = Field(
         default=None, min_length=1, max_length=100, description="Shown beside the prediction; else all it knows"
     )

@@ -35,6 +35,7 @@ def create_report(body: ReportRequest, services: ServicesDep, retry: RetryKeyDep
     ]
     if body.design_id is not None:
         needs.append(_design(services, body.design_id, robot))
+    needs += [_validation(services, one, index, model) for index, one in enumerate(body.validation_ids)]
     if body.diagnosis_id is not None:
         needs.append(_diagnosis(services, body.diagnosis_id, model))
     new = NewResource("report", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
@@ -91,6 +92,18 @@ def _design(services: Services, identifier: str, robot: Resource) -> RestsOn:
     if state != "succeeded":
         raise unusable(f"the design {identifier!r} is {state}; one that succeeded is needed", "/design_id")
     return RestsOn(identifier, "design", "design", "/design_id")
+
+
+def _validation(services: Services, identifier: str, index: int, model: Resource) -> RestsOn:
+    """The validation must be of this model, and have ended."""
+    at = f"/validation_ids/{index}"
+    validation = needed(services, "validation", identifier, at)
+    if validation.one("identification") != model.id:
+        raise unusable(f"the validation {identifier!r} is of another model", at)
+    state = validation.job.state if validation.job is not None else "failed"
+    if state != "succeeded":
+        raise unusable(f"the validation {identifier!r} is {state}; one that succeeded is needed", at)
+    return RestsOn(identifier, "validation", "validation", at)
 
 
 def _diagnosis(services: Services, identifier: str, model: Resource) -> RestsOn:

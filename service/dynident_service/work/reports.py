@@ -11,15 +11,17 @@ from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.progress import part
 from dynident.recordings import Check
-from dynident.reports import ReportedRun, html_report
+from dynident.reports import ReportedRun, ReportedValidation, html_report
 from dynident_service.adapters.diagnoses import diagnosis_of
 from dynident_service.adapters.identifications import show_errors
 from dynident_service.adapters.stored_designs import design_of
+from dynident_service.adapters.validation_tables import reported
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.identifications import StoredIdentification
 from dynident_service.models.measurements import MeasurementResult
 from dynident_service.models.reports import ReportRequest, ReportResult
+from dynident_service.models.validations import ValidationResult
 from dynident_service.storage.records import Resource
 from dynident_service.work.means import model_by_id, recording_by_id
 
@@ -33,12 +35,14 @@ def write_report(task: Task) -> Outcome:
     runs = _runs(task, request, identification)
     task.progress(0.8, "writing")
     if request.format == "json":
-        content, media_type = json.dumps(_document(identification, diagnosis, runs), indent=1), "application/json"
+        content, media_type = json.dumps(_document(task, request, diagnosis, runs), indent=1), "application/json"
     else:
         found = None if diagnosis is None or diagnosis.result is None else diagnosis_of(diagnosis.result)
         model = model_by_id(task, identification.id)
         design = _design(task, request.design_id)
-        content = html_report(model, runs, diagnosis=found, design=design, title=request.name or "")
+        validations = _validations(task, request, model)
+        title = request.name or ""
+        content = html_report(model, runs, diagnosis=found, design=design, validations=validations, title=title)
         media_type = "text/html"
     document = task.keep("content", content.encode(), media_type)
     href = f"/v1/reports/{subject.id}/content"
@@ -73,9 +77,19 @@ def _checks(measurement: Resource) -> tuple[Check, ...]:
     return tuple(Check(**one.model_dump()) for one in found)
 
 
-def _document(identification: Resource, diagnosis: Resource | None, runs: Sequence[ReportedRun]) -> dict[str, Any]:
+def _validations(task: Task, request: ReportRequest, model: Identification) -> list[ReportedValidation]:
+    """How the validations that were asked for ended."""
+    joints = model.model.robot.joint_names
+    stored = [task.resources.get("validation", identifier).result for identifier in request.validation_ids]
+    return [reported(ValidationResult.model_validate(one), joints) for one in stored]
+
+
+def _document(
+    task: Task, request: ReportRequest, diagnosis: Resource | None, runs: Sequence[ReportedRun]
+) -> dict[str, Any]:
     return {
-        "identification": _shown(identification),
+        "identification": _shown(task.resources.get("identification", request.identification_id)),
+        "validations": [_shown(task.resources.get("validation", one)) for one in request.validation_ids],
         "diagnosis": None if diagnosis is None else _shown(diagnosis),
         "measurements": [
             {

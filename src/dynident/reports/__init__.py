@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from dynident.reports.run import ReportedRun
+from dynident.reports.validated import ReportedTable, ReportedValidation
 
 if TYPE_CHECKING:
     from dynident.reports.report import html_report
 
-__all__ = ["ReportedRun", "html_report"]
+__all__ = ["ReportedRun", "ReportedTable", "ReportedValidation", "html_report"]
 
 
 def __getattr__(name: str) -> Any:

@@ -27,6 +27,8 @@ from dynident.reports.sections.provenance import provenance_section
 from dynident.reports.sections.residuals import residuals_section
 from dynident.reports.sections.robot import robot_section
 from dynident.reports.sections.summary import summary_section
+from dynident.reports.sections.validation import validation_section
+from dynident.reports.validated import ReportedValidation
 
 
 def html_report(
@@ -35,6 +37,7 @@ def html_report(
     *,
     diagnosis: Diagnosis | None = None,
     design: Design | None = None,
+    validations: Sequence[ReportedValidation] = (),
     title: str = "",
     created: datetime | None = None,
 ) -> str:
@@ -50,6 +53,8 @@ def html_report(
         Of this model or of the one that it was extended from.
     design : Design, optional
         The experiment that the data come from.
+    validations : sequence of ReportedValidation
+        How the model's validations ended.
     title : str
         The heading; the robot's name by default.
     created : datetime, optional
@@ -62,7 +67,7 @@ def html_report(
     """
     if not runs:
         raise DynidentError("give at least one recording to show in the report", pointer="/measurement_ids")
-    sections = sections_of(identification, runs, diagnosis, design, created or datetime.now(UTC))
+    sections = sections_of(identification, runs, diagnosis, design, created or datetime.now(UTC), validations)
     robot = identification.model.robot.name
     return (
         _environment()
@@ -77,8 +82,9 @@ def sections_of(
     diagnosis: Diagnosis | None,
     design: Design | None,
     created: datetime,
+    validations: Sequence[ReportedValidation] = (),
 ) -> list[Section]:
-    """The sections in their order; diagnosis and design only where there are any."""
+    """The sections in their order; diagnosis, validations and design only where there are any."""
     learnt = [run.recording for run in runs if not run.held_out]
     return [
         summary_section(identification, runs, diagnosis),
@@ -86,6 +92,7 @@ def sections_of(
         errors_section(identification, runs, diagnosis),
         residuals_section(runs),
         *([diagnosis_section(identification, diagnosis, learnt)] if diagnosis is not None else []),
+        *([validation_section(validations)] if validations else []),
         parameters_section(identification),
         model_section(identification),
         robot_section(identification),

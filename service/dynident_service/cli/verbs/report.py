@@ -30,6 +30,12 @@ def report(
     diagnosis: Annotated[
         Path | None, typer.Option("--diagnosis", metavar="FILE", help="What `dynident diagnose --out` wrote.")
     ] = None,
+    validated: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--validated", metavar="FILE", help="What `dynident validate --out` wrote; repeat it.", show_default=False
+        ),
+    ] = None,
     title: Annotated[str, typer.Option("--title", help="The heading; the robot's name by default.")] = "",
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file.")] = Path("report.html"),
     as_json: Json = False,
@@ -37,11 +43,15 @@ def report(
     """Write one self-contained HTML file about a model."""
     from dynident.progress import part
     from dynident.reports import html_report
+    from dynident_service.adapters.validation_tables import reported
     from dynident_service.cli import inputs, terminal
     from dynident_service.cli.reporting import reported_runs
+    from dynident_service.cli.validating import stored_validation
 
     identification = inputs.model_of(model)
     found = inputs.stored_diagnosis(diagnosis) if diagnosis is not None else None
+    joints = identification.model.robot.joint_names
+    validations = [reported(stored_validation(path), joints) for path in validated or []]
     options = inputs.FileOptions(columns, units, windows, accept)
     with (
         terminal.progress_bar("report") as progress,
@@ -52,7 +62,7 @@ def report(
     ):
         runs = reported_runs(identification, training, held_out, part(progress, 0.4, 0.7))
         progress(0.7, "drawing")
-        content = html_report(identification, runs, diagnosis=found, title=title).encode()
+        content = html_report(identification, runs, diagnosis=found, validations=validations, title=title).encode()
     inputs.write_whole(out, content)
     if as_json:
         terminal.print_json({"path": str(out), "size": len(content), "media_type": "text/html"})

@@ -42,13 +42,15 @@ def model_section(identification: Identification) -> Section:
     """What is in the columns of W."""
     robot = identification.model.robot
     choices = identification.choices
+    strategy = choices.strategy if choices.strategy != "sequential" else f"sequential, {choices.steps}"
     added = {choice for rung in identification.ladder() for choice in rung.added}
     content = ModelContent(
         tuple(_effect(choice, robot, choice in added) for choice in choices.effects),
         (
             ("model", choices.model),
-            ("strategy", choices.strategy),
+            ("strategy", strategy.replace("_", " ")),
             ("estimator", choices.estimator.upper()),
+            ("prior", "none" if choices.prior is None else f"the {choices.prior}"),
             ("tolerance of the base parameters", number(choices.tolerance)),
         ),
     )

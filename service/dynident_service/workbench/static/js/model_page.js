@@ -16,7 +16,7 @@ import { parametersSection } from "./parameters.js";
 import { problemBox } from "./problem.js";
 import { spectraSection } from "./spectra.js";
 import { torqueSection } from "./torque.js";
-import { validationsSection } from "./validations.js";
+import { newestValidations, validationsSection } from "./validations.js";
 
 const ENDED = new Set(["succeeded", "failed", "cancelled"]);
 
@@ -129,7 +129,8 @@ async function makeReport(model, button, said) {
   button.disabled = true;
   try {
     const diagnosis = model.diagnosis?.status === "succeeded" ? model.diagnosis.id : null;
-    const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, name: nameOf(model) });
+    const validations = await newestValidations(model);
+    const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, validation_ids: validations, name: nameOf(model) });
     const bar = progressBar(made.job_id, "Writing the report");
     put(said, bar.element);
     const { result } = await computed("/reports", made, bar.update);

@@ -37,6 +37,13 @@ export function validationsSection(model, signal) {
   );
 }
 
+/** Ids of the newest validation of every kind that has ended. */
+export async function newestValidations(model) {
+  const { items } = await get("/validations", { identification_id: model.id, limit: 100 });
+  const newest = new Map(items.filter((one) => one.status === "succeeded").reverse().map((one) => [one.request.kind, one.id]));
+  return KINDS.map(([kind]) => newest.get(kind)).filter(Boolean);
+}
+
 function usable(model, kind) {
   if (kind === "cross") return model.measurements.some((one) => one.heldOut);
   return kind !== "payload" || loads(model).length > 0;
