@@ -43,18 +43,18 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     kept = effects_without(identification.choices.effects, removed, known.robot)
     choices = replace(identification.choices, effects=kept)
     model = build_model(known.robot, kept, tolerance=choices.tolerance, signals=known.signals)
-    combinations = _combinations(known, model)
+    weights = combinations(known, model)
     held_out = identification.held_out_data
-    torque = identification.training.combined(combinations)
+    torque = identification.training.combined(weights)
     same = identification.equations is identification.training
     data = Data(
-        torque if same else identification.equations.combined(combinations),
+        torque if same else identification.equations.combined(weights),
         torque,
         (),
         identification.preprocessing,
         identification.reference,
     )
-    smaller = conclude(model, choices, data, None if held_out is None else held_out.combined(combinations))
+    smaller = conclude(model, choices, data, None if held_out is None else held_out.combined(weights))
     return replace(
         smaller,
         measurement_names=identification.measurement_names,
@@ -107,7 +107,7 @@ def _without(one: EffectChoice, taken: EffectChoice, robot: Robot) -> tuple[Effe
     return (replace(one, joints=tuple(robot.joint_names[j] for j in left)),) if left else ()
 
 
-def _combinations(known: Model, smaller: Model) -> FloatArray:
+def combinations(known: Model, smaller: Model) -> FloatArray:
     """(b, b'): what the smaller model's columns are made of, in columns that the known model keeps.
 
     Mostly these are the same columns. One that was absorbed by what is removed comes back as its combination.
