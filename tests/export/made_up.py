@@ -12,7 +12,7 @@ from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, reference_size
 from dynident.effects.memory import MemoryStates
-from dynident.estimation import Solution, Statistics
+from dynident.estimation import EquationFactors, Reduction, Solution, Statistics
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
@@ -51,11 +51,17 @@ def made_up(
         values = rng.uniform(0.2, 2.0, model.n_parameters) * rng.choice([-1.0, 1.0], model.n_parameters)
     known = measured()
     count = model.n_parameters
+    factor = np.eye(count + 1)
+    factor[:count, -1], factor[-1, -1] = values, 1e-3
+    rows = EquationFactors(np.arange(count), factor[None], np.array([1000]))
+    reduction = Reduction(count, (rows,) * robot.n, np.array([[0.0, 1.0]]))
     return replace(
         known,
         model=model,
         choices=replace(known.choices, effects=chosen),
         reference=rng.uniform(0.2, 1.5, reference_size(robot)),
+        equations=reduction,
+        training=reduction,
         solution=Solution(np.asarray(values), np.ones(robot.n), np.eye(count)),
         statistics=Statistics(1e-6 * np.eye(count), np.ones(robot.n), np.ones(robot.n)),
     )

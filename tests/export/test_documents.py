@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from made_up import PLAIN, drives, from_standard, made_up, measured, path, predicted, signals
 from oracles import arm
-from test_programs import MODELS, run_signals
+from test_programs import MODELS, NAMES, run_signals
 
 from dynident.errors import DynidentError
 from dynident.export import export_model, model_document, model_from_json, to_json
 from dynident.robot.model import INERTIAL_NAMES
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", NAMES)
 def test_json_read_back_predicts_the_same_torque(name: str) -> None:
     model = MODELS[name]()
     motion = path(model.model.robot)

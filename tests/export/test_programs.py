@@ -5,11 +5,14 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
+import tempfile
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from made_up import PLAIN, FloatArray, made_up, path, predicted, signals
 from oracles import Motion, arm, crooked_urdf
 
@@ -18,6 +21,7 @@ from dynident.errors import DynidentError
 from dynident.export.c_code import c_name, to_c
 from dynident.export.c_instructions import c_statements
 from dynident.export.casadi_function import casadi_bytes, to_casadi
+from dynident.export.document import model_from_json, to_json
 from dynident.export.formula import torque_formula
 from dynident.identification import Identification
 from dynident.robot import robot_from_urdf
@@ -50,7 +54,10 @@ MODELS = {
 }
 
 
-@pytest.fixture(scope="module", params=MODELS)
+NAMES = [pytest.param(name, marks=pytest.mark.slow if name == "everything" else ()) for name in MODELS]
+
+
+@pytest.fixture(scope="module", params=NAMES)
 def model(request: pytest.FixtureRequest) -> Identification:
     return MODELS[request.param]()
 
@@ -151,6 +158,49 @@ def test_the_declarations_of_c_code_can_be_included_by_another_file(tmp_path: Pa
     command = ["-std=c99", "-Wall", "-Werror", "main.c", "model.c", "-o", "main", "-lm"]
     subprocess.run([shutil.which("gcc") or "cc", *command], cwd=tmp_path, check=True)
     subprocess.run([tmp_path / "main"], check=True)
+
+
+def test_a_controller_in_cpp_can_call_it(tmp_path: Path) -> None:
+    if shutil.which("g++") is None:
+        pytest.skip("NO C++ COMPILER: calling exported C code from C++ is not tested here")
+    model = MODELS["plain"]()
+    compiled(model, tmp_path)
+    name = c_name(model)
+    (tmp_path / "main.cpp").write_text(
+        f'#define {name.upper()}_DECLARATIONS_ONLY\n#include "model.c"\n'
+        f"int main() {{ double q[7] = {{0}}, tau[7]; {name}_torque(q, q, q, tau); return tau[0] != tau[0]; }}\n"
+    )
+    subprocess.run(["gcc", "-std=c99", "-c", "model.c", "-o", "model.o"], cwd=tmp_path, check=True)
+    subprocess.run(["g++", "-Wall", "-Werror", "main.cpp", "model.o", "-o", "main"], cwd=tmp_path, check=True)
+    subprocess.run([tmp_path / "main"], check=True)
+
+
+@pytest.mark.slow
+@settings(max_examples=8, deadline=None)
+@given(st.data())
+def test_arms_drawn_at_random_are_computed_alike_by_every_program(data: st.DataObject) -> None:
+    n = data.draw(st.integers(1, 5))
+    parents = tuple(data.draw(st.integers(-1, k - 1)) if k else -1 for k in range(n))
+    sliding = tuple(data.draw(st.sets(st.integers(0, n - 1), max_size=2)))
+    seed = data.draw(st.integers(0, 1000))
+    robot = robot_from_urdf("drawn", crooked_urdf(n, seed, sliding, parents))
+    effects = data.draw(
+        st.sets(st.sampled_from(["offset", "stribeck", "load_dependent_friction", "viscous_nonlinear"]))
+    )
+    model = made_up(robot, (*PLAIN, *sorted(effects), *HYSTERESIS[:1]), seed=seed)
+    motion = path(robot, 30, seed)
+    expected = predicted(model, motion)
+    with tempfile.TemporaryDirectory() as folder:
+        found = run_c(compiled(model, Path(folder)), model, motion)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    read = model_from_json(to_json(model)).torque(motion.q, motion.dq, motion.ddq, period=0.01)
+    np.testing.assert_allclose(read, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    function, z, before = to_casadi(model), np.zeros(n), motion.q[0]
+    for k, torque in enumerate(expected):
+        given_at = {"q": motion.q[k], "dq": motion.dq[k], "ddq": motion.ddq[k], "z": z, "q_before": before}
+        called = function(**given_at)
+        np.testing.assert_allclose(np.array(called["tau"])[:, 0], torque, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+        z, before = np.array(called["z_next"]).reshape(-1), motion.q[k]
 
 
 def test_names_that_users_give_cannot_break_c_code(tmp_path: Path) -> None:

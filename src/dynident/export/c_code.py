@@ -74,7 +74,7 @@ def _comment(lines: list[str]) -> str:
 
 
 def _declarations(formula: TorqueFormula, name: str) -> str:
-    text = ""
+    text = '#ifdef __cplusplus\nextern "C" {\n#endif\n\n'
     if formula.memory:
         text += (
             "typedef struct {\n"
@@ -84,7 +84,7 @@ def _declarations(formula: TorqueFormula, name: str) -> str:
             f"}} {name}_state;\n\n"
             f"void {name}_start({name}_state *state);\n"
         )
-    return text + f"{_signature(formula, name)};\n"
+    return text + f"{_signature(formula, name)};\n\n#ifdef __cplusplus\n}}\n#endif\n"
 
 
 def _signature(formula: TorqueFormula, name: str) -> str:

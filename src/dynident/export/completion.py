@@ -1,13 +1,14 @@
 """A full set of standard parameters of bodies that can exist, for programs that know links and joints only.
 
 The base parameters determine the torque, but a file of links needs all ten parameters of each. Of all sets that give
-the identified base parameters, the one nearest to the description is taken whose links have pseudo-inertias that are
-positive definite (Wensing, Kim and Slotine 2018) and whose rotors are not negative: a semidefinite problem, whose
-solution is then moved onto G K = χ to the last digit.
+the identified base parameters, the one nearest to the description (or to the standard parameters that were estimated)
+is taken whose links have pseudo-inertias that are positive definite (Wensing, Kim and Slotine 2018) and whose rotors
+are not negative: a semidefinite problem, whose solution is then moved onto G K = χ to the last digit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +24,9 @@ from dynident.robot.model import FloatArray
 from dynident.robot.pseudo_inertia import smallest_pseudo_inertia
 
 # Least eigenvalues of a link's pseudo-inertia, in units of its usual mass and size, that are tried one after the other.
+# Links that were estimated as feasible are so already.
 _MARGINS = (2e-2, 1e-3, 1e-5, 0.0)
+_SMALL_MARGINS = _MARGINS[2:]
 # How much less the distance to the description counts than what is impossible; and the share of the worst that is
 # blamed as well.
 _NEAR, _BLAMED = (1e-2, 1e-1, 1.0), 0.1
@@ -65,13 +68,13 @@ def complete(identification: Identification, *, nearest: bool = False, rotors_in
     DynidentError
         Where there are none and `nearest` is not set (naming the links), or the model has no rigid body.
     """
-    model, values = identification.model, identification.values
+    values = identification.values
     blamed = _driving_friction(identification)
     # Where the rotors' share does not fit into the links, they may have one of their own.
     for merged in (True, False) if rotors_in_links else (False,):
-        unknowns = Unknowns.of(model, rotors_in_links=merged)
+        unknowns = Unknowns.of(identification.model, rotors_in_links=merged, estimated=identification.standard)
         equations = _equations(unknowns, values)
-        found = _completed(unknowns, equations, values)
+        found = _completed(unknowns, equations, values, _MARGINS if identification.standard is None else _SMALL_MARGINS)
         if found is not None and not blamed:
             return _gathered(identification, unknowns, found, values)
     if found is None:
@@ -94,9 +97,11 @@ def _equations(unknowns: Unknowns, values: FloatArray) -> Equations:
     return Equations(factor / sizes[:, None], values[unknowns.base_rows] / sizes)
 
 
-def _completed(unknowns: Unknowns, equations: Equations, values: FloatArray) -> FloatArray | None:
-    """Unknowns (k,) that give the base parameters, nearest to the description; None where there are none."""
-    for margin in _MARGINS:
+def _completed(
+    unknowns: Unknowns, equations: Equations, values: FloatArray, margins: Sequence[float]
+) -> FloatArray | None:
+    """Unknowns (k,) that give the base parameters, nearest to the nominal ones; None where there are none."""
+    for margin in margins:
         try:
             found = constrained_least_squares(
                 np.eye(unknowns.size),
@@ -180,8 +185,8 @@ def _nearest(identification: Identification, rotors_in_links: bool, blamed: list
         f"{_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} instead of "
         f"{before:.2%}."
     )
-    unknowns = Unknowns.of(identification.model, rotors_in_links=rotors_in_links)
-    completed = _completed(unknowns, _equations(unknowns, values), values)
+    unknowns = Unknowns.of(identification.model, rotors_in_links=rotors_in_links, estimated=found.standard)
+    completed = _completed(unknowns, _equations(unknowns, values), values, _SMALL_MARGINS)
     if completed is None:
         unknowns = Unknowns.of(identification.model)
         completed = found.standard.values[unknowns.columns]
@@ -205,7 +210,7 @@ def _driving_friction(identification: Identification) -> list[str]:
     return [
         f"{column.name} of {column.link} (friction of {value:.3g}, which drives)"
         for column, value in zip(identification.model.kept, identification.values, strict=True)
-        if (column.effect, column.parameter) in _FRICTION and value < _ROUNDING
+        if (column.effect, column.parameter) in _FRICTION and not column.runs and value < _ROUNDING
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from dynident.export.completion import Completion, complete
 from dynident.export.summary import effect_line
 from dynident.identification import Identification
 from dynident.robot import to_pinocchio
-from dynident.robot.model import Description, FloatArray, Robot
+from dynident.robot.model import FloatArray, Robot
 
 _STATES, _SMALL = 25, 1e-9
 
@@ -58,7 +58,7 @@ class Links:
         left_out = [
             f"{effect_by_id(choice.effect).title} is not in this file, which has no word for it: {effect_line(choice)}."
             for choice in self.identification.choices.effects
-            if choice.effect not in self.said
+            if choice.effect not in self.said or choice.runs
         ]
         notes = [*self.standard.notes, *left_out]
         rounding = self._rounding()
@@ -87,7 +87,6 @@ class Links:
 
 def rigid_torque(robot: Robot, inertias: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
     """(m, n): torque that links with these inertias (n, 10) need, by Pinocchio's recursion of Newton and Euler."""
-    exported = Robot(robot.name, robot.joints, robot.gravity, robot.drives, Description("urdf", ""), inertias)
-    model = to_pinocchio(exported)
+    model = to_pinocchio(replace(robot, inertias=inertias))
     data = model.createData()
     return np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from dynident.errors import DynidentError
 from dynident.export.exported import ExportedFile, Links
-from dynident.export.names import in_xml_comment, slug
+from dynident.export.names import in_xml_comment, printable, slug
 from dynident.export.summary import SIGNS, identification_lines, origin
 from dynident.identification import Identification
 from dynident.robot.model import FloatArray, Joint
@@ -60,7 +60,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     world = Element("worldbody", {}, 0)
     for joint, body in zip(robot.joints, bodies, strict=True):
         (world if joint.parent < 0 else bodies[joint.parent]).children.append(body)
-    root = Element("mujoco", {"model": robot.name}, 0)
+    root = Element("mujoco", {"model": printable(robot.name)}, 0)
     root.children.extend(
         [
             Element("compiler", {"angle": "radian", "autolimits": "true", "inertiafromgeom": "false"}, 0),
@@ -76,7 +76,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     lines = [f"Identified model, {origin()}.", *identification_lines(identification), SIGNS, *links.notes]
     comment = "\n".join(f"  {in_xml_comment(line)}" for line in lines)
     text = f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n{write(root, indent=True)}'
-    return ExportedFile(f"{slug(robot.name)}.xml", "application/xml", text.encode(), links.notes)
+    return ExportedFile(f"{slug(robot.name)}.xml", "application/xml", text.encode(errors="replace"), links.notes)
 
 
 def _body(joint: Joint, name: str) -> Element:

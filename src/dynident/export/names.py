@@ -18,15 +18,16 @@ def in_c_comment(text: str) -> str:
     for pair in ("*/", "/*", "??"):
         while pair in text:
             text = text.replace(pair, " ".join(pair))
-    return _printable(text)
+    return printable(text)
 
 
 def in_xml_comment(text: str) -> str:
     """Text that may stand in an XML comment."""
     while "--" in text:
         text = text.replace("--", "- -")
-    return _printable(text).rstrip("-")
+    return printable(text).rstrip("-")
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
+    """The text with a blank for every character that cannot be seen."""
     return "".join(character if character.isprintable() else " " for character in text)

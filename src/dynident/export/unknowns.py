@@ -10,6 +10,7 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.estimation.factors import IntArray
 from dynident.estimation.semidefinite import MatrixBound
+from dynident.identification.standard import StandardParameters
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, FloatArray
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
@@ -37,10 +38,13 @@ class Unknowns:
     nominal: FloatArray
 
     @classmethod
-    def of(cls, model: Model, *, rotors_in_links: bool = False) -> Unknowns:
+    def of(
+        cls, model: Model, *, rotors_in_links: bool = False, estimated: StandardParameters | None = None
+    ) -> Unknowns:
         """The unknowns of a model.
 
         `rotors_in_links`: a rotor whose inertia is grouped with that of links is none, so that the links have it all.
+        `estimated`: what is near, instead of the description.
 
         Raises
         ------
@@ -48,7 +52,7 @@ class Unknowns:
             Where the model has no rigid body.
         """
         joints = model.robot.joint_names
-        rigid = [k for k, column in enumerate(model.columns) if column.effect == "rigid_body"]
+        rigid = [k for k, column in enumerate(model.columns) if column.effect == "rigid_body" and not column.runs]
         if not rigid:
             raise DynidentError(
                 "the model has no rigid_body, so there are no masses and inertias to write; export C code, a CasADi "
@@ -60,14 +64,17 @@ class Unknowns:
         spinning = [
             k
             for k, column in enumerate(model.columns)
-            if column.effect == "rotor_inertia" and (k in kept or not rotors_in_links)
+            if column.effect == "rotor_inertia" and not column.runs and (k in kept or not rotors_in_links)
         ]
         links = tuple(joints.index(model.columns[k].link) for k in rigid[::_TEN])
         rotors = tuple(joints.index(model.columns[k].link) for k in spinning)
         doubt = usual_errors(model.robot)
         scale = np.concatenate([doubt[list(links)].reshape(-1), usual_rotor_inertias(model.robot)[list(rotors)]])
         nominal = np.concatenate([_described(model, doubt)[list(links)].reshape(-1), np.zeros(len(rotors))])
-        return cls(model, links, rotors, np.array(rigid + spinning, dtype=np.intp), scale, nominal)
+        columns = np.array(rigid + spinning, dtype=np.intp)
+        if estimated is not None:
+            nominal = estimated.values[columns]
+        return cls(model, links, rotors, columns, scale, nominal)
 
     @property
     def size(self) -> int:
@@ -82,8 +89,8 @@ class Unknowns:
     @cached_property
     def base_rows(self) -> IntArray:
         """Base parameters that are those of links and rotors."""
-        kept = enumerate(self.model.kept)
-        return np.array([k for k, c in kept if c.effect in ("rigid_body", "rotor_inertia")], dtype=np.intp)
+        inertial = [column.effect in ("rigid_body", "rotor_inertia") and not column.runs for column in self.model.kept]
+        return np.flatnonzero(inertial)
 
     @cached_property
     def grouping(self) -> FloatArray:

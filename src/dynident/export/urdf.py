@@ -51,7 +51,7 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
         tree.set_drive(joint.name, links.standard.viscous[j], links.standard.coulomb[j], links.standard.rotors[j])
     tree.fix_locked_joints()
     tree.comment([f"Identified model, {origin()}.", *identification_lines(identification), SIGNS, *notes])
-    return ExportedFile(f"{slug(robot.name)}.urdf", "application/xml", tree.text().encode(), notes)
+    return ExportedFile(f"{slug(robot.name)}.urdf", "application/xml", tree.text().encode(errors="replace"), notes)
 
 
 def _notes(links: Links) -> list[str]:
@@ -81,7 +81,7 @@ class _Tree:
 
     def __init__(self, text: str, locked: Mapping[str, float]) -> None:
         declared = re.sub(r"^\ufeff?\s*<\?xml[^>]*\?>", "", text)
-        self._document = minidom.parseString(declared.strip().encode())
+        self._document = minidom.parseString(declared.strip().encode(errors="replace"))
         self._root = _root_of(self._document)
         self._joints = {joint.getAttribute("name"): joint for joint in self._children(self._root, "joint")}
         self._links = {link.getAttribute("name"): link for link in self._children(self._root, "link")}
