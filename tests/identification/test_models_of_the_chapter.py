@@ -11,11 +11,13 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.identification import IdentificationChoices, extend, identify
+from dynident.identification import IdentificationChoices, extend, identify, identify_model
 from dynident.identification.model_equations import with_constants
 from dynident.identification.removing import remove
 from dynident.identification.storage import from_bytes, to_bytes
+from dynident.progress import silent
 from dynident.recordings import Preprocessing, motion_band
+from dynident.regressors.model import build_model
 from dynident.reports import ReportedRun, html_report
 
 ROBOT = arm("scara")
@@ -27,11 +29,17 @@ NOISE = np.array([1.0, 0.7, 2.0, 0.2])
 BAND = Preprocessing(12.0, 8.0, 6)
 
 
-def run(seed: int, seconds: float = 60.0, noise: float = 1.0, stiffness: float = 0.0, **more):
+def clean_motion(seed: int, seconds: float):
+    """A motion and its torque without noise."""
     motion = fourier_motion(ROBOT, seconds, RATE, seed, base_frequency=0.08, amplitude=2.0)
     ia, fc, fv, b = np.random.default_rng(0).uniform(0.5, 5.0, (4, ROBOT.n))
     tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
     tau += ia * motion.ddq + fc * np.sign(motion.dq) + fv * motion.dq + b
+    return motion, tau
+
+
+def run(seed: int, seconds: float = 60.0, noise: float = 1.0, stiffness: float = 0.0, **more):
+    motion, tau = clean_motion(seed, seconds)
     tau[:, 0] += stiffness * motion.q[:, 0]
     tau += noise * NOISE * np.random.default_rng(seed).normal(size=tau.shape)
     return record(ROBOT, motion, tau, f"run {seed}", **more)
@@ -68,6 +76,27 @@ def test_noisy_torque_is_within_what_every_model_promises(found):
         off = (one.values - truth(one)) / one.statistics.standard_deviations
         assert np.sqrt(np.mean(off**2)) < 2.0, which
         assert np.abs(off).max() < 5.0, which
+
+
+@pytest.mark.slow
+def test_95_per_cent_intervals_of_every_model_cover_the_truth_for_every_class_of_parameters():
+    model = build_model(ROBOT, EFFECTS)
+    effects = np.array([column.effect for column in model.kept])
+    motion, clean = clean_motion(1, 60.0)
+    off = {which: [] for which in MODELS}
+    for seed in range(40):
+        drawn = np.random.default_rng(seed)
+        recording = record(ROBOT, motion, clean + NOISE * drawn.normal(size=clean.shape))
+        for which in MODELS:
+            asked = choices(which, pole=50.0, interval=0.3)
+            one = identify_model(model, [recording], [], asked, BAND, np.zeros(10 * ROBOT.n), silent)
+            off[which].append((one.values - truth(one)) / one.statistics.standard_deviations)
+    for which, found_off in off.items():
+        inside = np.abs(np.array(found_off)) < 1.96
+        for effect in dict.fromkeys(effects):
+            # 160 cases or more: 95 % within three standard deviations of a share of so many.
+            assert 0.895 < inside[:, effects == effect].mean() <= 1.0, (which, effect)
+        assert 0.92 < inside.mean() < 0.985, which
 
 
 def test_one_equation_is_less_exciting_than_one_a_joint(found):
