@@ -57,6 +57,7 @@ def test_a_method_is_chosen_validated_and_exported(
     with page.expect_download() as download:
         page.get_by_role("link", name="JSON", exact=True).click()
     assert b"parameters" in Path(download.value.path()).read_bytes()
+    assert download.value.suggested_filename.endswith(".json")
     assert heard.complaints == []
 
 
@@ -71,3 +72,27 @@ def test_essential_parameters_are_found_on_demand(page: Any, recordings: tuple[P
     expect(found).to_contain_text("essential")
     answer = ask(page, f"/identifications/{identifier(page)}/essential")
     expect(found.locator("table").last.locator("tbody tr")).to_have_count(len(answer["essential"]))
+
+
+def test_a_model_that_no_links_have_says_so_and_offers_the_nearest(page: Any, recordings: tuple[Path, Path]) -> None:
+    the_robot(page)
+    upload(page, recordings[0], "identification")
+    page.click("#run")
+    page.locator("#validations-title").wait_for()
+    # What the service says is its own test; here it is what the page makes of it.
+    page.route(
+        "**/export?format=urdf",
+        lambda route: route.fulfill(
+            status=422,
+            content_type="application/problem+json",
+            body='{"title": "Not physically feasible", "status": 422, "detail": "no bodies: the link of elbow"}',
+        ),
+    )
+    page.get_by_role("link", name="URDF", exact=True).click()
+    expect(page.get_by_role("alert")).to_contain_text("the link of elbow")
+    with page.expect_download() as download:
+        page.click("#export-nearest")
+    assert b"<robot" in Path(download.value.path()).read_bytes()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="C code", exact=True).click()
+    assert download.value.suggested_filename.startswith("dynident_")

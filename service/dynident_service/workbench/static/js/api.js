@@ -56,6 +56,13 @@ export async function content(path) {
   return answer.blob();
 }
 
+/** A file to be saved: { content, name, notes }, notes being what its format could not hold. */
+export async function file(path) {
+  const answer = await send("GET", path, {});
+  const name = /filename="([^"]+)"/.exec(answer.headers.get("content-disposition") ?? "")?.[1] ?? "model";
+  return { content: await answer.blob(), name, notes: JSON.parse(answer.headers.get("dynident-notes") ?? "[]") };
+}
+
 /** The events of a job, from the first until it ends; a broken stream is taken up where it broke. */
 export async function* events(jobId, signal) {
   let last = "";

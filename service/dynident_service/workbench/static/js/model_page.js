@@ -4,6 +4,7 @@ import { content, get, post, apiKey } from "./api.js";
 import { choiceInWords, placeOf, titleOf } from "./catalogue.js";
 import { announce, h, put } from "./dom.js";
 import { errorsSection } from "./errors.js";
+import { exportLinks } from "./exports.js";
 import { failureSection } from "./failure.js";
 import { counted, moment, number, percent, quantity } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
@@ -111,18 +112,7 @@ function warnings(result) {
 function actions(model) {
   const said = h("div");
   const report = h("button", { type: "button", onclick: () => makeReport(model, report, said) }, "Report");
-  const exports = EXPORTS.map(([format, text, ending]) => exportButton(model, format, text, ending));
-  return [h("p", { class: "actions" }, report, h("span", { class: "note" }, "Take the model along:"), exports), said];
-}
-
-const EXPORTS = [["json", "JSON", "json"], ["urdf", "URDF", "urdf"], ["mjcf", "MJCF", "xml"], ["c", "C code", "c"], ["casadi", "CasADi", "casadi"]];
-
-function exportButton(model, format, text, ending) {
-  const path = `/v1/identifications/${model.id}/export?format=${format}`;
-  const name = `${model.id}.${ending}`;
-  return apiKey.get()
-    ? h("button", { type: "button", onclick: () => save(path, name) }, text)
-    : h("a", { class: "button", href: path, download: name }, text);
+  return [h("p", { class: "actions" }, report, h("span", { class: "note" }, "Take the model along:"), exportLinks(model, said)), said];
 }
 
 async function makeReport(model, button, said) {
