@@ -1,0 +1,40 @@
+"""`dynident design`: kinds, families and sets as options."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+from running_commands import dynident
+
+QUICK = ("--duration", 3, "--harmonics", 3, "--rate", 50, "--time-budget", 1)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--family", "b_spline", "--intervals", 5),
+        ("--family", "point_to_point", "--points", 5),
+        ("--kind", "sequential", "--sets", "link_by_link"),
+        ("--joint", "elbow", "--joint", "tool_roll"),
+    ],
+)
+def test_every_way_to_move_gives_a_trajectory(tmp_path: Path, options: tuple[object, ...]) -> None:
+    answer = dynident("design", "scara", *QUICK, *options, "-o", tmp_path / "t.csv", "--json")
+    assert answer.code == 0, answer.err
+    with (tmp_path / "t.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == answer.document["n_samples"]
+    assert ("segment" in rows[0]) == ("--sets" in options)
+    moved = {
+        name for name in ("shoulder", "elbow", "quill", "tool_roll") if len({row[f"q_{name}"] for row in rows}) > 1
+    }
+    assert moved == ({"elbow", "tool_roll"} if "--joint" in options else {"shoulder", "elbow", "quill", "tool_roll"})
+
+
+def test_an_unknown_set_or_family_is_refused_with_those_there_are(tmp_path: Path) -> None:
+    for option, value, known in (("--family", "spiral", "b_spline"), ("--sets", "ballet", "vandanjon")):
+        answer = dynident("design", "scara", "--kind", "sequential", option, value, "-o", tmp_path / "t.csv")
+        assert answer.code != 0
+        assert known in answer.err
