@@ -1,0 +1,113 @@
+"""Can a payload be weighed by runs without and with it, and what does it weigh?
+
+The standard deviation of the mass speaks of noise. What misleads is something else: friction and offsets that are not
+the same in both runs, after a pause, warmer, on another day. Where the motion shows the payload well the mass hardly
+moves when the loaded run may have friction and offsets of its own (as in a test of Hausman 1978: both estimates agree
+if the simpler model is right). Where it does not, the payload's gravity and these constants stand for one another, and
+any mass can be had: then there is no number to report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot
+
+from dynident.effects import EffectChoice
+from dynident.estimation import EstimationError
+from dynident.identification.drive_gains import DriveGains, PayloadEstimate, payload_mass
+from dynident.identification.payloads import PLAIN_EFFECTS
+from dynident.recordings import Preprocessing, Recording
+from dynident.robot import Robot
+
+_OWN = ("coulomb", "viscous", "offset")
+_NORMAL = 1.96
+# How far both masses may lie apart beside their noise, as a share; more uncertain than a quarter of itself is no mass.
+_AGREE, _CERTAIN = 0.1, 0.25
+
+
+@dataclass(frozen=True)
+class PayloadVerdict:
+    """Whether a payload can be weighed by these runs, and why; its mass in kg where it can.
+
+    `alike` is the mass if friction and offsets are the same in all runs, `apart` if the loaded run has its own (None:
+    the runs do not determine them). `interval` holds the mass in 95 of 100 cases by both.
+    """
+
+    identifiable: bool
+    reason: str
+    mass: float | None
+    interval: tuple[float, float] | None
+    alike: PayloadEstimate
+    apart: PayloadEstimate | None
+
+
+def payload_from_pair(
+    robot: Robot,
+    unloaded: Sequence[Recording],
+    loaded: Recording,
+    *,
+    gains: DriveGains | None = None,
+    effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
+    preprocessing: Preprocessing | None = None,
+) -> PayloadVerdict:
+    """Weigh a payload, or say why these runs do not tell its mass.
+
+    Parameters
+    ----------
+    gains : DriveGains, optional
+        Identified drive gains, with their uncertainty.
+
+    Raises
+    ------
+    DynidentError
+        Where the recordings do not determine even the simpler model.
+    """
+
+    def weighed(own: tuple[EffectChoice, ...]) -> PayloadEstimate:
+        return payload_mass(robot, unloaded, loaded, gains=gains, effects=(*effects, *own), preprocessing=preprocessing)
+
+    alike = weighed(())
+    own = tuple(EffectChoice(name, runs=(loaded.name,)) for name in _OWN)
+    try:
+        apart = weighed(own)
+    except EstimationError as error:
+        told = f"with friction and offsets of its own the loaded run does not determine the payload: {error.detail}"
+        return _unknown(told, alike, None)
+    return judged(alike, apart)
+
+
+def judged(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
+    """The verdict on two estimates of one mass: with the friction of all runs alike, and with the loaded run's own."""
+    deviation = hypot(alike.standard_deviation, apart.standard_deviation)
+    between = abs(alike.mass - apart.mass)
+    both = (
+        f"{_said(alike)} if friction and offsets are the same in all runs, {_said(apart)} if the loaded run has its own"
+    )
+    if between > _NORMAL * deviation + _AGREE * abs(alike.mass):
+        return _unknown(
+            f"the mass is not identifiable from this motion: it comes out as {both}. Its gravity looks like a change "
+            "of friction or offset here; move the joints that lift it further, and slower, in the loaded run",
+            alike,
+            apart,
+        )
+    if alike.mass <= 0 or apart.mass <= 0:
+        return _unknown(f"no payload is to be seen: {both}", alike, apart)
+    widest = max(alike.standard_deviation, apart.standard_deviation)
+    if _NORMAL * widest > _CERTAIN * alike.mass:
+        return _unknown(
+            f"the mass is not identifiable from this motion: it is uncertain by more than a quarter of itself ({both}); "
+            "move the joints that lift it further, or record for longer",
+            alike,
+            apart,
+        )
+    interval = min(alike.interval[0], apart.interval[0]), max(alike.interval[1], apart.interval[1])
+    return PayloadVerdict(True, f"the runs agree: {both}", alike.mass, interval, alike, apart)
+
+
+def _unknown(reason: str, alike: PayloadEstimate, apart: PayloadEstimate | None) -> PayloadVerdict:
+    return PayloadVerdict(False, reason, None, None, alike, apart)
+
+
+def _said(estimate: PayloadEstimate) -> str:
+    return f"{estimate.mass:.3g} ± {_NORMAL * estimate.standard_deviation:.2g} kg"
