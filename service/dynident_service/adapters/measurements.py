@@ -65,6 +65,7 @@ def describe_recording(recording: Recording, checks: Sequence[Check], sha256: st
             for segment in recording.segments
         ],
         has_temperature=recording.has_temperature,
+        has_wrench=recording.has_wrench,
         checks=show_checks(checks),
     )
 

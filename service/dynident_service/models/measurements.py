@@ -56,6 +56,7 @@ class MeasurementResult(Shown):
     joints: list[str]
     segments: list[SegmentView]
     has_temperature: bool
+    has_wrench: bool = Field(default=False, description="Whether the wrench of the base was recorded")
     checks: list[CheckView]
 
 

@@ -17,8 +17,10 @@ const UNITS = {
   tau: ["SI: N m or N", "mN m", "kN m", "N mm", "N cm", "mN", "kN"],
   current: ["A", "mA"],
   temperature: ["degC", "K", "degF"],
+  base_force: ["N", "mN", "kN"],
+  base_moment: ["N m", "mN m", "kN m", "N mm", "N cm"],
 };
-const NAMES = { t: "time t", q: "positions q", dq: "velocities dq", ddq: "accelerations ddq", tau: "torques tau", current: "currents", temperature: "temperatures" };
+const NAMES = { t: "time t", q: "positions q", dq: "velocities dq", ddq: "accelerations ddq", tau: "torques tau", current: "currents", temperature: "temperatures", base_force: "forces of the base", base_moment: "moments of the base" };
 
 /** The measurements that a robot has. */
 export function measurementsTable(measurements) {
@@ -47,7 +49,7 @@ export function measurementForm(robot, { onStored, onRobot, count }) {
     "div",
     {},
     dropZone("Drop recordings here (CSV or Parquet), or choose them:", { accept: ".csv,.txt,.parquet,.pq", multiple: true, id: "recordings" }, add),
-    h("p", { class: "note" }, `Columns: t, q_<joint> or q1, q2, … and tau… or current…; dq…, ddq…, temperature…, segment if there are any. Joints: ${robot.joints.map((one) => one.name).join(", ")}.`),
+    h("p", { class: "note" }, `Columns: t, q_<joint> or q1, q2, … and tau… or current…; dq…, ddq…, temperature…, segment if there are any; base_fx … base_mz, the wrench of the base on the robot. Joints: ${robot.joints.map((one) => one.name).join(", ")}.`),
     forms,
     driveGains(robot, onRobot),
   );
