@@ -229,3 +229,35 @@ def test_torque_that_is_zero_throughout_is_refused():
         with pytest.raises(EstimationError, match="torque") as caught:
             identify(UR10, [run], [], choices(strategy=strategy, preprocessing=Preprocessing(10.0, 8.0, 3)))
         assert caught.value.pointer == "/measurement_ids"
+
+
+def locked_run(still, seed: int, name: str, standard):
+    """A run whose locked joints are held by brakes and stiction, and whose encoders flicker by a count."""
+    motion = fourier_motion(UR10, 12.0, 100.0, seed)
+    rng = np.random.default_rng(seed)
+    for joint in still:
+        motion.q[:, joint], motion.dq[:, joint], motion.ddq[:, joint] = rng.uniform(-1, 1), 0.0, 0.0
+    tau = torque_of(UR10, motion, standard) + 0.2 * rng.normal(size=motion.q.shape)
+    tau[:, list(still)] += rng.uniform(-20, 20, len(still))
+    return record(UR10, motion, tau, name), motion.q + 1e-5 * rng.integers(-1, 2, motion.q.shape)
+
+
+def test_joints_that_are_locked_in_some_runs_tell_nothing_of_their_friction_there():
+    standard = drawn_standard(UR10)
+    sets = [(3, 4, 5), (0, 1, 2), (0, 4), (1, 3, 5), (), ()]
+    runs = []
+    for seed, still in enumerate(sets):
+        clean, flickering = locked_run(still, seed, f"run{seed}", standard)
+        runs.append(record(UR10, fourier_motion(UR10, 12.0, 100.0, seed), clean.source.tau, clean.name))
+        runs[-1] = replace(runs[-1], source=replace(clean.source, q=flickering))
+    band = Preprocessing(10.0, 8.0, 3)
+    for strategy in ("global", "sequential"):
+        found = identify(UR10, runs, [], choices(strategy=strategy, preprocessing=band))
+        truth = found.model.base.grouping @ standard
+        assert np.median(np.abs(found.values - truth) / found.statistics.standard_deviations) < 1.5
+        friction = np.array([c.effect in ("coulomb", "viscous") for c in found.model.kept])
+        np.testing.assert_allclose(found.values[friction], truth[friction], rtol=0.15)
+        # Where a joint is locked there are no rows of it: in two, three or four of six runs it moves.
+        rows = np.array([equation.counts.sum() for equation in found.training.equations])
+        moves = np.array([sum(joint not in still for still in sets) for joint in range(6)])
+        np.testing.assert_allclose(rows / rows.max(), moves / moves.max(), rtol=0.02)

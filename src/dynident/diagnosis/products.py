@@ -51,7 +51,8 @@ def products(reduction: Reduction) -> Products:
         where = np.full(reduction.n_columns, -1, dtype=np.intp)
         where[equation.columns] = np.arange(len(equation.columns))
         position.append(where)
-    counts = reduction.equations[0].counts.astype(np.float64)
+    # A joint that stands still in a run has no rows there.
+    counts = np.max([equation.counts for equation in reduction.equations], axis=0).astype(np.float64)
     return Products(tuple(grams), tuple(position), counts, _runs(reduction.spans))
 
 

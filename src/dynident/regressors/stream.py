@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.effects import RunSignal
+from dynident.effects import RunSignal, effect_by_id
 from dynident.effects.memory import MemoryStates
 from dynident.estimation import FactorAccumulator, Reduction, concatenate
 from dynident.progress import Progress, silent
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
+from dynident.recordings.standing import standing_joints
 from dynident.recordings.types import BoolArray
 from dynident.regressors.observation import IntArray, Observation
 from dynident.robot.model import FloatArray
@@ -172,6 +173,9 @@ def reduce_recordings(
 ) -> Reduction:
     """Fold all recordings into triangular factors, one a joint and stretch of time; W is never stored.
 
+    Where a joint with friction stands still throughout a run, its rows are left out: its torque is then whatever
+    stiction, or a brake, takes of the load, and sign(q̇) is the encoder's noise.
+
     Parameters
     ----------
     observation : Observation
@@ -183,17 +187,37 @@ def reduce_recordings(
     """
     n = observation.robot.n
     layout = [observation.joint_entries(joint) for joint in range(n)]
+    sticking = _joints_with_friction(observation)
 
     def rows_of(recording: Recording) -> Iterator[EquationRows]:
         given = None if samples_of is None else samples_of(recording)
+        silent_rows = standing_joints(recording) & sticking
         for samples in given or filtered_samples(observation, recording, preprocessing, reference):
             rows = [
                 np.hstack([samples.values[:, positions], samples.tau[:, joint : joint + 1]])
                 for joint, (positions, _) in enumerate(layout)
             ]
+            for joint in np.flatnonzero(silent_rows[samples.segment]):
+                rows[joint][:] = 0.0
             yield EquationRows(samples.t, rows, samples.segment)
 
-    return folded(rows_of, [columns for _, columns in layout], observation.n_columns, recordings, progress)
+    reduction = folded(rows_of, [columns for _, columns in layout], observation.n_columns, recordings, progress)
+    return _uncounted(reduction, sticking & np.any([standing_joints(r).any(axis=0) for r in recordings], axis=0))
+
+
+def _uncounted(reduction: Reduction, standing: BoolArray) -> Reduction:
+    """The same data; of joints that stand still somewhere, stretches whose rows were left out count no rows."""
+    equations = tuple(
+        replace(e, counts=np.where(e.factors.any(axis=(1, 2)), e.counts, 0)) if somewhere else e
+        for e, somewhere in zip(reduction.equations, standing, strict=True)
+    )
+    return replace(reduction, equations=equations)
+
+
+def _joints_with_friction(observation: Observation) -> BoolArray:
+    """(n,): joints whose friction is among the columns."""
+    names = {column.link for column in observation.columns if effect_by_id(column.effect).is_friction}
+    return np.array([name in names for name in observation.robot.joint_names])
 
 
 @dataclass(frozen=True, eq=False)
