@@ -15,6 +15,10 @@ _POSTURES = 2000
 _HOLDING_SHARE = 0.9
 _CENTRAL_SHARE = 0.8
 _BISECTIONS = 12
+# Of half the range: as good as zero.
+_NEAR_ZERO = 1e-5
+_TRIED_WAYS, _ENOUGH_WAYS = 200, 5
+_ALONG_A_WAY = np.linspace(0.0, 1.0, 25)
 _SAMPLES_PER_WAVE = 80
 
 
@@ -27,6 +31,9 @@ def static_torque(model: DesignModel, q: FloatArray) -> FloatArray:
 def holdable_postures(bounds: Bounds, model: DesignModel, rng: np.random.Generator) -> FloatArray:
     """Postures (m, n) in the inner part of the ranges, clear of everything, whose weight leaves room for motion.
 
+    Those alone to which a straight way is clear from a usual home, if there are some: the rest may lie behind what no
+    motion gets around, like an elbow bent the other way.
+
     Raises
     ------
     ImpossibleLimitsError
@@ -34,7 +41,7 @@ def holdable_postures(bounds: Bounds, model: DesignModel, rng: np.random.Generat
         limit is in the way.
     """
     places = _CENTRAL_SHARE * rng.uniform(-1.0, 1.0, (_POSTURES, len(bounds.names)))
-    q: FloatArray = _clear_ones(bounds, bounds.middle + bounds.half_range * places)
+    q: FloatArray = _reachable(bounds, _clear_ones(bounds, bounds.middle + bounds.half_range * places))
     if not np.isfinite(bounds.torque).any():
         return q
     torque = np.abs(static_torque(model, q))
@@ -54,6 +61,28 @@ def holdable_postures(bounds: Bounds, model: DesignModel, rng: np.random.Generat
         pointer=pointer(name, "effort", within="/limits"),
         title="Impossible limits",
     )
+
+
+def usual_homes(bounds: Bounds) -> list[FloatArray]:
+    """Zero where the ranges have it (their middle where not), and the middle everywhere: postures (n,)."""
+    nearest = np.clip(0.0, bounds.position_low, bounds.position_high)
+    return [np.where(np.abs(nearest) <= _NEAR_ZERO * bounds.half_range, nearest, bounds.middle), bounds.middle]
+
+
+def _reachable(bounds: Bounds, q: FloatArray) -> FloatArray:
+    """Of postures (m, n) some with a clear straight way from a usual home; all where hardly any has one."""
+    if bounds.space is None or bounds.space.clearances is None:
+        return q
+    tried = q[:_TRIED_WAYS]
+    for home in usual_homes(bounds):
+        if bounds.space.least_room(home[None])[0] < 0:
+            continue
+        ways = home + _ALONG_A_WAY[:, None, None] * (tried - home)
+        room = bounds.space.least_room(ways.reshape(-1, q.shape[1])).reshape(len(_ALONG_A_WAY), -1).min(axis=0)
+        if np.count_nonzero(room >= 0) >= _ENOUGH_WAYS:
+            reached: FloatArray = tried[room >= 0]
+            return reached
+    return q
 
 
 def _clear_ones(bounds: Bounds, q: FloatArray) -> FloatArray:

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.excitation.feasible import holdable_postures, static_torque
+from dynident.excitation.feasible import holdable_postures, static_torque, usual_homes
 from dynident.excitation.limits import Bounds, ImpossibleLimitsError
 from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Piece, Rest
-from dynident.excitation.ways import way_between
+from dynident.excitation.ways import moves_through, stations_between
 from dynident.robot.model import FloatArray
 
-# Of half the range: as good as zero.
-_NEAR_ZERO = 1e-5
 _OTHER_HOMES = 5
 
 
@@ -57,8 +55,7 @@ def home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: Desig
     """
     if stated is not None:
         return [_clear(np.asarray(stated, dtype=np.float64), bounds)]
-    nearest = np.clip(0.0, bounds.position_low, bounds.position_high)
-    offered = [np.where(np.abs(nearest) <= _NEAR_ZERO * bounds.half_range, nearest, bounds.middle), bounds.middle]
+    offered = usual_homes(bounds)
     if bounds.checks_torque:
         shares = np.abs(static_torque(model, np.array(offered))) / bounds.torque
         offered = [offered[k] for k in np.flatnonzero(shares.max(axis=1) <= 1)]
@@ -102,8 +99,9 @@ def with_moves(
         homes = []
     for home in homes:
         try:
-            there = way_between(home, start, bounds, model, rate)
-            back = way_between(start, home, bounds, model, rate)
+            stations = stations_between(home, start, bounds, model)
+            there = moves_through(stations, bounds, model, rate)
+            back = moves_through(stations[::-1], bounds, model, rate)
         except ImpossibleLimitsError:
             if stated is not None:
                 raise

@@ -105,7 +105,9 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     ImpossibleLimitsError
         Something is in the straight way, or the arm cannot be held somewhere on it, however slow it goes.
     """
-    _check_clear(start, end, bounds)
+    complaint = straight_complaint(start, end, bounds)
+    if complaint is not None:
+        raise complaint
     move = plan_move(start, end, bounds, rate)
     if not bounds.checks_torque:
         return move
@@ -119,17 +121,19 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     raise _too_heavy(np.abs(torque), bounds, "moving slowly")
 
 
-def _check_clear(start: FloatArray, end: FloatArray, bounds: Bounds) -> None:
+def straight_complaint(start: FloatArray, end: FloatArray, bounds: Bounds) -> ImpossibleLimitsError | None:
+    """What is in the straight way between two postures (n,)."""
     if bounds.space is None:
-        return
+        return None
     way = start + np.linspace(0.0, 1.0, _CHECKS)[:, None] * (end - start)
     complaint = bounds.space.complaint(way)
-    if complaint is not None:
-        raise ImpossibleLimitsError(
-            f"On the straight way from [{_listed(start)}] to [{_listed(end)}], {complaint}",
-            pointer="/home",
-            title="Impossible limits",
-        )
+    if complaint is None:
+        return None
+    return ImpossibleLimitsError(
+        f"On the straight way from [{_listed(start)}] to [{_listed(end)}], {complaint}",
+        pointer="/home",
+        title="Impossible limits",
+    )
 
 
 def _listed(posture: FloatArray) -> str:

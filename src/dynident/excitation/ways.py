@@ -13,11 +13,13 @@ from dynident.excitation.feasible import holdable_postures
 from dynident.excitation.limits import Bounds, ImpossibleLimitsError
 from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Motion, Piece, joined
-from dynident.excitation.moves import move_within_torque
+from dynident.excitation.moves import move_within_torque, straight_complaint
 from dynident.robot.model import FloatArray
 
-_VIA_POSTURES = 40
-_MOST_LEGS_TRIED = 150
+# Postures on the way around: the nearest ones, and others from everywhere.
+_NEAR_VIA, _FAR_VIA = 60, 40
+_MOST_WAYS_TRIED = 300
+_LOOKS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,43 +54,59 @@ def way_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: Desig
     ImpossibleLimitsError
         There is no straight way, and none was found around; the message tells what is in the straight one.
     """
+    return moves_through(stations_between(start, end, bounds, model), bounds, model, rate)
+
+
+def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel) -> list[FloatArray]:
+    """Postures (n,), both ends among them, between which the straight ways are clear; raises as `way_between`."""
+    complaint = straight_complaint(start, end, bounds)
+    if complaint is None:
+        return [start, end]
     try:
-        return move_within_torque(start, end, bounds, model, rate)
-    except ImpossibleLimitsError as straight:
-        if bounds.space is None:
-            raise
-        try:
-            postures = holdable_postures(bounds, model, np.random.default_rng(0))[:_VIA_POSTURES]
-        except ImpossibleLimitsError:
-            raise straight from None
-        around = _Around(np.concatenate([[start, end], postures]), bounds, model, rate).shortest()
-        if around is None:
-            raise straight
-        return Chain(around)
+        postures = holdable_postures(bounds, model, np.random.default_rng(0))
+    except ImpossibleLimitsError:
+        raise complaint from None
+    detours = (np.abs(postures - start) + np.abs(postures - end)) / bounds.velocity
+    shortest = postures[np.argsort(detours.max(axis=1))]
+    around = np.concatenate([shortest[:_NEAR_VIA], shortest[_NEAR_VIA :: max(1, len(shortest) // _FAR_VIA)]])
+    found = _Around(np.concatenate([[start, end], around]), bounds).stations()
+    if found is None:
+        raise complaint
+    return found
+
+
+def moves_through(stations: Sequence[FloatArray], bounds: Bounds, model: DesignModel, rate: float) -> Piece:
+    """Moves from posture to posture, at rest in each, within all limits."""
+    moves = tuple(move_within_torque(a, b, bounds, model, rate) for a, b in pairwise(stations))
+    return moves[0] if len(moves) == 1 else Chain(moves)
 
 
 class _Around:
-    """The shortest way from the first posture to the second through others; legs are planned when they are on it."""
+    """The shortest way from the first posture to the second through others.
 
-    def __init__(self, postures: FloatArray, bounds: Bounds, model: DesignModel, rate: float) -> None:
-        self._postures, self._bounds, self._model, self._rate = postures, bounds, model, rate
-        self._planned: dict[tuple[int, int], Piece] = {}
+    Only ways that the enclosing capsules keep clear are taken, and they are looked at when the shortest way has them.
+    """
+
+    def __init__(self, postures: FloatArray, bounds: Bounds) -> None:
+        self._postures, self._bounds = postures, bounds
         # As long as the slowest joint takes.
-        apart = np.abs(postures[:, None] - postures) / bounds.velocity
-        self._lengths = apart.max(axis=2) + 1e-9
+        self._lengths = (np.abs(postures[:, None] - postures) / bounds.velocity).max(axis=2) + 1e-9
         self._lengths[0, 1] = self._lengths[1, 0] = np.inf
+        self._clear: set[tuple[int, int]] = set()
 
-    def shortest(self) -> tuple[Piece, ...] | None:
-        for _ in range(_MOST_LEGS_TRIED):
-            stations = self._stations()
+    def stations(self) -> list[FloatArray] | None:
+        for _ in range(_MOST_WAYS_TRIED):
+            stations = self._shortest()
             if stations is None:
                 return None
-            legs = list(pairwise(stations))
-            if self._plan(legs):
-                return tuple(self._planned[leg] for leg in legs)
+            hindered = [leg for leg in pairwise(stations) if not self._is_clear(leg)]
+            if not hindered:
+                return [self._postures[k] for k in stations]
+            for a, b in hindered:
+                self._lengths[a, b] = self._lengths[b, a] = np.inf
         return None
 
-    def _stations(self) -> list[int] | None:
+    def _shortest(self) -> list[int] | None:
         open_ways = np.where(np.isfinite(self._lengths), self._lengths, 0.0)
         lengths, before = dijkstra(open_ways, indices=[0], return_predecessors=True)
         if not np.isfinite(lengths[0, 1]):
@@ -98,16 +116,11 @@ class _Around:
             stations.insert(0, int(before[0, stations[0]]))
         return stations
 
-    def _plan(self, legs: Sequence[tuple[int, int]]) -> bool:
-        """Whether all legs keep the limits; the first that does not is taken out."""
-        for a, b in legs:
-            if (a, b) in self._planned:
-                continue
-            try:
-                self._planned[a, b] = move_within_torque(
-                    self._postures[a], self._postures[b], self._bounds, self._model, self._rate
-                )
-            except ImpossibleLimitsError:
-                self._lengths[a, b] = self._lengths[b, a] = np.inf
+    def _is_clear(self, leg: tuple[int, int]) -> bool:
+        if leg not in self._clear and self._bounds.space is not None:
+            start, end = self._postures[list(leg)]
+            way = start + np.linspace(0.0, 1.0, _LOOKS)[:, None] * (end - start)
+            if not (self._bounds.space.least_room(way) >= 0).all():
                 return False
+            self._clear.add(leg)
         return True
