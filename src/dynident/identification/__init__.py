@@ -1,11 +1,14 @@
 """The strategies: from recordings to an identified model."""
 
+from dynident.identification.again import reidentify
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
 from dynident.identification.identify import extend, identify, identify_model
 from dynident.identification.removing import remove
 from dynident.identification.result import Identification, IdentifiedParameter
+from dynident.identification.standard import StandardParameters
 from dynident.identification.storage import from_bytes, to_bytes
+from dynident.identification.weighing import PayloadVerdict, payload_from_pair
 
 __all__ = [
     "DriveGains",
@@ -13,12 +16,16 @@ __all__ = [
     "IdentificationChoices",
     "IdentifiedParameter",
     "PayloadEstimate",
+    "PayloadVerdict",
+    "StandardParameters",
     "extend",
     "from_bytes",
     "identify",
     "identify_gains",
     "identify_model",
+    "payload_from_pair",
     "payload_mass",
+    "reidentify",
     "remove",
     "to_bytes",
 ]

@@ -96,8 +96,8 @@ def judged(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
     widest = max(alike.standard_deviation, apart.standard_deviation)
     if _NORMAL * widest > _CERTAIN * alike.mass:
         return _unknown(
-            f"the mass is not identifiable from this motion: it is uncertain by more than a quarter of itself ({both}); "
-            "move the joints that lift it further, or record for longer",
+            f"the mass is not identifiable from this motion: it is uncertain by more than a quarter of itself "
+            f"({both}); move the joints that lift it further, or record for longer",
             alike,
             apart,
         )

@@ -1,0 +1,98 @@
+"""An identified model solved anew with other choices, from its reduced data: no recording is read again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.identification.choices import EstimatorName, IdentificationChoices, StrategyName
+from dynident.identification.data import Data
+from dynident.identification.identify import conclude
+from dynident.identification.removing import combinations
+from dynident.identification.result import Identification
+from dynident.regressors.model import Model, build_model
+from dynident.robot.model import FloatArray
+from dynident.threads import single_threaded
+
+FROM_REDUCED: tuple[EstimatorName, ...] = ("ols", "wls", "feasible")
+"""Estimators that need nothing but reduced data; the others go through the samples again."""
+
+_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential")
+_TITLE = "Recordings needed"
+
+
+@single_threaded
+def reidentify(identification: Identification, choices: IdentificationChoices) -> Identification:
+    """Solve an identified model again with another strategy, estimator, prior or fewer effects.
+
+    Predicted loads stay those that the data were reduced with.
+
+    Parameters
+    ----------
+    identification : Identification
+    choices : IdentificationChoices
+        The model's rows and their constants must be the same, and its effects a part of the old ones.
+
+    Raises
+    ------
+    DynidentError
+        Where the choices need more than the reduced data: other rows or filters, effects that are not in them, or an
+        estimator or strategy that goes through the samples again.
+    """
+    check_reduced_data(identification, choices)
+    model, weights = _model_of(identification, choices.effects)
+    held_out = identification.held_out_data
+    same = identification.equations is identification.training
+    torque = identification.training if weights is None else identification.training.combined(weights)
+    equations = torque
+    if not same:
+        equations = identification.equations if weights is None else identification.equations.combined(weights)
+    if held_out is not None and weights is not None:
+        held_out = held_out.combined(weights)
+    data = Data(equations, torque, (), identification.preprocessing, identification.reference)
+    found = conclude(model, replace(choices, preprocessing=identification.choices.preprocessing), data, held_out)
+    return replace(
+        found,
+        measurement_names=identification.measurement_names,
+        validation_names=identification.validation_names,
+        rows=identification.rows if weights is None else (None, None),
+    )
+
+
+def check_reduced_data(identification: Identification, choices: IdentificationChoices) -> None:
+    """Raise where choices need more than the reduced data of an identification."""
+    old = identification.choices
+    if (choices.model, choices.pole, choices.interval) != (old.model, old.pole, old.interval):
+        raise _needed("/model", f"the reduced data are rows of the {old.model} model")
+    if choices.estimator not in FROM_REDUCED:
+        told = (
+            f"{choices.estimator} goes through the samples again; from reduced data there are {_listed(FROM_REDUCED)}"
+        )
+        raise _needed("/estimator", told)
+    if choices.strategy not in _STRATEGIES:
+        told = f"{choices.strategy} needs runs of single joints; from reduced data there are {_listed(_STRATEGIES)}"
+        raise _needed("/strategy", told)
+    if choices.preprocessing not in (None, old.preprocessing, identification.preprocessing):
+        raise _needed("/preprocessing", "the reduced data were filtered otherwise")
+
+
+def _needed(pointer: str, why: str) -> DynidentError:
+    return DynidentError(f"{why}; identify from the recordings for that", pointer=pointer, title=_TITLE)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return ", ".join(names)
+
+
+def _model_of(identification: Identification, effects: tuple[EffectChoice, ...]) -> tuple[Model, FloatArray | None]:
+    """The model of these effects, and what its columns are made of; None where they are all the same."""
+    known = identification.model
+    if effects == known.effects:
+        return known, None
+    model = build_model(known.robot, effects, tolerance=identification.choices.tolerance, signals=known.signals)
+    strangers = {column.key for column in model.columns} - {column.key for column in known.columns}
+    if strangers:
+        names = ", ".join(sorted({key[0] for key in strangers}))
+        raise _needed("/effects", f"the reduced data have no columns for {names}")
+    return model, combinations(known, model)
