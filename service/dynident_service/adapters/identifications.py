@@ -12,6 +12,7 @@ from dynident.effects import EffectChoice
 from dynident.effects.catalogue import check_shape, joints_of
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentificationChoices
+from dynident.identification.data import parted
 from dynident.identification.dependence import ParameterDependence, parameter_dependence
 from dynident.identification.essential import EssentialPath
 from dynident.identification.result import IdentifiedParameter
@@ -166,4 +167,5 @@ def numbers(values: NDArray[np.float64]) -> list[float | None]:
 
 def _preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing:
     asked = request.preprocessing
-    return preprocessing_from_request(asked if isinstance(asked, str) else asked.model_dump(), recordings)
+    motions, _ = parted(recordings)
+    return preprocessing_from_request(asked if isinstance(asked, str) else asked.model_dump(), motions)

@@ -26,6 +26,7 @@ from dynident.diagnosis.words import Finding, rank_all, summary, verdict_of
 from dynident.diagnosis.wrong_names import misnamed
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification, extend
+from dynident.identification.data import parted
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.regressors.stream import reduce_recordings
@@ -53,7 +54,7 @@ def diagnose(
     identification : Identification
     recordings : sequence of Recording
         The data to learn from; usually those the model was identified on. What is recommended has improved the
-        prediction of stretches that were left out of the fit.
+        prediction of stretches that were left out of the fit. Tests of single joints' friction are left out.
     candidates : sequence of effect ids, optional
         Only these effects; the whole catalogue otherwise.
     most_effects : int
@@ -62,6 +63,7 @@ def diagnose(
     for index, name in enumerate(candidates or ()):
         effect_by_id(name, f"/candidates/{index}")
     model = identification.model
+    recordings, _ = parted(recordings)
     comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
     resolved = resolution(comparisons, identification.preprocessing)
     leads = find_leads(comparisons, recordings, identification)

@@ -32,6 +32,12 @@ def separate_friction(model: Model, choices: IdentificationChoices, data: Data) 
     """
     check_estimator(choices)
     sources = data.friction or data.recordings
+    if not sources:
+        raise DynidentError(
+            "the runs of single joints are not in the reduced data; identify from the recordings anew",
+            pointer="/strategy",
+            title="Recordings needed",
+        )
     runs = friction_runs(model, sources, choices.preprocessing, data.reference)
     told = [j for j in range(model.robot.n) if len(runs.velocities[j]) and friction_columns(model, j)]
     if not told:
