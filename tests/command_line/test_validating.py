@@ -93,10 +93,17 @@ def test_the_simulator_and_the_filters(desk: Path):
         (["methods", "{run}", "--methods", "ols/wls"], ["--methods", "one of each"]),
         (["filters", "{run}", "--cutoffs", "70", "--longest", "2"], ["/cutoffs/0", "below 50"]),
         (["filters", "{run}", "{run}"], ["give one"]),
+        (["payload", "{run}", "--mass", "2"], ["--unloaded"]),
+        (["payload", "{run}", "--unloaded", "{run}", "--mass", "-2"], ["/mass", "above zero"]),
+        (["payload", "{run}", "--unloaded", "{other}"], ["run2", "payload"]),
     ],
 )
 def test_what_does_not_fit_is_said_in_words(desk: Path, arguments: list[str], said: list[str]):
-    answer = dynident("validate", desk / "model.npz", *[text.format(run=desk / "run2.csv") for text in arguments])
+    answer = dynident(
+        "validate",
+        desk / "model.npz",
+        *[text.format(run=desk / "run2.csv", other=desk / "run1.csv") for text in arguments],
+    )
     assert answer.code == 2
     for words in said:
         assert words in answer.err

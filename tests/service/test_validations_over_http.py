@@ -98,6 +98,24 @@ def test_filters_are_tried_in_simulation(tried: Tried) -> None:
     assert len(filters["torque_noise"]) == len(tried.model["result"]["joints"])
 
 
+def test_a_known_load_is_weighed(tried: Tried) -> None:
+    client, robot = tried.client, tried.model["robot_id"]
+    trajectory = {"duration": 12.0, "periods": 2, "sampling_rate": 200.0}
+    carried = {"effect": "payload", "parameters": {"Mp": 2.0, "MZp": 0.1}}
+    drive = [{"effect": name} for name in ("rotor_inertia", "coulomb", "viscous")]
+    made = client.simulations.create(robot, trajectory=trajectory, effects=[*drive, carried], seed=3).wait()
+    loaded = made.result["measurement_id"]
+    assert tried.refused("payload", measurements=[loaded]) == (422, "/mass")
+    assert tried.refused("payload", measurements=[tried.training], mass=2.0) == (422, "/measurement_ids/0")
+    found = tried.ends("payload", measurements=[loaded], mass=2.0)
+    (one,) = found["payloads"]
+    assert (one["measurement_id"], one["stated_mass"]) == (loaded, 2.0)
+    assert found["verdict"] == one["verdict"] == "pass", found["reason"]
+    assert one["interval"][0] <= one["mass"] <= one["interval"][1]
+    assert one["mass"] == pytest.approx(2.0, rel=0.1)
+    assert tried.ends("payload", measurements=[loaded], mass=3.0)["verdict"] == "fail"
+
+
 @pytest.mark.parametrize(
     ("kind", "more", "pointer"),
     [
@@ -112,6 +130,8 @@ def test_filters_are_tried_in_simulation(tried: Tried) -> None:
         ("methods", {"methods": []}, "/methods"),
         ("filters", {"cutoffs": [-1.0]}, "/cutoffs/0"),
         ("filters", {"mass": 2.0}, "/mass"),
+        ("payload", {"mass": 2.0}, "/measurement_ids"),
+        ("payload", {"mass": -2.0}, "/mass"),
         ("simulation", {"longest": 1e6}, "/longest"),
         ("sorcery", {}, "/kind"),
     ],

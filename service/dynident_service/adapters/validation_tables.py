@@ -52,8 +52,8 @@ def tables_of(result: ValidationResult, joints: Sequence[str]) -> list[ReportedT
         found.append(ReportedTable("Simulated against measured torque", columns, followed))
     if result.filters is not None:
         found.append(_filters(result.filters))
-    if result.payload is not None:
-        found.append(_payload(result.payload))
+    if result.payloads:
+        found.append(_payloads(result.payloads))
     return found
 
 
@@ -90,12 +90,20 @@ def _filters(filters: FiltersView) -> ReportedTable:
     return ReportedTable("What each choice of filters leaves in the parameters", columns, tuple(rows), numbers_from=2)
 
 
-def _payload(payload: PayloadView) -> ReportedTable:
+def _payloads(payloads: Sequence[PayloadView]) -> ReportedTable:
     rows = tuple(
-        (one.name, number(one.value), f"{_maybe(one.interval[0])} to {_maybe(one.interval[1])}", one.unit)
-        for one in payload.parameters
+        (
+            one.name,
+            number(one.stated_mass),
+            _maybe(one.mass),
+            "not identifiable" if one.interval is None else " to ".join(number(end) for end in one.interval),
+            _maybe(one.friction_shared),
+            _maybe(one.friction_apart),
+        )
+        for one in payloads
     )
-    return ReportedTable("The load", ("parameter", "value", "95 % interval", "unit"), rows)
+    columns = ("measurement", "stated", "weighed", "95 % interval", "with common friction", "with friction of each run")
+    return ReportedTable("Mass of the load, kg", columns, rows)
 
 
 def _relative(errors: ErrorsView | None, n: int) -> list[str]:

@@ -12,6 +12,7 @@ from dynident.validation import (
     Method,
     MethodResult,
     MethodsValidation,
+    PayloadValidation,
     SimulationValidation,
     TorqueValidation,
     together,
@@ -97,6 +98,17 @@ def describe_simulations(
     )
 
 
+def describe_payloads(found: Sequence[PayloadValidation], measurement_ids: Sequence[str]) -> wire.ValidationResult:
+    """Describe loads that were weighed."""
+    judged = together([(one.name, one.judged) for one in found])
+    return wire.ValidationResult(
+        kind="payload",
+        verdict=judged.verdict,
+        reason=judged.reason,
+        payloads=[_payload(one, identifier) for one, identifier in zip(found, measurement_ids, strict=True)],
+    )
+
+
 def describe_filters(found: FiltersBySimulation) -> wire.ValidationResult:
     """Describe the choice of filters by simulating the identification."""
     return wire.ValidationResult(
@@ -133,6 +145,22 @@ def _method(one: MethodResult, names: Sequence[str]) -> wire.MethodView:
         torque_distance=None if one.torque_distance is None else finite(one.torque_distance),
         seconds=one.seconds,
         warnings=list(one.warnings),
+    )
+
+
+def _payload(one: PayloadValidation, measurement_id: str) -> wire.PayloadView:
+    mass, half = one.mass, one.half_width
+    return wire.PayloadView(
+        measurement_id=measurement_id,
+        name=one.name,
+        stated_mass=one.stated,
+        identifiable=one.identifiable,
+        mass=mass,
+        interval=None if mass is None or half is None else (mass - half, mass + half),
+        friction_shared=None if one.together is None else one.together.mass,
+        friction_apart=None if one.apart is None else one.apart.mass,
+        verdict=one.judged.verdict,
+        reason=one.judged.reason,
     )
 
 

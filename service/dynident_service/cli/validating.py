@@ -21,6 +21,7 @@ from dynident.validation import (
     validate_direct,
     validate_inertia_matrix,
     validate_methods,
+    validate_payload,
     validate_simulation,
 )
 from dynident.validation.filters import LONGEST as LONGEST_FOR_FILTERS
@@ -41,6 +42,7 @@ class Asked:
     limit: float | None = None
     cutoffs: tuple[float, ...] | None = None
     longest: float | None = None
+    mass: float | None = None
     seed: int = 0
 
 
@@ -83,7 +85,9 @@ def check(asked: Asked, n_measurements: int, n_held_out: int) -> None:
         raise DynidentError(f"{asked.kind} needs a measurement", pointer="MEASUREMENT", title=_TITLE)
     if asked.kind == "filters" and n_measurements > 1:
         raise DynidentError("filters are chosen on one measurement; give one", pointer="MEASUREMENT", title=_TITLE)
-    if n_held_out and asked.kind != "methods":
+    if asked.kind == "payload" and not n_held_out:
+        raise DynidentError("payload needs the runs without it, too", pointer="--unloaded", title=_TITLE)
+    if n_held_out and asked.kind not in ("methods", "payload"):
         raise DynidentError(f"{asked.kind} takes no --validation", pointer="--validation", title=_TITLE)
 
 
@@ -130,8 +134,13 @@ def run(
                 progress=progress,
             )
             return adapter.describe_filters(chosen)
-        case _:
-            raise DynidentError(f"{asked.kind} is not available in this version", pointer="KIND", title=_TITLE)
+        case "payload":
+            shares = [part(progress, k / len(names), (k + 1) / len(names)) for k in range(len(names))]
+            weighed = [
+                validate_payload(identification, held_out, recording, asked.mass, share)
+                for recording, share in zip(recordings, shares, strict=True)
+            ]
+            return adapter.describe_payloads(weighed, names)
 
 
 _TAKEN_BY: dict[str, tuple[ValidationKind, ...]] = {
@@ -139,4 +148,5 @@ _TAKEN_BY: dict[str, tuple[ValidationKind, ...]] = {
     "limit": ("direct", "cross", "simulation"),
     "cutoffs": ("filters",),
     "longest": ("simulation", "filters"),
+    "mass": ("payload",),
 }

@@ -10,7 +10,6 @@ from dynident_service.models.common import Asked, Computed, Identifier, Name, Sh
 from dynident_service.models.identifications import ESTIMATORS, MODELS, STEPS, STRATEGIES, ErrorsView, UsedPreprocessing
 
 ValidationKind = Literal["direct", "cross", "inertia_matrix", "payload", "methods", "simulation", "filters"]
-AVAILABLE: tuple[ValidationKind, ...] = ("direct", "cross", "inertia_matrix", "methods", "simulation", "filters")
 VerdictWord = Literal["pass", "fail", "not_evaluated"]
 
 
@@ -128,22 +127,19 @@ class FiltersView(Shown):
     torque_noise: list[float | None] = Field(description="N m or N, per joint")
 
 
-class LoadParameterView(Shown):
-    """One parameter of the load, found from runs with it."""
-
-    name: str
-    value: float
-    unit: str
-    standard_deviation: float | None
-    interval: tuple[float | None, float | None] = Field(description="Holds the true value in 95 of 100 cases")
-
-
 class PayloadView(Shown):
-    """A load found from runs with it, beside what it is said to be."""
+    """A load weighed by runs without and with it."""
 
-    stated_mass: float
-    identifiable: bool
-    parameters: list[LoadParameterView]
+    measurement_id: str
+    name: str
+    stated_mass: float = Field(description="kg")
+    identifiable: bool = Field(description="Whether the motion tells the load from friction")
+    mass: float | None = Field(description="kg; null where it is not identifiable")
+    interval: tuple[float, float] | None = Field(description="Holds the true mass in 95 of 100 cases, kg")
+    friction_shared: float | None = Field(description="kg, if friction is the same in all runs")
+    friction_apart: float | None = Field(description="kg, if every run has friction of its own")
+    verdict: VerdictWord
+    reason: str
 
 
 class ValidationResult(Shown):
@@ -166,7 +162,7 @@ class ValidationResult(Shown):
     methods: list[MethodView] = Field(default=[])
     simulations: list[SimulationOnMeasurement] = Field(default=[])
     filters: FiltersView | None = None
-    payload: PayloadView | None = None
+    payloads: list[PayloadView] = Field(default=[])
 
 
 class ValidationView(Computed[ValidationRequest, ValidationResult]):

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Query, Response
 from dynident.errors import DynidentError
 from dynident_service.models.common import Page, plain
 from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.validations import AVAILABLE, ValidationKind, ValidationRequest, ValidationView
-from dynident_service.problems import ProblemError, unusable
+from dynident_service.models.validations import ValidationKind, ValidationRequest, ValidationView
+from dynident_service.problems import unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
 from dynident_service.routes.needs import needed_measurements, needed_model
 from dynident_service.services import Services, ServicesDep
@@ -26,9 +26,6 @@ def create_validation(
     body: ValidationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> ValidationView:
     """Try an identified model: on its own data, on data it has not seen, or for physical sense."""
-    if body.kind not in AVAILABLE:
-        detail = f"The validation {body.kind!r} is not available in this version; choose from: {', '.join(AVAILABLE)}."
-        raise ProblemError(501, detail, title="Validation not available", available=list(AVAILABLE))
     _check_fields(body)
     model = needed_model(services, body.identification_id)
     needs = (
@@ -90,9 +87,23 @@ def _measurements(services: Services, body: ValidationRequest, model: Resource) 
                 detail = f"the model was identified from {identifier!r}; give data that it has not seen"
                 raise unusable(detail, f"/measurement_ids/{index}")
     needs = needed_measurements(services, robot, chosen, "measurement", "/measurement_ids")
+    if body.kind == "payload":
+        _check_loads(services, body, chosen, asked)
+        needs += needed_measurements(services, robot, _motions(services, asked.measurement_ids), "training", "/")
     if body.kind == "methods":
         needs += needed_measurements(services, robot, asked.measurement_ids, "training", "/identification_id")
     return needs
+
+
+def _check_loads(services: Services, body: ValidationRequest, loaded: list[str], asked: StoredIdentification) -> None:
+    """The runs with the load must not be those without it, and somebody must say what it weighs."""
+    for index, identifier in enumerate(loaded):
+        if identifier in asked.measurement_ids:
+            detail = f"the model was identified from {identifier!r}; give runs with the load"
+            raise unusable(detail, f"/measurement_ids/{index}")
+        payload = services.resources.get("measurement", identifier).request.get("payload") or {}
+        if body.mass is None and "mass" not in payload:
+            raise unusable(f'{identifier!r} does not state "payload": {{"mass": …}}; give mass, in kg', "/mass")
 
 
 def _motions(services: Services, identifiers: list[str]) -> list[str]:

@@ -14,6 +14,7 @@ from dynident.validation import (
     validate_direct,
     validate_inertia_matrix,
     validate_methods,
+    validate_payload,
     validate_simulation,
 )
 from dynident.validation.filters import LONGEST as LONGEST_FOR_FILTERS
@@ -78,6 +79,16 @@ def _filters(task: Task, request: ValidationRequest, model: Identification) -> V
     return adapter.describe_filters(found)
 
 
+def _payload(task: Task, request: ValidationRequest, model: Identification) -> ValidationResult:
+    ids = task.subject.all("measurement")
+    unloaded = recordings_by_id(task, task.subject.all("training"))
+    found = []
+    for index, identifier in enumerate(ids):
+        progress = part(task.progress, index / len(ids), (index + 1) / len(ids))
+        found.append(validate_payload(model, unloaded, recording_by_id(task, identifier), request.mass, progress))
+    return adapter.describe_payloads(found, ids)
+
+
 Test = Callable[[Task, ValidationRequest, Identification], ValidationResult]
 TESTS: Mapping[ValidationKind, Test] = MappingProxyType(
     {
@@ -87,5 +98,6 @@ TESTS: Mapping[ValidationKind, Test] = MappingProxyType(
         "methods": _methods,
         "simulation": _simulation,
         "filters": _filters,
+        "payload": _payload,
     }
 )

@@ -6,6 +6,7 @@ from dynident.validation.method import Method, available_methods, method_of
 from dynident.validation.methods import MethodResult, MethodsValidation, validate_methods
 from dynident.validation.noise import SensorNoise, sensor_noise
 from dynident.validation.on_recordings import RecordingErrors, TorqueValidation, validate_cross, validate_direct
+from dynident.validation.payload import PayloadValidation, validate_payload
 from dynident.validation.simulation import SimulationValidation, validate_simulation
 from dynident.validation.verdict import LARGEST_ERROR, Judged, Verdict, together
 
@@ -18,6 +19,7 @@ __all__ = [
     "Method",
     "MethodResult",
     "MethodsValidation",
+    "PayloadValidation",
     "RecordingErrors",
     "SensorNoise",
     "SimulationValidation",
@@ -32,5 +34,6 @@ __all__ = [
     "validate_direct",
     "validate_inertia_matrix",
     "validate_methods",
+    "validate_payload",
     "validate_simulation",
 ]

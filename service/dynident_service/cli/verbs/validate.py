@@ -53,6 +53,11 @@ def validate(
     longest: Annotated[
         float | None, typer.Option("--longest", help="For simulation, filters: seconds that are simulated at most.")
     ] = None,
+    mass: Annotated[float | None, typer.Option("--mass", help="For payload: what the load weighs in kg.")] = None,
+    unloaded: Annotated[
+        list[Path] | None,
+        typer.Option("--unloaded", metavar="FILE", help="For payload: runs without the load.", show_default=False),
+    ] = None,
     seed: Seed = 0,
     out: Out = None,
     as_json: Json = False,
@@ -75,15 +80,17 @@ def validate(
         limit=limit,
         cutoffs=tuple(parsing.numbers(cutoffs, "--cutoffs")) or None,
         longest=longest,
+        mass=mass,
         seed=seed,
     )
     given = measurements or []
-    validating.check(asked, len(given), len(validation))
+    beside = [*validation, *(unloaded or [])]
+    validating.check(asked, len(given), len(beside))
     options = inputs.FileOptions(columns, units, windows, accept)
     robot = identification.model.robot
     with (
         terminal.progress_bar("validate") as progress,
-        inputs.loaded(given, robot, options, part(progress, 0.0, 0.3), validation) as (tried, held_out),
+        inputs.loaded(given, robot, options, part(progress, 0.0, 0.3), beside) as (tried, held_out),
     ):
         recordings, others = inputs.recordings_of(tried), inputs.recordings_of(held_out)
         found = validating.run(identification, asked, recordings, others, part(progress, 0.3, 1.0))

@@ -57,7 +57,10 @@ export function measurementForm(robot, { onStored, onRobot, count }) {
 
 function fileForm(robot, file, onStored, role) {
   const name = h("input", { name: "name", required: true, value: file.name.replace(/\.[^.]*$/, ""), maxlength: 200 });
-  const roles = select(ROLES, role, null, { name: "role" });
+  const mass = h("input", { name: "mass", type: "number", step: "any", min: 0, placeholder: "2.5" });
+  const load = field("Mass of the load (kg)", mass, { pointer: "/metadata/payload", hint: "What is known to be carried." });
+  const roles = select(ROLES, role, (value) => { load.hidden = value !== "payload"; }, { name: "role" });
+  load.hidden = role !== "payload";
   const windows = h("input", { name: "windows", placeholder: "all; or 2 to 10, 15 to 30" });
   const delay = h("input", { name: "delay", type: "number", step: "any", placeholder: "0" });
   const columns = h("textarea", { name: "columns", rows: 3, placeholder: "q1 = shoulder_angle", spellcheck: "false" });
@@ -72,6 +75,7 @@ function fileForm(robot, file, onStored, role) {
     robot_id: robot.id,
     name: name.value,
     role: roles.value,
+    payload: roles.value === "payload" && mass.value ? { mass: Number(mass.value) } : null,
     windows: windowsIn(windows.value),
     units: Object.fromEntries([...form.querySelectorAll("[data-unit-of]")].filter((one) => one.value).map((one) => [one.dataset.unitOf, one.value])),
     columns: columnsIn(columns.value),
@@ -110,7 +114,7 @@ function fileForm(robot, file, onStored, role) {
     "form",
     { class: "card", onsubmit: send },
     h("p", {}, h("strong", {}, file.name), ` (${number(file.size / 1e6, 2)} MB)`),
-    h("div", { class: "fields" }, field("Name", name, { pointer: "/metadata/name" }), field("Role", roles, { pointer: "/metadata/role" }), field("Windows (s of t)", windows, { pointer: "/metadata/windows", hint: "The parts to use." })),
+    h("div", { class: "fields" }, field("Name", name, { pointer: "/metadata/name" }), field("Role", roles, { pointer: "/metadata/role" }), load, field("Windows (s of t)", windows, { pointer: "/metadata/windows", hint: "The parts to use." })),
     h("details", {}, h("summary", {}, "Units, columns, delay"), h("div", { class: "fields" }, units, field("Delay of the torque (ms)", delay, { pointer: "/metadata/torque_delay" })), field("Columns, where the file's names differ", columns, { pointer: "/metadata/columns", hint: "A line each: ours = the file's", wide: true })),
     said,
     h("p", { class: "actions" }, submit, h("button", { type: "button", onclick: () => form.remove() }, "Leave it out"), bar, words),

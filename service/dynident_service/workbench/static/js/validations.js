@@ -32,7 +32,7 @@ export function validationsSection(model, signal) {
     "section",
     { "aria-labelledby": "validations-title" },
     h("h2", { id: "validations-title" }, "Is it to be trusted"),
-    h("p", { class: "actions" }, run, h("span", { class: "note" }, "makes all of these, one after another")),
+    h("p", { class: "actions" }, run, h("span", { class: "note" }, "makes all but the last of these, one after another")),
     h("ul", { class: "verdicts" }, [...lines.values()].map((line) => line.element)),
   );
 }
@@ -46,11 +46,13 @@ export async function newestValidations(model) {
 
 function usable(model, kind) {
   if (kind === "cross") return model.measurements.some((one) => one.heldOut);
-  return kind !== "payload" || loads(model).length > 0;
+  return kind !== "payload";
 }
 
-function loads(model) {
-  return model.loads ?? [];
+/** Measurements whose role is payload, which state what the load weighs. */
+async function loads(model, signal) {
+  const { items } = await get("/measurements", { robot_id: model.robot.id, limit: 200 }, signal);
+  return items.filter((one) => one.role === "payload").map((one) => one.id);
 }
 
 function lineOf(model, [kind, name, about], signal) {
@@ -76,7 +78,14 @@ function lineOf(model, [kind, name, about], signal) {
     button.disabled = true;
     try {
       const body = { identification_id: model.id, kind };
-      if (kind === "payload") body.measurement_ids = loads(model);
+      if (kind === "payload") {
+        body.measurement_ids = await loads(model, signal);
+        if (!body.measurement_ids.length) {
+          put(said, h("p", { class: "note" }, "There is no measurement whose role is payload. Record the motion of the identification with a load, and upload it with what the load weighs."));
+          button.disabled = false;
+          return;
+        }
+      }
       await wait(await post("/validations", body, { signal }));
     } catch (error) {
       if (!signal.aborted) put(said, problemBox(error));
@@ -104,7 +113,7 @@ function details(model, result) {
   if (result.methods.length) return methodsTable(model, result);
   if (result.simulations.some((one) => one.torque)) return simulationsTable(model, result);
   if (result.filters) return filtersTable(result.filters);
-  if (result.payload) return payloadTable(result.payload);
+  if (result.payloads.length) return payloadTable(result.payloads);
   if (result.measurements.length) return errorsTable(model, result);
   if (result.worst_posture) return postureTable(result);
   return null;
@@ -152,7 +161,9 @@ function filtersTable(filters) {
   return folded(`${rows.length} choices of filters`, table("What each choice of filters leaves in the parameters, as a share of the torque", head, rows));
 }
 
-function payloadTable(payload) {
-  const rows = payload.parameters.map((one) => row([h("code", {}, one.name), numeric(number(one.value, 4), one.value), `${number(one.interval[0], 3)} to ${number(one.interval[1], 3)}`, one.unit]));
-  return folded("What was found of the load", table("The load", ["parameter", { text: "value", class: "n" }, "95 % interval", "unit"], rows));
+function payloadTable(payloads) {
+  const mass = (value) => (value === null ? "–" : quantity(value, "kg"));
+  const rows = payloads.map((one) => row([one.name, mass(one.stated_mass), mass(one.mass), one.interval ? `${number(one.interval[0])} to ${number(one.interval[1])} kg` : "not identifiable", mass(one.friction_shared), mass(one.friction_apart)]));
+  const head = ["measurement", "stated", "weighed", "95 % interval", "with common friction", "with friction of each run"];
+  return folded("The load", table("Mass of the load", head, rows));
 }
