@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import mujoco
@@ -27,6 +28,7 @@ from oracles import Motion, arm, crooked_urdf, pinocchio_torque
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.export.completion import complete
+from dynident.export.exported import Links
 from dynident.export.mjcf import to_mjcf
 from dynident.export.urdf import ROTOR_TAG, to_urdf
 from dynident.identification import Identification
@@ -288,11 +290,19 @@ def test_a_model_without_links_is_told_what_can_hold_it() -> None:
         to_urdf(made_up(arm("scara"), ("coulomb", "viscous")))
 
 
-def test_rounded_right_angles_are_admitted() -> None:
+def test_rounded_right_angles_do_not_show_in_the_torque() -> None:
     text = re.sub(r'axis xyz="[^"]*"', 'axis xyz="0 0 1"', crooked_urdf(4, 1, ()))
     robot = with_bodies(robot_from_urdf("rounded", re.sub(r'rpy="[^"]*"', 'rpy="1.5708 0 0"', text)))
-    assert any("rounded" in note for note in to_mjcf(identified(robot)).notes)
-    assert not any("rounded" in note for note in to_mjcf(identified(arm("ur10"))).notes)
+    model, motion = identified(robot), path(robot)
+    used = moving(motion)
+    for write in (to_urdf, to_mjcf):
+        assert not any("rounded" in note for note in write(model).notes)
+    found = torque_of_mjcf(to_mjcf(model).content.decode(), motion)
+    assert_same(found[used], predicted(model, motion)[used])
+    # With a rotor of its own, the first joint's torque would differ by what the base parameters leave out.
+    apart = Links.of(model, (), nearest=False)
+    assert 1e-9 < apart.rounding < 1e-6
+    assert any("rounded" in note for note in apart.notes)
 
 
 @pytest.mark.parametrize("name", ["ur10", "scara"])
@@ -327,3 +337,12 @@ def test_what_is_there_in_some_runs_only_is_no_part_of_the_links() -> None:
     np.testing.assert_allclose(found.inertias, alone.inertias, atol=1e-6)
     np.testing.assert_allclose(found.coulomb, alone.coulomb)
     assert sum("in heavy" in note for note in to_urdf(both).notes) == 2
+
+
+def test_a_link_that_is_a_point_is_refused_by_name_rather_than_by_mujoco() -> None:
+    robot = arm("ur10")
+    flat = robot.inertias.copy()
+    flat[5] = [4e-4, 0, 0, 4e-4, 0, 0, 0, 0, 8e-3, 0.16]
+    model = from_standard(replace(robot, inertias=flat), drives(robot))
+    with pytest.raises(DynidentError, match=robot.joint_names[5]):
+        to_mjcf(model)

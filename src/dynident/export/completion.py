@@ -21,7 +21,6 @@ from dynident.identification import Identification
 from dynident.identification.data import Data
 from dynident.identification.feasible import feasible
 from dynident.robot.model import FloatArray
-from dynident.robot.pseudo_inertia import smallest_pseudo_inertia
 
 # Least eigenvalues of a link's pseudo-inertia, in units of its usual mass and size, that are tried one after the other.
 # Links that were estimated as feasible are so already.
@@ -30,8 +29,9 @@ _SMALL_MARGINS = _MARGINS[2:]
 # How much less the distance to the description counts than what is impossible; and the share of the worst that is
 # blamed as well.
 _NEAR, _BLAMED = (1e-2, 1e-1, 1.0), 0.1
-# Below this, of its usual size, a rotor is none; below that a link cannot exist; and what of friction is rounding.
-_NO_ROTOR, _POSSIBLE, _ROUNDING = 1e-6, -1e-9, -1e-9
+# Below this, of its usual size, a rotor is none; below that margin a link is flat or none; and what of friction is
+# rounding.
+_NO_ROTOR, _POSSIBLE, _ROUNDING = 1e-6, 1e-9, -1e-9
 _FRICTION = (("coulomb", "Fc"), ("viscous", "Fv"))
 
 
@@ -113,8 +113,7 @@ def _completed(
         except InfeasibleError:
             continue
         moved = _moved_onto(unknowns, values[unknowns.base_rows], found.values * unknowns.scale)
-        inertias, rotors = unknowns.standard(moved)
-        if np.all(smallest_pseudo_inertia(inertias[list(unknowns.links)]) > _POSSIBLE) and np.all(rotors >= 0):
+        if np.all(unknowns.margins(moved) > _POSSIBLE) and np.all(moved[unknowns.rotor_places] >= 0):
             return moved
     return None
 
@@ -134,20 +133,21 @@ def _moved_onto(unknowns: Unknowns, base: FloatArray, values: FloatArray) -> Flo
 def _impossible(unknowns: Unknowns, equations: Equations) -> list[str]:
     """Which links and rotors the base parameters leave no room for, in words."""
     names = unknowns.model.robot.joint_names
-    words = [f"the link of {names[j]} (no mass with these moments is positive everywhere)" for j in unknowns.links]
+    words = [f"the link of {names[j]} (no mass that is positive everywhere has its moments)" for j in unknowns.links]
     words += [f"the rotor of {names[j]} (negative inertia)" for j in unknowns.rotors]
     for near in _NEAR:
         try:
             margins = _least_violation(unknowns, equations, near)
         except InfeasibleError:
             continue
-        blamed = margins < min(_BLAMED * float(margins.min()), 0.0)
+        worst = float(margins.min())
+        blamed = margins < (_BLAMED * worst if worst < -_NO_ROTOR else _BLAMED * _MARGINS[0])
         return [word for word, guilty in zip(words, blamed, strict=True) if guilty] or ["the links together"]
     return ["the links, whose parameters are too far from those of any body"]
 
 
 def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> FloatArray:
-    """How far below zero every link's and every rotor's margin must be at least: a problem that has a solution."""
+    """Margins of all links, then of all rotors, as near as can be to what is wanted: a problem that has a solution."""
     n_links, n_rotors, size = len(unknowns.links), len(unknowns.rotors), unknowns.size
     # Unknowns, a margin a link, a margin a rotor: a rotor is its margin and something that is not negative.
     total = size + n_links + n_rotors
@@ -160,9 +160,10 @@ def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> F
     shrink = 1.0 / max(1.0, float(np.abs(equations.right).max(initial=0.0)))
     right = np.zeros(total)
     right[:size] = near * shrink * unknowns.nominal / unknowns.scale
+    right[size:] = shrink * _MARGINS[0]
     bounds = unknowns.matrices(n_links, np.zeros(n_links))
     held = Equations(wide, shrink * equations.right)
-    return constrained_least_squares(goal, right, bounds, unknowns.rotor_places, held).values[size:]
+    return constrained_least_squares(goal, right, bounds, unknowns.rotor_places, held).values[size:] / shrink
 
 
 def _nearest(identification: Identification, rotors_in_links: bool, blamed: list[str]) -> Completion:

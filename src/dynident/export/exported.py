@@ -15,7 +15,9 @@ from dynident.identification import Identification
 from dynident.robot import to_pinocchio
 from dynident.robot.model import FloatArray, Robot
 
-_STATES, _SMALL = 25, 1e-9
+SMALL = 1e-9
+"""Share of the torque that is rounding."""
+_STATES = 25
 
 
 @dataclass(frozen=True)
@@ -61,15 +63,15 @@ class Links:
             if choice.effect not in self.said or choice.runs
         ]
         notes = [*self.standard.notes, *left_out]
-        rounding = self._rounding()
-        if rounding > _SMALL:
+        if self.rounding > SMALL:
             notes.append(
                 "Right angles that are rounded in the description let the torque of the links differ by "
-                f"{rounding:.1g} of its size from that of the base parameters, which leave such small terms out."
+                f"{self.rounding:.1g} of its size from that of the base parameters, which leave such small terms out."
             )
         return tuple(notes)
 
-    def _rounding(self) -> float:
+    @cached_property
+    def rounding(self) -> float:
         """Largest difference of the links' and rotors' torque from that of the base parameters, over its size."""
         model = self.identification.model
         observation, robot = model.observation, model.robot

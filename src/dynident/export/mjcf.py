@@ -10,14 +10,14 @@ import numpy as np
 import pinocchio as pin
 
 from dynident.errors import DynidentError
-from dynident.export.exported import ExportedFile, Links
+from dynident.export.exported import SMALL, ExportedFile, Links
 from dynident.export.names import in_xml_comment, printable, slug
 from dynident.export.summary import SIGNS, identification_lines, origin
 from dynident.identification import Identification
 from dynident.robot.model import FloatArray, Joint
 from dynident.robot.pinocchio_model import dynamic_parameters
 from dynident.robot.urdf_writer import link_names
-from dynident.robot.urdf_xml import Element, write
+from dynident.robot.urdf_xml import Element, number_text, write
 
 SAID = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "joint_spring")
 TIMESTEP = 0.001
@@ -36,6 +36,10 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
         As `complete` does; or a link has no inertia in the model, or a spring pushes away from rest.
     """
     links = Links.of(identification, SAID, nearest=nearest)
+    if links.rounding > SMALL:
+        # Rounded geometry groups a rotor with its link nearly, not exactly.
+        merged = Links.of(identification, SAID, nearest=nearest, rotors_in_links=True)
+        links = min(links, merged, key=lambda one: one.rounding)
     robot = links.robot
     springs = _springs(links)
     names = link_names(robot)
@@ -66,7 +70,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
             Element("compiler", {"angle": "radian", "autolimits": "true", "inertiafromgeom": "false"}, 0),
             Element(
                 "option",
-                {"gravity": _text(*robot.gravity), "timestep": str(TIMESTEP), "integrator": "implicitfast"},
+                {"gravity": number_text(*robot.gravity), "timestep": str(TIMESTEP), "integrator": "implicitfast"},
                 0,
             ),
             world,
@@ -81,23 +85,25 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
 
 def _body(joint: Joint, name: str) -> Element:
     x, y, z, w = pin.Quaternion(joint.placement[:3, :3]).coeffs()
-    return Element("body", {"name": name, "pos": _text(*joint.placement[:3, 3]), "quat": _text(w, x, y, z)}, 0)
+    return Element(
+        "body", {"name": name, "pos": number_text(*joint.placement[:3, 3]), "quat": number_text(w, x, y, z)}, 0
+    )
 
 
 def _joint(joint: Joint, links: Links, j: int, spring: tuple[float, float] | None) -> Element:
     attributes = {
         "name": joint.name,
         "type": "hinge" if joint.kind == "revolute" else "slide",
-        "axis": _text(*joint.axis),
-        "damping": _text(links.standard.viscous[j]),
-        "frictionloss": _text(links.standard.coulomb[j]),
-        "armature": _text(links.standard.rotors[j]),
+        "axis": number_text(*joint.axis),
+        "damping": number_text(links.standard.viscous[j]),
+        "frictionloss": number_text(links.standard.coulomb[j]),
+        "armature": number_text(links.standard.rotors[j]),
         **_FRICTION_SOLVER,
     }
     if joint.limits.position is not None:
-        attributes["range"] = _text(*joint.limits.position)
+        attributes["range"] = number_text(*joint.limits.position)
     if spring is not None:
-        attributes |= {"stiffness": _text(spring[0]), "springref": _text(spring[1])}
+        attributes |= {"stiffness": number_text(spring[0]), "springref": number_text(spring[1])}
     return Element("joint", attributes, 0)
 
 
@@ -105,7 +111,7 @@ def _inertial(inertial: FloatArray) -> Element:
     body = pin.Inertia.FromDynamicParameters(dynamic_parameters(inertial))
     tensor = body.inertia
     parts = [tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]]
-    attributes = {"pos": _text(*body.lever), "mass": _text(body.mass), "fullinertia": _text(*parts)}
+    attributes = {"pos": number_text(*body.lever), "mass": number_text(body.mass), "fullinertia": number_text(*parts)}
     return Element("inertial", attributes, 0)
 
 
@@ -113,8 +119,8 @@ def _drawn(end: FloatArray) -> Element:
     """A rod to the next joint, to be seen and nothing else."""
     attributes = {
         "type": "capsule",
-        "fromto": _text(0.0, 0.0, 0.0, *end),
-        "size": _text(_THICK * float(np.linalg.norm(end))),
+        "fromto": number_text(0.0, 0.0, 0.0, *end),
+        "size": number_text(_THICK * float(np.linalg.norm(end))),
         "contype": "0",
         "conaffinity": "0",
     }
@@ -127,7 +133,7 @@ def _motors(links: Links) -> Element:
     for joint in links.robot.joints:
         attributes = {"name": joint.name, "joint": joint.name}
         if joint.limits.effort is not None:
-            attributes["ctrlrange"] = _text(-joint.limits.effort, joint.limits.effort)
+            attributes["ctrlrange"] = number_text(-joint.limits.effort, joint.limits.effort)
         actuator.children.append(Element("motor", attributes, 0))
     return actuator
 
@@ -150,7 +156,3 @@ def _springs(links: Links) -> dict[str, tuple[float, float]]:
             )
         springs[joint] = (stiffness, -spring.get("bs", 0.0) / stiffness)
     return springs
-
-
-def _text(*values: float) -> str:
-    return " ".join(repr(float(value)) for value in values)

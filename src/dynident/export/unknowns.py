@@ -113,6 +113,12 @@ class Unknowns:
             bounds.append(MatrixBound(columns, parts, -least * np.eye(4)))
         return bounds
 
+    def margins(self, unknowns: FloatArray) -> FloatArray:
+        """(l,): smallest eigenvalue of the scaled pseudo-inertia of every link, which `slack` of `matrices` bounds."""
+        none = np.zeros(len(self.links))
+        scaled = unknowns / self.scale
+        return np.array([np.linalg.eigvalsh(bound.at(scaled))[0] for bound in self.matrices(0, none)])
+
     def _shrunk(self, place: int) -> FloatArray:
         """(10, 4, 4): pseudo-inertias of one of each parameter, in units of the link's usual mass and size."""
         of_link = self.scale[_TEN * place : _TEN * (place + 1)]

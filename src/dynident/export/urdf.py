@@ -21,7 +21,7 @@ from dynident.identification import Identification
 from dynident.robot import urdf_from_robot
 from dynident.robot.model import FloatArray
 from dynident.robot.urdf_writer import inertial_element
-from dynident.robot.urdf_xml import Element, write
+from dynident.robot.urdf_xml import Element, number_text, write
 
 SAID = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 ROTOR_TAG = "dynident_rotor"
@@ -114,10 +114,10 @@ class _Tree:
         given = self._children(element, "dynamics")
         attributes = dict(given[0].attributes.items()) if given else {}
         self._remove(element, ("dynamics",))
-        attributes |= {"damping": repr(float(damping)), "friction": repr(float(friction))}
+        attributes |= {"damping": number_text(damping), "friction": number_text(friction)}
         self._add(element, Element("dynamics", attributes, 0))
         if rotor:
-            self._add(element, Element(ROTOR_TAG, {"inertia": repr(float(rotor))}, 0))
+            self._add(element, Element(ROTOR_TAG, {"inertia": number_text(rotor)}, 0))
 
     def fix_locked_joints(self) -> None:
         """Make every locked joint a fixed one at the place where it was locked."""
@@ -129,8 +129,8 @@ class _Tree:
             self._remove(joint, (*_ONLY_WHERE_MOVING, "origin"))
             joint.setAttribute("type", "fixed")
             place = {
-                "xyz": _text(placement.translation),
-                "rpy": _text(pin.rpy.matrixToRpy(placement.rotation)),
+                "xyz": number_text(*placement.translation),
+                "rpy": number_text(*pin.rpy.matrixToRpy(placement.rotation)),
             }
             self._add(joint, Element("origin", place, 0))
 
@@ -199,7 +199,3 @@ def _root_of(document: minidom.Document) -> minidom.Element:
 
 def _numbers(text: str) -> FloatArray:
     return np.array([float(word) for word in text.split()])
-
-
-def _text(vector: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in vector)

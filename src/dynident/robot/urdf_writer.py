@@ -8,7 +8,7 @@ import pinocchio as pin
 from dynident.errors import DynidentError
 from dynident.robot.model import FloatArray, Joint, Robot
 from dynident.robot.pinocchio_model import dynamic_parameters
-from dynident.robot.urdf_xml import Element, write
+from dynident.robot.urdf_xml import Element, number_text, write
 
 _BASE = "base"
 
@@ -58,15 +58,17 @@ def _joint(joint: Joint, parent: str, child: str) -> Element:
     kind = "continuous" if joint.kind == "revolute" and not bounded else joint.kind
     element = Element("joint", {"name": joint.name, "type": kind}, 0)
     rotation, translation = joint.placement[:3, :3], joint.placement[:3, 3]
-    limit = {"velocity": _text(joint.limits.velocity or 0.0), "effort": _text(joint.limits.effort or 0.0)}
+    limit = {"velocity": number_text(joint.limits.velocity or 0.0), "effort": number_text(joint.limits.effort or 0.0)}
     if joint.limits.position is not None:
-        limit |= {"lower": _text(joint.limits.position[0]), "upper": _text(joint.limits.position[1])}
+        limit |= {"lower": number_text(joint.limits.position[0]), "upper": number_text(joint.limits.position[1])}
     element.children.extend(
         [
-            Element("origin", {"xyz": _text(*translation), "rpy": _text(*pin.rpy.matrixToRpy(rotation))}, 0),
+            Element(
+                "origin", {"xyz": number_text(*translation), "rpy": number_text(*pin.rpy.matrixToRpy(rotation))}, 0
+            ),
             Element("parent", {"link": parent}, 0),
             Element("child", {"link": child}, 0),
-            Element("axis", {"xyz": _text(*joint.axis)}, 0),
+            Element("axis", {"xyz": number_text(*joint.axis)}, 0),
             Element("limit", limit, 0),
         ]
     )
@@ -83,20 +85,16 @@ def inertial_element(inertial: FloatArray, link: str) -> Element:
         )
     body = pin.Inertia.FromDynamicParameters(dynamic_parameters(inertial))
     tensor = {
-        f"i{'xyz'[row]}{'xyz'[column]}": _text(body.inertia[row, column])
+        f"i{'xyz'[row]}{'xyz'[column]}": number_text(body.inertia[row, column])
         for row in range(3)
         for column in range(row, 3)
     }
     element = Element("inertial", {}, 0)
     element.children.extend(
         [
-            Element("origin", {"xyz": _text(*body.lever), "rpy": "0 0 0"}, 0),
-            Element("mass", {"value": _text(body.mass)}, 0),
+            Element("origin", {"xyz": number_text(*body.lever), "rpy": "0 0 0"}, 0),
+            Element("mass", {"value": number_text(body.mass)}, 0),
             Element("inertia", tensor, 0),
         ]
     )
     return element
-
-
-def _text(*values: float) -> str:
-    return " ".join(repr(float(value)) for value in values)

@@ -98,6 +98,11 @@ def write(element: Element, indent: bool = False, depth: int = 0) -> str:
     return f"{margin}<{element.tag}{attributes}>{end}{inside}{margin}</{element.tag}>{end}"
 
 
+def number_text(*values: float) -> str:
+    """Numbers as an attribute, to the last digit."""
+    return " ".join(repr(float(value)) for value in values)
+
+
 _Fail = Callable[[str, int], DynidentError]
 
 
