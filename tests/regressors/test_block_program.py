@@ -113,7 +113,7 @@ def test_inputs_of_different_lengths_are_refused():
 
 def test_an_operation_without_a_ufunc_is_named():
     with pytest.raises(UnsupportedOperationError):
-        BlockProgram([X, Y], ca.erf(a))
+        BlockProgram([X, Y], ca.erf(a))(np.zeros((1, 3)), np.zeros((1, 1)))
 
 
 def test_several_threads_at_once_do_not_disturb_each_other():

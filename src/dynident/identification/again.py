@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification.choices import EstimatorName, IdentificationChoices, StrategyName
 from dynident.identification.data import Data
-from dynident.identification.identify import conclude
-from dynident.identification.removing import combinations
+from dynident.identification.identify import Part, conclude
+from dynident.identification.removing import smaller_model
 from dynident.identification.result import Identification
-from dynident.regressors.model import Model, build_model
-from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
 
 FROM_REDUCED: tuple[EstimatorName, ...] = ("ols", "wls", "feasible")
@@ -41,22 +38,23 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
         estimator or strategy that goes through the samples again.
     """
     check_reduced_data(identification, choices)
-    model, weights = _model_of(identification, choices.effects)
-    held_out = identification.held_out_data
-    same = identification.equations is identification.training
-    torque = identification.training if weights is None else identification.training.combined(weights)
-    equations = torque
-    if not same:
-        equations = identification.equations if weights is None else identification.equations.combined(weights)
-    if held_out is not None and weights is not None:
-        held_out = held_out.combined(weights)
+    known, held_out = identification.model, identification.held_out_data
+    equations, torque = identification.equations, identification.training
+    model, part = known, None
+    if choices.effects != known.effects:
+        model, weights = smaller_model(known, choices.effects, choices.tolerance)
+        part = Part(known, weights)
+        same = equations is torque
+        torque = torque.combined(weights)
+        equations = torque if same else equations.combined(weights)
+        held_out = None if held_out is None else held_out.combined(weights)
     data = Data(equations, torque, (), identification.preprocessing, identification.reference)
-    found = conclude(model, replace(choices, preprocessing=identification.choices.preprocessing), data, held_out)
+    found = conclude(model, replace(choices, preprocessing=identification.choices.preprocessing), data, held_out, part)
     return replace(
         found,
         measurement_names=identification.measurement_names,
         validation_names=identification.validation_names,
-        rows=identification.rows if weights is None else (None, None),
+        rows=identification.rows if part is None else (None, None),
     )
 
 
@@ -83,16 +81,3 @@ def _needed(pointer: str, why: str) -> DynidentError:
 
 def _listed(names: tuple[str, ...]) -> str:
     return ", ".join(names)
-
-
-def _model_of(identification: Identification, effects: tuple[EffectChoice, ...]) -> tuple[Model, FloatArray | None]:
-    """The model of these effects, and what its columns are made of; None where they are all the same."""
-    known = identification.model
-    if effects == known.effects:
-        return known, None
-    model = build_model(known.robot, effects, tolerance=identification.choices.tolerance, signals=known.signals)
-    strangers = {column.key for column in model.columns} - {column.key for column in known.columns}
-    if strangers:
-        names = ", ".join(sorted({key[0] for key in strangers}))
-        raise _needed("/effects", f"the reduced data have no columns for {names}")
-    return model, combinations(known, model)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -160,14 +160,35 @@ def identify_model(
     return replace(found, measurement_names=names[0], validation_names=names[1], rows=rows)
 
 
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A model is a part of a larger one, `whole`: its columns are the whole's times `weights` (b, b')."""
+
+    whole: Model
+    weights: FloatArray
+
+
 def conclude(
-    model: Model, choices: IdentificationChoices, data: Data, held_out_data: Reduction | None
+    model: Model,
+    choices: IdentificationChoices,
+    data: Data,
+    held_out_data: Reduction | None,
+    part_of: Part | None = None,
 ) -> Identification:
-    """Solve, judge and describe a model on reduced data."""
+    """Solve, judge and describe a model on reduced data.
+
+    Parameters
+    ----------
+    part_of : Part, optional
+        A larger model: what is compiled for that one serves.
+    """
     check_reduction(model, data.equations, prior_of(model, choices))
     found = fit(model, choices, data)
     values = found.solution.values
-    smallest = smallest_inertia_eigenvalue(model, values)
+    if part_of is None:
+        smallest = smallest_inertia_eigenvalue(model, values)
+    else:
+        smallest = smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
     result = Identification(
         model=model,
         choices=choices,

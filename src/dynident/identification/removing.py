@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
 from dynident.identification.data import Data
-from dynident.identification.identify import conclude
+from dynident.identification.identify import Part, conclude
 from dynident.identification.result import Identification
-from dynident.regressors.model import Model, build_model
+from dynident.regressors.base_parameters import base_parameters_among
+from dynident.regressors.model import Model, build_model, check_columns
 from dynident.robot import Robot
 from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
@@ -42,8 +43,7 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     known = identification.model
     kept = effects_without(identification.choices.effects, removed, known.robot)
     choices = replace(identification.choices, effects=kept)
-    model = build_model(known.robot, kept, tolerance=choices.tolerance, signals=known.signals)
-    weights = combinations(known, model)
+    model, weights = smaller_model(known, kept, choices.tolerance)
     held_out = identification.held_out_data
     torque = identification.training.combined(weights)
     same = identification.equations is identification.training
@@ -54,7 +54,8 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
         identification.preprocessing,
         identification.reference,
     )
-    smaller = conclude(model, choices, data, None if held_out is None else held_out.combined(weights))
+    held_out = None if held_out is None else held_out.combined(weights)
+    smaller = conclude(model, choices, data, held_out, Part(known, weights))
     return replace(
         smaller,
         measurement_names=identification.measurement_names,
@@ -107,7 +108,32 @@ def _without(one: EffectChoice, taken: EffectChoice, robot: Robot) -> tuple[Effe
     return (replace(one, joints=tuple(robot.joint_names[j] for j in left)),) if left else ()
 
 
-def combinations(known: Model, smaller: Model) -> FloatArray:
+def smaller_model(
+    known: Model, effects: Sequence[EffectChoice], tolerance: float, pointer: str = "/effects"
+) -> tuple[Model, FloatArray]:
+    """The model of some of a model's effects, and what its columns are made of (b, b'); nothing is compiled anew.
+
+    Raises
+    ------
+    DynidentError
+        Where an effect has columns that the known model does not.
+    """
+    where = {column.key: k for k, column in enumerate(known.columns)}
+    columns = columns_of(effects, known.signals)
+    check_columns(columns)
+    strangers = sorted({column.effect for column in columns if column.key not in where})
+    if strangers:
+        raise DynidentError(
+            f"the reduced data have no columns for {', '.join(strangers)}; identify from the recordings for that",
+            pointer=pointer,
+            title="Recordings needed",
+        )
+    base = base_parameters_among(known.base, known.observation, [where[c.key] for c in columns], tolerance)
+    model = build_model(known.robot, effects, tolerance=tolerance, signals=known.signals, base=base)
+    return model, _combinations(known, model)
+
+
+def _combinations(known: Model, smaller: Model) -> FloatArray:
     """(b, b'): what the smaller model's columns are made of, in columns that the known model keeps.
 
     Mostly these are the same columns. One that was absorbed by what is removed comes back as its combination.

@@ -83,6 +83,25 @@ def base_parameters(
     return select_base(w, tuple(column.name for column in columns), tolerance)
 
 
+def base_parameters_among(
+    known: BaseParameters, observation: Observation, chosen: Sequence[int], tolerance: float = DEFAULT_TOLERANCE
+) -> BaseParameters:
+    """Choose the base parameters of some of the columns of a model, from what its own base parameters say of them.
+
+    Parameters
+    ----------
+    known : BaseParameters
+        Of all columns of the model.
+    observation : Observation
+        W of these base parameters; no other has to be built.
+    chosen : sequence of int
+        Places of the columns in the model, in the order of preference.
+    """
+    n_states = _STATES_PER_COLUMN * len(known.names) // observation.robot.n + 20
+    w = random_observation(observation, n_states) @ known.grouping[:, list(chosen)]
+    return select_base(w, tuple(known.names[k] for k in chosen), tolerance)
+
+
 def select_base(w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:
     """Choose independent columns of an observation matrix w (r, c), earlier columns first."""
     norms = np.linalg.norm(w, axis=0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import casadi as ca
@@ -109,6 +110,15 @@ class _Bound:
     calls: list[tuple[_Operation, tuple[Any, ...], Any]]
 
 
+@dataclass(frozen=True, eq=False)
+class _Compiled:
+    """A program in places: rows of one table of constants, inputs, scratch memory and results."""
+
+    constants: list[float]
+    n_scratch: int
+    places: list[tuple[_Operation, tuple[int, ...], int]]
+
+
 class BlockProgram:
     """The non-zero entries of one expression as a list of ufunc calls.
 
@@ -122,21 +132,24 @@ class BlockProgram:
     def __init__(self, inputs: Sequence[ca.SX], outputs: ca.SX) -> None:
         self.widths = tuple(int(item.numel()) for item in inputs)
         nonzeros = outputs.nz[:] if outputs.nnz() else ca.SX(0, 1)
-        function = ca.Function("rows", [ca.vertcat(*inputs)], [ca.cse(nonzeros)])
         self.n_inputs = sum(self.widths)
         self.n_outputs = int(nonzeros.numel())
-        self._compile(function)
+        self._inputs, self._nonzeros = ca.vertcat(*inputs), nonzeros
+        self._bounds = threading.local()
 
     @property
     def n_instructions(self) -> int:
         """Number of ufunc calls a block."""
-        return len(self._steps)
+        return len(self._compiled.places)
 
-    def _compile(self, function: ca.Function) -> None:
+    @cached_property
+    def _compiled(self) -> _Compiled:
         """Turn CasADi's register machine into single assignments, then give every value a row of memory.
 
         A value that is an output lives in its row of the result from the start; constants and inputs are only names.
+        Done when the program first runs: models that are solved from reduced data alone never need it.
         """
+        function = ca.Function("rows", [self._inputs], [ca.cse(self._nonzeros)])
         constants: list[float] = []
         holds: dict[int, _Value] = {}
         instructions: list[tuple[_Operation, tuple[_Value, ...], int]] = []
@@ -185,16 +198,13 @@ class BlockProgram:
                 home = place[value[1]] if value[0] == "value" else value
                 if home[0] == "scratch" and last_use[value[1]] == k:
                     free.append(home[1])
-        self._constants = constants
-        self._steps = steps + copies
-        self._n_scratch = n_scratch
         sizes = (len(constants), self.n_inputs, n_scratch)
         offsets = {"constant": 0, "input": sizes[0], "scratch": sum(sizes[:2]), "output": sum(sizes)}
-        self._places = [
+        places = [
             (s.operation, tuple(offsets[kind] + k for kind, k in s.arguments), offsets[s.target[0]] + s.target[1])
-            for s in self._steps
+            for s in steps + copies
         ]
-        self._bounds = threading.local()
+        return _Compiled(constants, n_scratch, places)
 
     def _bound_for(self, block: int) -> _Bound:
         """The memory of this thread for blocks of this length; binding costs as much as evaluating a short block."""
@@ -209,12 +219,14 @@ class BlockProgram:
         """Memory for one block length and the calls on it."""
         rows: dict[str, FloatArray] = {
             "input": np.zeros((self.n_inputs, block)),
-            "scratch": np.empty((self._n_scratch, block)),
+            "scratch": np.empty((self._compiled.n_scratch, block)),
             "output": np.empty((self.n_outputs, block)),
         }
-        table: list[Any] = [*self._constants, *rows["input"], *rows["scratch"], *rows["output"]]
+        table: list[Any] = [*self._compiled.constants, *rows["input"], *rows["scratch"], *rows["output"]]
         at = table.__getitem__
-        calls = [(operation, tuple(map(at, arguments)), at(target)) for operation, arguments, target in self._places]
+        calls = [
+            (operation, tuple(map(at, arguments)), at(target)) for operation, arguments, target in self._compiled.places
+        ]
         return _Bound(rows["input"], rows["output"], calls)
 
     def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
