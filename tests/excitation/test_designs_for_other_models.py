@@ -50,7 +50,7 @@ def test_the_rows_are_those_of_their_models_written_out():
     dq = np.stack([np.cos(wave * t), np.full(n_samples, 2.0)], axis=1)
     power = w[:, 0, 0] * dq[:, 0] + w[:, 1, 0] * dq[:, 1]
     np.testing.assert_allclose(row_model("power", n_samples, period, highest).rows(w, dq)[:, 0], power)
-    length = 0.5 / highest
+    length = 0.125 / highest
     # sin cos = sin(2 wave t)/2 and 2 cos, integrated from t to t + length
     primitive = lambda t: -np.cos(2 * wave * t) / (4 * wave) + 2 * np.sin(wave * t) / wave  # noqa: E731
     energy = row_model("energy", n_samples, period, highest).rows(w, dq)[:, 0]

@@ -13,6 +13,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from dynident.regressors.equations import SHARE_OF_PERIOD
 from dynident.robot.model import FloatArray
 
 RowModelName = Literal["dynamic", "filtered", "energy", "power"]
@@ -65,8 +66,8 @@ EVERY_JOINT = RowModel("dynamic", False, None)
 def row_model(name: RowModelName, n_samples: int, period: float, highest: float) -> RowModel:
     """The rows of a model on N samples of a period (s) of a motion with frequencies up to `highest` (Hz).
 
-    filtered: F(s) of [12.29] on all columns; energy: integrals over intervals of half the shortest period in the
-    motion, one beginning at every sample, [12.43]; power: the rows as they are, [12.51].
+    filtered: F(s) of [12.29] on all columns; energy: integrals over intervals as an identification takes them, one
+    beginning at every sample, [12.43]; power: the rows as they are, [12.51].
     """
     if name == "dynamic":
         return EVERY_JOINT
@@ -76,7 +77,7 @@ def row_model(name: RowModelName, n_samples: int, period: float, highest: float)
         return RowModel(name, False, _circulant(lambda s: (pole / (s + pole)) ** 2, frequencies, n_samples))
     if name == "power":
         return RowModel(name, True, None)
-    length = 0.5 / highest
+    length = 1.0 / (SHARE_OF_PERIOD * highest)
     return RowModel(name, True, _circulant(lambda s: _interval(s, length), frequencies, n_samples))
 
 

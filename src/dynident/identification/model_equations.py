@@ -12,14 +12,13 @@ from dynident.identification.choices import IdentificationChoices
 from dynident.identification.wrench_equations import wrench_equations
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, motion_band
-from dynident.regressors.equations import Treatment, filtered, over_intervals, plain, reduce_form
+from dynident.regressors.equations import SHARE_OF_PERIOD, Treatment, filtered, over_intervals, plain, reduce_form
 from dynident.regressors.forms import Form, filtered_form, power_form
 from dynident.regressors.model import Model
 from dynident.robot.model import FloatArray
 
 _SMALLEST_POLE = 10.0
 _HARMONICS = 15.0
-_SHARE_OF_PERIOD = 8.0
 
 
 def with_constants(
@@ -98,7 +97,7 @@ def _interval(recordings: Sequence[Recording]) -> tuple[float, str]:
     ones are differences of nearly the same energy.
     """
     band = motion_band(recordings)
-    interval = 1.0 / (_SHARE_OF_PERIOD * band)
+    interval = 1.0 / (SHARE_OF_PERIOD * band)
     return interval, (
         f"Energy model: intervals of {interval:.3g} s, an eighth of the shortest period of the motion (its band ends "
         f"at {band:.2g} Hz): energy swings twice as fast as the motion, and differs most over half a swing; over "

@@ -17,6 +17,10 @@ from dynident.robot.model import FloatArray
 # Intervals of the energy model begin every eighth of their length: nearer to each other they repeat each other.
 _OVERLAP = 8
 
+SHARE_OF_PERIOD = 8.0
+"""Intervals of the energy model are so much shorter than the shortest period of the motion: energy swings twice as fast
+as the motion, over half a swing it differs most, over a whole one not at all; and offsets add up over longer ones."""
+
 Rows = Iterator[tuple[int, FloatArray, FloatArray]]
 """(segment, t (m,), [entries | y] (m, k)), used rows alone."""
 
