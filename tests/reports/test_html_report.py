@@ -15,7 +15,7 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
-from dynident.excitation import DesignRequest, design_experiment
+from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import IdentificationChoices, extend, identify, remove
 from dynident.recordings import Check, Preprocessing
 from dynident.reports import ReportedRun, html_report
@@ -228,6 +228,16 @@ def test_a_long_recording_stays_a_small_file() -> None:
     long.measured[spike, 0] += 1234.5
     content = html_report(MODEL, [ReportedRun(SECOND_RUN, long, True)])
     assert len(content.encode()) < 2_000_000
+
+
+def test_a_set_of_test_motions_is_shown_run_by_run() -> None:
+    trajectory = TrajectoryRequest(sets="link_by_link", duration=3.0, harmonics=3, sampling_rate=50.0)
+    design = design_experiment(ROBOT, DesignRequest(kind="sequential", trajectory=trajectory))
+    text = Page(html_report(MODEL, RUNS, design=design)).text["design"]
+    for run in design.runs:
+        assert run.label in text
+    assert "between the runs" in text
+    assert "tool from the side" in text
 
 
 def test_the_experiment_is_shown_with_its_limits_where_it_was_designed() -> None:

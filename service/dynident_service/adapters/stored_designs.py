@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from dynident.excitation import CriterionValues, Design, ExpectedParameter, Margin
+from dynident.excitation import CriterionValues, Design, ExpectedParameter, Margin, Run
 from dynident.excitation.baseline import Baseline
 from dynident.excitation.margins import LimitName
 from dynident_service.adapters.designs import design_request, stored_reference
@@ -41,6 +41,7 @@ def design_of(request: Mapping[str, Any], result: Mapping[str, Any], trajectory:
             ExpectedParameter(one.name, one.effect, one.link, one.unit, one.share, one.standard_deviation)
             for one in told.expected_parameters
         ),
+        runs=tuple(Run(one.label, tuple(one.joints), one.start, one.end) for one in told.runs),
     )
 
 

@@ -86,6 +86,18 @@ def show_design(console: Console, found: Design) -> None:
             right_from=2,
         )
     )
+    if found.runs:
+        console.print(
+            table(
+                "Runs",
+                ("segment", "what for", "joints that move", "from (s)", "to (s)"),
+                [
+                    [str(k), run.label, ", ".join(run.joints), number(run.start, 4), number(run.end, 4)]
+                    for k, run in enumerate(found.runs, start=1)
+                ],
+                right_from=3,
+            )
+        )
     for note in found.notes:
         console.print(f"  {note}", markup=False, style="dim")
     console.print(f"{found.n_samples} samples at {found.sampling_rate:g} Hz, {found.duration:.1f} s from rest to rest")

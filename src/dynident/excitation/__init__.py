@@ -8,7 +8,7 @@ from dynident.excitation.export import FORMATS, design_document, design_table, t
 from dynident.excitation.limits import ImpossibleLimitsError
 from dynident.excitation.margins import Margin
 from dynident.excitation.quick import quick_motion
-from dynident.excitation.request import KINDS, Design, DesignRequest, TrajectoryRequest
+from dynident.excitation.request import KINDS, Design, DesignRequest, Run, TrajectoryRequest
 from dynident.excitation.surroundings import Box, Surroundings, ToolRange, Wall
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "ExpectedParameter",
     "ImpossibleLimitsError",
     "Margin",
+    "Run",
     "Surroundings",
     "ToolRange",
     "TrajectoryRequest",

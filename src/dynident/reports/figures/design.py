@@ -1,34 +1,46 @@
-"""A designed trajectory over time."""
+"""A designed trajectory: joints within their limits, how they cover speed and place, and where the tool goes."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from dynident.excitation import Design
 from dynident.reports.figures.decimation import extremes
 from dynident.reports.figures.svg import Margins, panel_title, panels, shortened, to_svg
 from dynident.robot import Robot
+from dynident.robot.kinematics import tool_path
 from dynident.robot.model import FloatArray
 
 # Okabe and Ito's palette without yellow, which paper does not show.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d")
 _STYLES = ("-", "--", ":")
 _POINTS = 300
+_PATH_POINTS = 3000
+_LIMIT: dict[str, Any] = {"color": "#4d4d4d", "linewidth": 0.7, "linestyle": (0, (4, 3)), "zorder": 1}
 
 
 def design_figure(design: Design, robot: Robot) -> Markup:
-    """Positions and velocities of all joints; the exciting part is white."""
-    figure, grid = panels(1, 2, 2.7, margins=Margins(top=0.1, bottom=0.75))
-    kinds = {joint.kind for joint in robot.joints}
-    angle = "rad" if kinds == {"revolute"} else "m" if kinds == {"prismatic"} else "rad or m"
-    for axes, values, name in ((grid[0, 0], design.q, "position"), (grid[0, 1], design.dq, "velocity")):
-        _lines(axes, design, values)
-        panel_title(axes, f"{name} ({angle}{'/s' if name == 'velocity' else ''})")
-        axes.set_xlabel("time (s)", fontsize=8)
+    """Positions, velocities and accelerations as shares of their limits; speed over place; the tool from two sides.
+
+    The exciting part is white in the upper row, and alone in the lower one.
+    """
+    figure, grid = panels(2, 3, 2.4, margins=Margins(top=0.1, bottom=0.75), gap=0.5)
+    position, velocity, acceleration = _shares(design)
+    for axes, values, name in zip(
+        grid[0], (position, velocity, acceleration), ("position", "velocity", "acceleration"), strict=True
+    ):
+        _over_time(axes, design, values)
+        panel_title(axes, f"{name}, share of limit, over time (s)")
+    taken = _taken(_inside(design))
+    _phases(grid[1, 0], _parted(position[taken], taken), _parted(velocity[taken], taken))
+    _tool(grid[1, 1], grid[1, 2], _parted(tool_path(robot, design.q[taken]), taken))
     legend = figure.legend(
-        grid[0, 0].get_lines(),
+        grid[0, 0].get_lines()[: len(design.joint_names)],
         [shortened(name) for name in design.joint_names],
         loc="lower left",
         ncols=min(7, max(1, 110 // max(len(shortened(name)) + 6 for name in design.joint_names))),
@@ -40,18 +52,84 @@ def design_figure(design: Design, robot: Robot) -> Markup:
         text.set_parse_math(False)
     return to_svg(
         figure,
-        f"Positions and velocities of {', '.join(design.joint_names)} over {design.duration:.0f} s; the exciting part "
-        f"lies between {design.exciting[0]:.1f} and {design.exciting[1]:.1f} s.",
+        f"Positions, velocities and accelerations of {', '.join(design.joint_names)} over {design.duration:.0f} s as "
+        f"shares of their limits; the exciting part lies between {design.exciting[0]:.1f} and "
+        f"{design.exciting[1]:.1f} s. Below: velocity over position of every joint, and the path of the tool seen from "
+        "above and from the side.",
     )
 
 
-def _lines(axes: Axes, design: Design, values: FloatArray) -> None:
+def _shares(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """q, q̇, q̈ (N, n) as shares of the limits they were designed for: ±1 touches one."""
+    bound = {(margin.joint, margin.limit): margin.bound for margin in design.margins}
+    low, high, velocity, acceleration = (
+        np.array([bound[name, limit] for name in design.joint_names])
+        for limit in ("position_min", "position_max", "velocity", "acceleration")
+    )
+    middle, half = (low + high) / 2, (high - low) / 2
+    return (design.q - middle) / half, design.dq / velocity, design.ddq / acceleration
+
+
+def _inside(design: Design) -> NDArray[np.bool_]:
+    """Which samples (N,) belong to the exciting part, or to a run of a set."""
+    if design.runs:
+        return design.segments > 0
+    first, last = design.exciting
+    inside: NDArray[np.bool_] = (design.t >= first) & (design.t <= last)
+    return inside
+
+
+def _taken(inside: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Samples to draw: evenly from the exciting part."""
+    every = max(1, int(inside.sum()) // _PATH_POINTS)
+    return np.flatnonzero(inside)[::every]
+
+
+def _parted(values: FloatArray, taken: NDArray[np.intp]) -> FloatArray:
+    """Values (m, c) at samples, with a gap wherever samples are left out between them."""
+    gaps = np.diff(taken)
+    ends = 1 + np.flatnonzero(gaps > 1.5 * np.median(gaps))
+    made: FloatArray = np.insert(values, ends, np.nan, axis=0)
+    return made
+
+
+def _line(joint: int) -> dict[str, Any]:
+    return {"color": _COLOURS[joint % len(_COLOURS)], "linestyle": _STYLES[joint // len(_COLOURS) % len(_STYLES)]}
+
+
+def _over_time(axes: Axes, design: Design, values: FloatArray) -> None:
     for joint, name in enumerate(design.joint_names):
         kept = extremes(np.ascontiguousarray(values[:, joint]), _POINTS // 2)
-        style = _STYLES[joint // len(_COLOURS) % len(_STYLES)]
-        colour = _COLOURS[joint % len(_COLOURS)]
-        axes.plot(design.t[kept], values[kept, joint], color=colour, linewidth=1.1, linestyle=style, label=name)
-    first, last = design.exciting
-    for start, end in ((float(design.t[0]), first), (last, float(design.t[-1]))):
-        axes.axvspan(start, end, color="#f0f0f0", zorder=0)
+        axes.plot(design.t[kept], values[kept, joint], linewidth=1.0, label=name, **_line(joint))
+    inside = _inside(design)
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], inside, [True]]).astype(int)))
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        axes.axvspan(
+            float(design.t[start]), float(design.t[min(end, len(design.t) - 1)]), color="#f0f0f0", zorder=0, linewidth=0
+        )
+    for limit in (-1.0, 1.0):
+        axes.axhline(limit, **_LIMIT)
     axes.set_xlim(float(design.t[0]), float(design.t[-1]))
+    axes.set_ylim(-1.1, 1.1)
+
+
+def _phases(axes: Axes, position: FloatArray, velocity: FloatArray) -> None:
+    """Velocity over position: what is not covered is where friction and gravity are guessed."""
+    for joint in range(position.shape[1]):
+        axes.plot(position[:, joint], velocity[:, joint], linewidth=0.6, alpha=0.8, **_line(joint))
+    axes.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], **_LIMIT)
+    axes.set_xlim(-1.1, 1.1)
+    axes.set_ylim(-1.1, 1.1)
+    axes.set_xlabel("position (share of limit)", fontsize=8)
+    panel_title(axes, "velocity over position")
+
+
+def _tool(above: Axes, beside: Axes, path: FloatArray) -> None:
+    """Where the origin of the last joint's frame goes in the base frame, (m, 3)."""
+    for axes, across, title, label in ((above, 1, "tool from above (m)", "x, upward y"),
+                                       (beside, 2, "tool from the side (m)", "x, upward z")):  # fmt: skip
+        axes.plot(path[:, 0], path[:, across], color=_COLOURS[0], linewidth=0.7)
+        axes.plot(0.0, 0.0, "+", color="#4d4d4d", markersize=7)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel(label, fontsize=8)
+        panel_title(axes, title)

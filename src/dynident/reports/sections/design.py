@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from dynident.excitation import Design
+from dynident.excitation import Design, Margin
 from dynident.reports.figures.design import design_figure
 from dynident.reports.numbers import counted, number, percent
 from dynident.reports.section import Section
@@ -28,6 +28,17 @@ class MarginRow:
 
 
 @dataclass(frozen=True)
+class RunRow:
+    """One test motion of a set; `number` is its segment in the trajectory."""
+
+    number: int
+    label: str
+    joints: str
+    start: str
+    end: str
+
+
+@dataclass(frozen=True)
 class DesignContent:
     """The design in words; `rows` compare it with random trajectories: name, condition number, smallest singular."""
 
@@ -35,6 +46,7 @@ class DesignContent:
     length: str
     rows: tuple[tuple[str, str, str], ...]
     margins: tuple[MarginRow, ...]
+    runs: tuple[RunRow, ...]
     notes: tuple[str, ...]
     figure: Markup
 
@@ -58,11 +70,15 @@ def design_section(design: Design, robot: Robot) -> Section:
             MarginRow(
                 margin.joint,
                 margin.limit.replace("_", " "),
-                f"{number(margin.value)} {_unit(robot, margin.joint, margin.limit)}",
-                f"{number(margin.bound)} {_unit(robot, margin.joint, margin.limit)}",
+                f"{number(margin.value)} {_unit(robot, margin)}",
+                f"{number(margin.bound)} {_unit(robot, margin)}",
                 percent(margin.share),
             )
             for margin in nearest
+        ),
+        tuple(
+            RunRow(index + 1, run.label, ", ".join(run.joints), number(run.start, 4), number(run.end, 4))
+            for index, run in enumerate(design.runs)
         ),
         design.notes,
         design_figure(design, robot),
@@ -70,8 +86,12 @@ def design_section(design: Design, robot: Robot) -> Section:
     return Section("design", "The experiment", "design", content)
 
 
-def _unit(robot: Robot, joint: str, limit: str) -> str:
-    described = robot.joints[robot.joint_names.index(joint)]
-    if limit == "torque":
+def _unit(robot: Robot, margin: Margin) -> str:
+    if margin.limit in ("clearance", "tool_min", "tool_max"):
+        return "m"
+    if margin.limit == "power":
+        return "W"
+    described = robot.joints[robot.joint_names.index(margin.joint)]
+    if margin.limit == "torque":
         return described.effort_unit
-    return ("rad" if described.kind == "revolute" else "m") + _UNITS[limit]
+    return ("rad" if described.kind == "revolute" else "m") + _UNITS[margin.limit]
