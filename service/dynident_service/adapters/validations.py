@@ -149,16 +149,16 @@ def _method(one: MethodResult, names: Sequence[str]) -> wire.MethodView:
 
 
 def _payload(one: PayloadValidation, measurement_id: str) -> wire.PayloadView:
-    mass, half = one.mass, one.half_width
+    weighed = one.weighed
     return wire.PayloadView(
         measurement_id=measurement_id,
         name=one.name,
         stated_mass=one.stated,
-        identifiable=one.identifiable,
-        mass=mass,
-        interval=None if mass is None or half is None else (mass - half, mass + half),
-        friction_shared=None if one.together is None else one.together.mass,
-        friction_apart=None if one.apart is None else one.apart.mass,
+        identifiable=weighed.identifiable,
+        mass=weighed.mass,
+        interval=weighed.interval,
+        friction_shared=weighed.alike.mass,
+        friction_apart=None if weighed.apart is None else weighed.apart.mass,
         verdict=one.judged.verdict,
         reason=one.judged.reason,
     )

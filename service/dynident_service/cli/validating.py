@@ -135,11 +135,7 @@ def run(
             )
             return adapter.describe_filters(chosen)
         case "payload":
-            shares = [part(progress, k / len(names), (k + 1) / len(names)) for k in range(len(names))]
-            weighed = [
-                validate_payload(identification, held_out, recording, asked.mass, share)
-                for recording, share in zip(recordings, shares, strict=True)
-            ]
+            weighed = [validate_payload(identification, held_out, one, asked.mass) for one in recordings]
             return adapter.describe_payloads(weighed, names)
 
 

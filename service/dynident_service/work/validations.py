@@ -84,8 +84,8 @@ def _payload(task: Task, request: ValidationRequest, model: Identification) -> V
     unloaded = recordings_by_id(task, task.subject.all("training"))
     found = []
     for index, identifier in enumerate(ids):
-        progress = part(task.progress, index / len(ids), (index + 1) / len(ids))
-        found.append(validate_payload(model, unloaded, recording_by_id(task, identifier), request.mass, progress))
+        task.progress(index / len(ids), "weighing the load")
+        found.append(validate_payload(model, unloaded, recording_by_id(task, identifier), request.mass))
     return adapter.describe_payloads(found, ids)
 
 
