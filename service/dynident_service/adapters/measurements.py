@@ -14,7 +14,7 @@ from dynident.recordings import (
     import_recording,
     open_recording,
 )
-from dynident.robot import Robot
+from dynident.robot import Robot, coupling_matrix
 from dynident_service.models import measurements as wire
 from dynident_service.problems import Problem, ProblemField, problem_of
 from dynident_service.storage.objects import ObjectStore
@@ -30,6 +30,7 @@ def import_file(
         destination,
         joint_names=robot.joint_names,
         gains=[drive.gain for drive in robot.drives],
+        coupling=coupling_matrix(robot),
         metadata=RecordingMetadata(
             name=metadata.name,
             format=metadata.format,

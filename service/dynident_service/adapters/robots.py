@@ -74,4 +74,5 @@ def _joint(robot: Robot, index: int, joint: Joint) -> wire.JointView:
         antecedent=robot.joint_names[joint.parent] if joint.parent >= 0 else None,
         link=joint.link,
         drive_gain=robot.drives[index].gain,
+        coupling=dict(robot.drives[index].coupling),
     )

@@ -21,7 +21,7 @@ from dynident.excitation.row_models import ROW_MODELS, RowModelName
 from dynident.identification import Identification, from_bytes
 from dynident.progress import Progress, part
 from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
-from dynident.robot import Description, Drive, Robot, robot_from_description
+from dynident.robot import Description, Drive, Robot, coupling_matrix, robot_from_description
 from dynident.robot.well_known import library_names, robot_from_library
 from dynident_service.adapters.diagnoses import diagnosis_of
 from dynident_service.adapters.identifications import check_effects
@@ -67,7 +67,8 @@ def with_gains(robot: Robot, gains: str) -> Robot:
         return robot
     stated = parsing.drive_gains(gains, robot.joint_names)
     drives = zip(robot.joint_names, robot.drives, strict=True)
-    return replace(robot, drives=tuple(Drive(stated[name]) if name in stated else drive for name, drive in drives))
+    changed = (Drive(stated[name], coupling=one.coupling) if name in stated else one for name, one in drives)
+    return replace(robot, drives=tuple(changed))
 
 
 def _known_robot(text: str) -> Robot:
@@ -141,6 +142,7 @@ def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetada
             destination,
             joint_names=robot.joint_names,
             gains=[drive.gain for drive in robot.drives],
+            coupling=coupling_matrix(robot),
             metadata=metadata,
             limits=[JointLimits(j.kind, j.limits.position, j.limits.velocity, j.limits.effort) for j in robot.joints],
             progress=progress,

@@ -24,6 +24,10 @@ class Drive(Asked):
     gear_ratio: float | None = None
     torque_constant: float | None = None
     amplifier_gain: float | None = None
+    coupling: dict[str, float] = Field(
+        default={},
+        description="Other joints that this motor turns with, and how far beside its own; its torque acts on them.",
+    )
 
 
 class RobotRequest(Asked):
@@ -49,6 +53,7 @@ class JointView(Shown):
     antecedent: str | None = Field(description="The joint before it; null on the base.")
     link: str
     drive_gain: float | None = None
+    coupling: dict[str, float] = Field(default={}, description="Other joints that its motor acts on.")
 
 
 class BaseParametersView(Shown):

@@ -62,6 +62,6 @@ def require_same_drives(services: Services, robot: Resource, measurement: Resour
         raise unusable(detail, pointer, title="Another robot's measurement")
 
 
-def _drives(robot: Resource) -> list[tuple[str, str, float | None]]:
+def _drives(robot: Resource) -> list[tuple[str, str, float | None, dict[str, float]]]:
     joints: list[JointView] = RobotResult.model_validate(robot.result).joints
-    return [(joint.name, joint.type, joint.drive_gain) for joint in joints]
+    return [(joint.name, joint.type, joint.drive_gain, joint.coupling) for joint in joints]

@@ -112,6 +112,14 @@ def identify_gains(
         For a missing run, a payload without a usable mass, torque that is zero, or data that do not determine the
         model.
     """
+    coupled = [name for name, drive in zip(robot.joint_names, robot.drives, strict=True) if drive.coupling]
+    if coupled:
+        raise DynidentError(
+            f"the motors of {', '.join(coupled)} act on several joints; gains are identified for motors of one joint "
+            "each",
+            pointer=f"/drives/{coupled[0]}/coupling",
+            title="Coupled drives",
+        )
     payloads = [known_payload(recording) for recording in loaded]
     data = loaded_data(robot, unloaded, loaded, effects, preprocessing)
     known = {

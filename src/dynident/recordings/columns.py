@@ -39,7 +39,8 @@ class Column:
 class Layout:
     """The columns that are read: one of q and tau per joint, the optional kinds for all joints or for none.
 
-    `wrench` are the six of the base's reaction, or none.
+    `wrench` are the six of the base's reaction, or none. `mixing` (n, n): what the columns of tau are multiplied by
+    from the right where motors act on several joints.
     """
 
     t: Column
@@ -50,6 +51,7 @@ class Layout:
     ddq: tuple[Column, ...] = ()
     temperature: tuple[Column, ...] = ()
     wrench: tuple[Column, ...] = ()
+    mixing: FloatArray | None = None
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -84,6 +86,7 @@ def find_columns(
     gains: Sequence[float | None],
     limits: Sequence[JointLimits],
     metadata: RecordingMetadata,
+    coupling: FloatArray | None = None,
 ) -> tuple[Layout, Check]:
     """Match a file's columns with the robot's joints.
 
@@ -94,6 +97,8 @@ def find_columns(
         Joint torque = gain x current [12.17]; a gain is needed only where a joint has no torque column.
     metadata : RecordingMetadata
         `columns` and `units` are used.
+    coupling : (n, n), optional
+        With motor torques τ (drive gain x current) the joints' are couplingᵀ τ; torque columns are joint torques.
 
     Raises
     ------
@@ -103,6 +108,7 @@ def find_columns(
     finder = _Finder(names, joint_names, limits, metadata)
     n = len(joint_names)
     tau, from_current, unused = [], [], []
+    mixing = np.eye(n)
     for joint in range(n):
         torque, current = finder.find("tau", joint), finder.find("current", joint)
         if torque is not None:
@@ -111,6 +117,8 @@ def find_columns(
         elif current is not None:
             tau.append(_torque_of(current, joint_names[joint], gains[joint]))
             from_current.append(current.source)
+            if coupling is not None:
+                mixing[joint] = coupling[joint]
         else:
             raise finder.missing("tau", joint, f" or a current ({_or('current', joint_names[joint], joint)})")
     time = finder.find("t", None)
@@ -131,8 +139,9 @@ def find_columns(
         ddq=finder.find_all("ddq"),
         temperature=finder.find_all("temperature"),
         wrench=finder.find_wrench(),
+        mixing=None if np.array_equal(mixing, np.eye(n)) else mixing,
     )
-    return layout, _torque_source(from_current, unused)
+    return layout, _torque_source(from_current, unused, layout.mixing is not None)
 
 
 def _torque_of(current: Column, joint_name: str, gain: float | None) -> Column:
@@ -153,9 +162,11 @@ def _torque_of(current: Column, joint_name: str, gain: float | None) -> Column:
     return Column(current.source, current.factor * gain, current.offset * gain)
 
 
-def _torque_source(from_current: list[str], unused: list[str]) -> Check:
+def _torque_source(from_current: list[str], unused: list[str], coupled: bool) -> Check:
     if from_current:
         detail = f"Torque is drive gain x current [12.17] in {_shortened(from_current)}."
+        if coupled:
+            detail += " Motors that are coupled to several joints act on all of them."
     else:
         detail = "Torque is read from the torque columns."
     if unused:

@@ -40,6 +40,7 @@ def import_recording(
     *,
     joint_names: Sequence[str],
     gains: Sequence[float | None] | None = None,
+    coupling: FloatArray | None = None,
     metadata: RecordingMetadata | None = None,
     limits: Sequence[JointLimits] | None = None,
     progress: Progress = silent,
@@ -54,6 +55,7 @@ def import_recording(
     source_path, destination_path : path
     joint_names : one a joint, in the robot's order
     gains : drive gain [12.17] of each joint in N m per unit of current, None where it is not known
+    coupling : (n, n) as `coupling_matrix` gives it, where motors act on several joints
     metadata : RecordingMetadata
     limits : JointLimits of each joint
 
@@ -75,7 +77,7 @@ def import_recording(
     if not len(limits) == len(gains) == n:
         raise ValueError(f"{n} joints, {len(gains)} gains, {len(limits)} limits: they have to agree")
     source = open_source(Path(source_path), metadata.format)
-    layout, torque_source = find_columns(source.names, joint_names, gains, limits, metadata)
+    layout, torque_source = find_columns(source.names, joint_names, gains, limits, metadata, coupling)
     destination = Path(destination_path)
     with NamedTemporaryFile(dir=destination.parent, prefix=f".{destination.name}.", delete=False) as unfinished:
         temporary = Path(unfinished.name)

@@ -79,6 +79,8 @@ class FileSource:
             values = np.empty((len(t), len(columns)))
             for index, column in enumerate(layout.columns if columns else ()):
                 values[:, index] = column.convert(_floats(batch, column.source, first))
+            if columns and layout.mixing is not None:
+                values[:, layout.place("tau")] = values[:, layout.place("tau")] @ layout.mixing
             yield RawRows(first, t, segment, values)
             first += len(t)
 

@@ -2,6 +2,7 @@
 
 from dynident.robot.collision import CollisionGeometry, collision_geometry
 from dynident.robot.description import robot_from_description
+from dynident.robot.drive_chain import coupling_matrix
 from dynident.robot.kinematics import joint_frames, tool_path
 from dynident.robot.model import INERTIAL_NAMES, Description, Drive, Joint, Limits, Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
@@ -19,6 +20,7 @@ __all__ = [
     "Limits",
     "Robot",
     "collision_geometry",
+    "coupling_matrix",
     "joint_frames",
     "library_names",
     "library_source",

@@ -31,12 +31,17 @@ class Limits:
 
 @dataclass(frozen=True)
 class Drive:
-    """The drive chain of one joint, [12.17]: joint torque = drive_gain x recorded current."""
+    """The drive chain of one joint, [12.17]: joint torque = drive_gain x recorded current.
+
+    `coupling`: other joints that this joint's motor turns with, and how far beside its own joint: the motor's speed is
+    the gear ratio times (q̇ + Σ coupling q̇ of the other joint), and its torque acts on them in the same shares.
+    """
 
     drive_gain: float | None = None
     gear_ratio: float | None = None
     torque_constant: float | None = None
     amplifier_gain: float | None = None
+    coupling: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def gain(self) -> float | None:

@@ -97,14 +97,34 @@ def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] 
                 raise _error(f"There is no joint '{name}'; joints: {listed(moving)}.", part, name)
             if part == "drives" and name in settings.locked_joints:
                 raise _error(f"Joint '{name}' is locked, so it has no drive.", part, name)
+    for joint, drive in settings.drives.items():
+        for name in drive.coupling:
+            if name == joint or name not in known or name in settings.locked_joints:
+                others = [other for other in moving if other != joint and other not in settings.locked_joints]
+                raise _error(
+                    f"The motor of joint '{joint}' cannot be coupled to '{name}'; others: {listed(others)}.",
+                    "drives",
+                    joint,
+                    "coupling",
+                    name,
+                )
     if moving and known <= set(settings.locked_joints):
         raise _error("Every joint is locked; a robot needs at least one moving joint.", "locked_joints")
 
 
 def _check_drive(drive: Drive, joint: str) -> None:
+    for name, share in drive.coupling.items():
+        if not math.isfinite(share):
+            raise _error(
+                f"The motor of joint '{joint}' is coupled to '{name}' by {share}; expected a number.",
+                "drives",
+                joint,
+                "coupling",
+                name,
+            )
     for item in fields(drive):
         value = getattr(drive, item.name)
-        if value is not None and not (math.isfinite(value) and value != 0):
+        if item.name != "coupling" and value is not None and not (math.isfinite(value) and value != 0):
             raise _error(
                 f"{item.name} of joint '{joint}' is {value}; expected a number other than 0.",
                 "drives",

@@ -11,6 +11,7 @@ from dynident.effects import effect_by_id
 from dynident.effects.friction import velocity_scale
 from dynident.errors import DynidentError
 from dynident.progress import Progress, silent
+from dynident.robot.drive_chain import currents_of
 from dynident.robot.model import FloatArray, Robot
 from dynident.simulation.control import (
     FEED_FORWARD_RATE,
@@ -122,13 +123,12 @@ class VirtualRobot:
         noise = noise_deviation(sensors, self.robot, truth.tau)
         shown = self.sensing.torque(t, truth, path.temperature_at(t), run)
         tau = shown + noise * rng.standard_normal(shown.shape)
-        gains = np.array([drive.gain or np.nan for drive in self.robot.drives])
         return Measurement(
             robot=self.robot,
             t=t,
             q=quantised(sensors, self.robot, truth.q),
             tau=tau,
-            current=tau / gains if sensors.current else None,
+            current=currents_of(self.robot, tau) if sensors.current else None,
             temperature=None if reference.temperature is None else path.temperature_at(t),
             truth=truth,
             noise=noise,
