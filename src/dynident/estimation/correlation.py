@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.estimation.factors import EquationFactors, FloatArray, triangular
+from dynident.estimation.whitening import Whitened, whitened
 
 _FEWEST_STRETCHES = 5
 
@@ -15,28 +16,31 @@ def correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
     With g_s = W_sᵀρ_s the score of stretch s and A = WᵀW: Σ g_sᵀ A⁻¹ g_s over what it would be for independent
     residuals of the same size, σ² (p - Σ tr((A⁻¹A_s)²)); the second term is what the fit itself takes away.
     """
-    k = len(equation.columns)
-    w = equation.factors[:, :, :k]
-    rests = equation.factors[:, :, k] - w @ values[equation.columns]
-    return overstatement(w, rests, float(equation.counts.sum()))
+    rests = equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns]
+    rows = float(equation.counts.sum())
+    if not _enough(equation.factors[:, :, :-1], rows):
+        return 1.0
+    return _overstated(equation.whitened, rests, rows)
 
 
 def overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:
     """The same for columns (s, m, p) and residuals (s, m) of every stretch, which stand for so many rows together."""
+    if not _enough(w, rows):
+        return 1.0
+    return _overstated(whitened(w, triangular(w.reshape(-1, w.shape[2]))), rests, rows)
+
+
+def _enough(w: FloatArray, rows: float) -> bool:
     n_stretches, _, k = w.shape
-    if n_stretches < _FEWEST_STRETCHES or k == 0 or rows <= k:
+    return bool(n_stretches >= _FEWEST_STRETCHES and k > 0 and rows > k)
+
+
+def _overstated(columns: Whitened | None, rests: FloatArray, rows: float) -> float:
+    if columns is None:
         return 1.0
-    # Columns that this equation hardly sees would make A singular: keep the directions it does see.
-    _, singular, vt = np.linalg.svd(triangular(w.reshape(-1, k)), full_matrices=False)
-    seen = singular > 1e-9 * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
-    if not seen.any():
-        return 1.0
-    whiten = vt[seen].T / singular[seen]
-    projected = w @ whiten
-    scores = np.einsum("sij,si->sj", projected, rests)
-    grams = np.einsum("sij,sik->sjk", projected, projected)
-    variance = float(np.sum(rests * rests)) / max(rows - seen.sum(), 1.0)
-    expected = variance * (float(seen.sum()) - float(np.sum(grams * grams)))
+    scores = (rests[:, None, :] @ columns.rows)[:, 0]
+    variance = float(np.sum(rests * rests)) / max(rows - columns.count, 1.0)
+    expected = variance * (columns.count - columns.spread)
     if expected <= 0 or variance == 0:
         return 1.0
     return float(max(1.0, np.sum(scores * scores) / expected))

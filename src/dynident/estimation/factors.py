@@ -13,6 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.estimation.whitening import Whitened, whitened
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
@@ -33,6 +35,11 @@ class EquationFactors:
     def joined(self) -> FloatArray:
         """(p + 1, p + 1): the factor of all stretches together."""
         return join(self.factors)
+
+    @cached_property
+    def whitened(self) -> Whitened | None:
+        """The columns without Y, whitened over all stretches; None where the equation sees none of them."""
+        return whitened(self.factors[:, :, :-1], self.joined[:, :-1])
 
     def without(self, stretches: Sequence[int]) -> FloatArray:
         """(p + 1, p + 1): the factor of all stretches but these."""

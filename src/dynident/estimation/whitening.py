@@ -1,0 +1,39 @@
+"""Columns of many stretches of time turned into uncorrelated ones of size one: what correlation is measured in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_SEEN = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """Columns (s, m, p) of s stretches with Σ WₛᵀWₛ = 1, and `spread` = Σ tr((WₛᵀWₛ)²), at most p.
+
+    They are combinations of the columns that they were made of; directions that no stretch sees are left out.
+    """
+
+    rows: FloatArray
+    spread: float
+
+    @property
+    def count(self) -> int:
+        """Number of directions p."""
+        return int(self.rows.shape[2])
+
+
+def whitened(w: FloatArray, factor: FloatArray) -> Whitened | None:
+    """Whiten columns w (s, m, k) with the triangular factor (…, k) of all of them; None where nothing is seen."""
+    _, singular, vt = np.linalg.svd(factor, full_matrices=False)
+    seen = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
+    if not seen.any():
+        return None
+    rows = w @ (vt[seen].T / singular[seen])
+    grams = rows.transpose(0, 2, 1) @ rows
+    return Whitened(rows, float(np.sum(grams * grams)))
