@@ -76,6 +76,13 @@ def test_standard_deviations_are_of_the_right_size_and_the_user_is_told_what_the
     assert "noises that were tuned" in filtered.warnings[0]
 
 
+def test_without_noise_the_filter_finds_the_true_parameters():
+    found = identify(ROBOT, [recorded(20.0, 0.0, 0.0)], [], choices("ekf"))
+    torque = found.solution.scales
+    assert np.abs((found.values - TRUTH) * torque).max() < 2e-3 * np.abs(TRUTH * torque).max()
+    assert found.fit.relative_total < 2e-3
+
+
 def test_two_recordings_are_one_after_another():
     found = identify(ROBOT, [recorded(10.0), recorded(10.0, seed=4, name="second")], [], choices("ekf"))
     torque = found.solution.scales
@@ -88,7 +95,7 @@ def test_a_filter_that_begins_with_a_robot_that_cannot_be_diverges_with_an_error
     noise = KalmanNoise(np.full(ROBOT.n, 1e-5), np.full(ROBOT.n, 0.5), np.zeros(len(TRUTH)))
     covariance = np.diag((1e-6 * np.abs(TRUTH) + 1e-9) ** 2)
     with pytest.raises(EstimationError, match="diverged") as caught:
-        run_filter(MODEL, TorqueFunction(MODEL), (recorded(10.0),), values, covariance, noise)
+        run_filter(TorqueFunction(MODEL), (recorded(10.0),), values, covariance, noise)
     assert caught.value.title == "Divergence"
 
 

@@ -1,12 +1,14 @@
 """An extended Kalman filter whose state holds the parameters beside the motion (§12.8), a sample at a time.
 
-State [q, q̇, χ], positions measured, torque the input, χ a constant that may wander a little. One step of the motion is
-the implicit midpoint rule: with q' = q + T (q̇ + q̇') / 2 the new velocity solves
+State [q, v, χ], positions measured, torque the input, χ a constant that may wander a little. Positions and velocities
+are staggered by half a period T (leapfrog): with v half a period before q, the new velocity v' solves
 
-    Γ(q_m, q̇_m, (q̇' - q̇) / T; χ) = τ_m,    Γ = W χ,
+    Γ(q, (v + v') / 2, (v' - v) / T; χ) = τ,    Γ = W χ,    and q' = q + T v',
 
-at the middle of the step. It is of second order, and stable however stiff friction is near rest; by the theorem of
-implicit functions its Jacobians need those of Γ alone, ∂Γ/∂χ being W itself.
+so that velocity and acceleration are the central differences of [12.16]. It is of second order, stable however stiff
+friction is near rest, and every torque sample enters one step alone: its noise stays white, which the filter takes it
+for (noise that is not biases its parameters, Ljung 1979). By the theorem of implicit functions the Jacobians need those
+of Γ alone, ∂Γ/∂χ being W itself.
 """
 
 from __future__ import annotations
@@ -91,13 +93,15 @@ class KalmanFilter:
         """(c, c): of the error of χ, if the noise is what it was taken for."""
         return np.asarray(self.covariance[2 * self._n :, 2 * self._n :])
 
-    def begin(self, q: FloatArray, dq: FloatArray, tau: FloatArray, velocity_deviation: FloatArray) -> None:
-        """Begin an unbroken stretch at its first sample; velocities (n,) known to so much. χ is kept."""
+    def begin(self, before: FloatArray, q: FloatArray, tau: FloatArray) -> None:
+        """Begin an unbroken stretch at its second sample q, tau (n,), `before` being the position of the first."""
         n = self._n
-        self.state[:n], self.state[n : 2 * n] = q, dq
+        self.state[:n], self.state[n : 2 * n] = q, (q - before) / self._period
         self.covariance[: 2 * n] = 0.0
         self.covariance[:, : 2 * n] = 0.0
-        self.covariance[range(2 * n), range(2 * n)] = np.concatenate([self._noise.position, velocity_deviation]) ** 2
+        self.covariance[range(2 * n), range(2 * n)] = (
+            np.concatenate([self._noise.position, np.sqrt(2.0) * self._noise.position / self._period]) ** 2
+        )
         self._torque = np.array(tau)
         self._acceleration = np.zeros(n)
 
@@ -111,7 +115,7 @@ class KalmanFilter:
         """
         if self._torque is None:
             raise ValueError("begin a stretch before its second sample")
-        self._predict(0.5 * (self._torque + tau))
+        self._predict(self._torque)
         self._torque = np.array(tau)
         return self._correct(q)
 
@@ -121,24 +125,24 @@ class KalmanFilter:
         q, velocity, values = self.state[:n], self.state[n : 2 * n], self.state[2 * n :]
         after = velocity + period * self._acceleration
         for _ in range(_NEWTON):
-            slopes = self._model(*_middle(q, velocity, after, period), values)
-            inner = slopes.by_position * (0.25 * period) + 0.5 * slopes.by_velocity
-            slope = inner + slopes.by_acceleration / period
+            mean, acceleration = 0.5 * (velocity + after), (after - velocity) / period
+            slopes = self._model(q, mean, acceleration, values)
+            slope = 0.5 * slopes.by_velocity + slopes.by_acceleration / period
             change = _solved(slope, tau - slopes.torque)
             after = after + change
             if np.abs(change).max() <= _CLOSE * (1.0 + np.abs(after).max()):
                 break
         size = len(self.state)
-        # ∂q̇'/∂(q, q̇, χ, τ) from ∂Γ = 0.
-        by_state = np.hstack([slopes.by_position, inner - slopes.by_acceleration / period, slopes.by_parameters])
+        # ∂v'/∂(q, v, χ, τ) from ∂Γ = 0.
+        backward = 0.5 * slopes.by_velocity - slopes.by_acceleration / period
+        by_state = np.hstack([slopes.by_position, backward, slopes.by_parameters])
         rates = -_solved(slope, by_state)
         by_torque = _solved(slope, np.diag(self._noise.torque))
         rows = np.empty((2 * n, size))
         rows[n:] = rates
-        rows[:n] = 0.5 * period * rates
+        rows[:n] = period * rates
         rows[:n, :n] += np.eye(n)
-        rows[:n, n : 2 * n] += 0.5 * period * np.eye(n)
-        shaken = np.vstack([0.5 * period * by_torque, by_torque])
+        shaken = np.vstack([period * by_torque, by_torque])
         moved = rows @ self.covariance
         cross = moved[:, 2 * n :]
         self.covariance[: 2 * n, : 2 * n] = moved @ rows.T + shaken @ shaken.T
@@ -146,7 +150,7 @@ class KalmanFilter:
         self.covariance[2 * n :, : 2 * n] = cross.T
         parameters = range(2 * n, size)
         self.covariance[parameters, parameters] += self._noise.wander**2 * period
-        self.state[:n] = q + 0.5 * period * (velocity + after)
+        self.state[:n] = q + period * after
         self._acceleration = (after - velocity) / period
         self.state[n : 2 * n] = after
 
@@ -162,13 +166,6 @@ class KalmanFilter:
         self.covariance = self.covariance - gain @ self.covariance[:n]
         self.covariance = 0.5 * (self.covariance + self.covariance.T)
         return np.asarray(innovation / np.sqrt(np.diag(spread)))
-
-
-def _middle(
-    q: FloatArray, velocity: FloatArray, after: FloatArray, period: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    mean = 0.5 * (velocity + after)
-    return q + 0.5 * period * mean, mean, (after - velocity) / period
 
 
 def _solved(slope: FloatArray, right: FloatArray) -> FloatArray:
