@@ -79,7 +79,7 @@ def reduce_form(
         Standard inertial parameters of the load prediction.
     """
     layout = form.layout
-    n_entries = len(form.entries[0])
+    n_entries = form.n_entries
 
     def rows_of(recording: Recording) -> Iterator[EquationRows]:
         samples = sampled(recording, preprocessing, _evaluations(form, reference, recording))

@@ -12,7 +12,7 @@ A column without an energy (friction, a payload's run, a sensitivity) enters D a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -42,30 +42,39 @@ class Form:
     @property
     def has_rates(self) -> bool:
         """Whether anything is differentiated."""
-        return len(self.stored[0]) > 0
+        return self.n_stored > 0
 
     @cached_property
-    def entries(self) -> tuple[IntArray, IntArray]:
-        """Row and column of every entry of dS/dt + D, ordered by row, then by column."""
-        places = np.unique(self._places)
-        return places // self._width, places % self._width
-
-    @cached_property
-    def stored(self) -> tuple[IntArray, IntArray]:
-        """Which entries of an evaluation belong to S, and which entries of dS/dt + D they become."""
-        return self._part(self.observation.entry_rows < self.n_equations)
-
-    @cached_property
-    def direct(self) -> tuple[IntArray, IntArray]:
-        """Which entries of an evaluation belong to D, and which entries of dS/dt + D they become."""
-        return self._part(self.observation.entry_rows >= self.n_equations)
+    def n_stored(self) -> int:
+        """How many entries of an evaluation belong to S: the first ones."""
+        return int(np.count_nonzero(self.observation.entry_rows < self.n_equations))
 
     @property
-    def layout(self) -> list[tuple[slice, IntArray]]:
-        """Of every equation: where its entries stand, and their columns."""
-        rows, columns = self.entries
+    def n_entries(self) -> int:
+        """How many entries dS/dt + D has: those of S in their order, then those that D alone has."""
+        return len(self._places) - len(self.shared[0])
+
+    @cached_property
+    def shared(self) -> tuple[IntArray, IntArray]:
+        """Which entries of an evaluation belong to D beside one of S, and which entries of dS/dt + D they become."""
+        stored = self._places[: self.n_stored]
+        order = np.argsort(stored)
+        picked = self.n_stored + np.flatnonzero(np.isin(self._places[self.n_stored :], stored))
+        return picked, order[np.searchsorted(stored, self._places[picked], sorter=order)]
+
+    @cached_property
+    def alone(self) -> IntArray:
+        """Which entries of an evaluation belong to D where S has none."""
+        return np.setdiff1d(np.arange(self.n_stored, len(self._places)), self.shared[0])
+
+    @property
+    def layout(self) -> list[tuple[IntArray, IntArray]]:
+        """Of every equation: where its entries stand, and their columns, which ascend."""
+        places = np.concatenate([self._places[: self.n_stored], self._places[self.alone]])
+        order = np.argsort(places)
+        rows, columns = places[order] // self._width, places[order] % self._width
         borders = np.searchsorted(rows, np.arange(self.n_equations + 1))
-        return [(slice(int(first), int(last)), columns[first:last]) for first, last in pairwise(borders)]
+        return [(order[first:last], columns[first:last]) for first, last in pairwise(borders)]
 
     @property
     def _width(self) -> int:
@@ -73,12 +82,9 @@ class Form:
 
     @cached_property
     def _places(self) -> IntArray:
+        """Of every entry of an evaluation: row and column in dS/dt + D, as one number."""
         places = self.observation.entry_rows % self.n_equations * self._width + self.observation.entry_columns
         return np.asarray(places, dtype=np.intp)
-
-    def _part(self, mine: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[IntArray, IntArray]:
-        picked = np.flatnonzero(mine)
-        return picked, np.searchsorted(np.unique(self._places), self._places[picked])
 
 
 def filtered_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
@@ -153,5 +159,14 @@ def _wide(rows: ca.SX, with_energy: Sequence[bool], n_rows: int) -> ca.SX:
 def _form(
     robot: Robot, columns: Sequence[Column], signals: Signals, stored: ca.SX, direct: ca.SX, measured: Measured
 ) -> Form:
-    matrix = ca.sparsify(ca.vertcat(stored, direct))
-    return Form(Observation.of_matrix(robot, columns, matrix, signals), stored.shape[0], measured)
+    # Side by side, so that the entries of S come first; then the rows of D are put under those of S.
+    both = Observation.of_matrix(robot, columns, ca.sparsify(ca.horzcat(stored, direct)), signals)
+    k, width = stored.shape
+    below = both.entry_columns >= width
+    observation = replace(
+        both,
+        entry_rows=both.entry_rows + k * below,
+        entry_columns=both.entry_columns - width * below,
+        n_rows=2 * k,
+    )
+    return Form(observation, k, measured)

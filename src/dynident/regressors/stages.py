@@ -30,7 +30,10 @@ def rated(samples: Iterable[Samples], form: Form, rate: float) -> Iterator[Sampl
     """
     before, behind = (0, 0) if not form.has_rates else (_REACH, _REACH)
     for part in _with_neighbours(samples, before, behind):
-        yield _changed(part, before, behind, _combined(part.values, form, _central(part.values, form, rate), before))
+        values = _direct(part.values, form, before)
+        if form.has_rates:
+            _add_rates(part.values[:, : form.n_stored], rate, values[:, : form.n_stored])
+        yield _changed(part, before, behind, values)
 
 
 def integrated(samples: Iterable[Samples], form: Form, period: float) -> Iterator[Samples]:
@@ -41,16 +44,15 @@ def integrated(samples: Iterable[Samples], form: Form, period: float) -> Iterato
     total = np.zeros(0)
     for part in _with_neighbours(samples, 2, 1):
         inner = slice(2, len(part.t) - 1)
-        rates = _combined(part.values, form, None, 0)
+        rates = _direct(part.values, form, 0)
         steps = (period / 24.0) * (13.0 * (rates[1:-2] + rates[2:-1]) - rates[:-3] - rates[3:])
         if part.starts_segment:
             total = np.zeros(steps.shape[1])
         # One running sum, so that it does not depend on where the blocks end.
         sums = np.cumsum(np.vstack([total, steps]), axis=0)[1:]
         total = sums[-1]
-        picked, places = form.stored
         values = sums.copy()
-        values[:, places] += part.values[inner, picked]
+        values[:, : form.n_stored] += part.values[inner, : form.n_stored]
         yield _changed(part, 2, 1, values)
 
 
@@ -133,24 +135,25 @@ def _changed(part: Samples, before: int, behind: int, values: FloatArray) -> Sam
     return Samples(part.segment, part.starts_segment, part.t[inner], used, values)
 
 
-def _combined(values: FloatArray, form: Form, rates: FloatArray | None, reach: int) -> FloatArray:
-    """D, and `rates` of S where there are any, entry by entry, beside y; the outer `reach` samples are left out."""
+def _direct(values: FloatArray, form: Form, reach: int) -> FloatArray:
+    """D, in the entries of dS/dt + D, beside y; the outer `reach` samples are left out."""
     inner = values[reach : len(values) - reach]
-    n_entries = len(form.entries[0])
-    out = np.zeros((len(inner), n_entries + form.n_equations))
-    picked, places = form.direct
+    out = np.zeros((len(inner), form.n_entries + form.n_equations))
+    picked, places = form.shared
     out[:, places] = inner[:, picked]
-    if rates is not None:
-        out[:, form.stored[1]] += rates
-    out[:, n_entries:] = inner[:, len(form.observation.entry_rows) :]
+    out[:, form.n_stored : form.n_entries] = inner[:, form.alone]
+    out[:, form.n_entries :] = inner[:, len(form.observation.entry_rows) :]
     return out
 
 
-def _central(values: FloatArray, form: Form, rate: float) -> FloatArray | None:
-    if not form.has_rates:
-        return None
-    stored = values[:, form.stored[0]]
-    return np.asarray((8.0 * (stored[3:-1] - stored[1:-3]) - (stored[4:] - stored[:-4])) * (rate / 12.0))
+def _add_rates(stored: FloatArray, rate: float, out: FloatArray) -> None:
+    """Add the central difference of five points of `stored` (m, k) to `out` (m - 4, k)."""
+    rates = stored[3:-1] - stored[1:-3]
+    rates *= 8.0
+    rates -= stored[4:]
+    rates += stored[:-4]
+    rates *= rate / 12.0
+    out += rates
 
 
 def _run_lengths(used: BoolArray, before: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
