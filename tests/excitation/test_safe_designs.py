@@ -11,6 +11,7 @@ from safe_robots import Judge, judge_of, safe_robot
 from scipy.signal import resample
 
 from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
 from dynident.excitation import (
     Box,
     Design,
@@ -30,6 +31,7 @@ QUICK = DesignRequest(
     effects=(EffectChoice("coulomb"), EffectChoice("viscous")), trajectory=SHORT, starts=1, random_trajectories=3
 )
 ROUNDING = 1e-9
+EDGES = (0.5, 0.5, 0.5)
 
 
 @st.composite
@@ -86,8 +88,10 @@ def assert_safe(judge: Judge, request: DesignRequest, design: Design) -> None:
     """Every limit as the user stated it, on the samples, and between them where the motion is band-limited."""
     robot, rate = judge.robot, design.sampling_rate
     first, last = (round(at * rate) for at in design.exciting)
-    between = [resample(signal[first:last], 4 * (last - first)) for signal in (design.q, design.dq, design.ddq)]
-    for q, dq, ddq in ((design.q, design.dq, design.ddq), between):
+    looked_at = [(design.q, design.dq, design.ddq)]
+    if design.period is not None:
+        looked_at.append(tuple(resample(signal[first:last], 4 * (last - first)) for signal in looked_at[0]))
+    for q, dq, ddq in looked_at:
         tau = judge.torque(q, dq, ddq) * (1 + request.torque_margin)
         for j, joint in enumerate(robot.joints):
             for limits in (joint.limits, request.limits.get(joint.name, Limits())):
@@ -152,3 +156,122 @@ def test_what_is_designed_keeps_every_limit_and_touches_nothing(name):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_five_hundred_sets_of_limits_are_kept_or_refused_with_the_reason(name):
     check_requests(name, 167, 0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_optimised_motions_of_the_panda_hit_the_arm_itself_unless_that_is_kept_from_them():
+    judge = judge_of("franka_panda")
+    effects = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))
+    careless, careful = [], []
+    for seed in range(8):
+        request = DesignRequest(effects=effects, starts=1, random_trajectories=20, seed=seed)
+        free = design_experiment(judge.robot, replace(request, surroundings=Surroundings(self_collision=False)))
+        safe = design_experiment(judge.robot, request)
+        careless.append(min(judge.nearest(free.q, Surroundings(), " ".join(safe.notes)).values()))
+        careful.append(min(judge.nearest(safe.q, Surroundings(), " ".join(safe.notes)).values()))
+        assert safe.criterion_values.condition_number < 60
+    assert sum(distance < 0 for distance in careless) >= 6
+    assert min(careful) >= 0.02 - 1e-6
+
+
+def test_what_comes_near_is_named_with_its_distance():
+    design = design_experiment(
+        safe_robot("gantry"),
+        replace(QUICK, surroundings=Surroundings(boxes=(Box("crate", (0, 0.9, 0.5), (0.5,) * 3),))),
+    )
+    clearances = [margin for margin in design.margins if margin.limit == "clearance"]
+    nearest = judge_of("gantry").nearest(design.q, design.request.surroundings, " ".join(design.notes))
+    assert {margin.joint.split(" – ")[0] for margin in clearances} == {"carriage", "upper", "lower", "tool"}
+    assert min(margin.value for margin in clearances) == pytest.approx(min(nearest.values()), abs=2e-3)
+    assert all(margin.value >= margin.bound == 0.02 for margin in clearances)
+
+
+def test_the_way_home_goes_around_a_box_between_home_and_start():
+    judge = judge_of("gantry")
+    pillar = Surroundings(boxes=(Box("pillar", (0.0, 0.06, 1.15), (0.16, 0.6, 0.3)),))
+    request = replace(
+        QUICK,
+        kind="random",
+        home=(0.0, -1.6, 0.0, 0.0),
+        limits={"shoulder": Limits(position=(-1.7, 1.7)), "elbow": Limits(position=(-1.8, 1.8))},
+        surroundings=pillar,
+    )
+    around = 0
+    for seed in range(6):
+        design = design_experiment(judge.robot, replace(request, seed=seed))
+        assert_safe(judge, request, design)
+        np.testing.assert_allclose(design.q[[0, -1]], [request.home] * 2, atol=1e-9)
+        way = design.q[: round(design.exciting[0] * design.sampling_rate)] - design.q[0]
+        around += np.linalg.matrix_rank(way, tol=1e-3 * np.abs(way).max()) > 1
+    assert around > 0
+
+
+def test_a_home_in_the_way_is_refused_by_what_it_touches():
+    block = Surroundings(boxes=(Box("block", (0, 0, 0.6), (0.3, 0.3, 0.3)),))
+    with pytest.raises(ImpossibleLimitsError, match=r"At home, 'upper – box 'block'' would touch") as caught:
+        design_experiment(safe_robot("gantry"), replace(QUICK, home=(0.0, 0.0, 0.0, 0.0), surroundings=block))
+    assert caught.value.pointer == "/home"
+
+
+def test_a_room_too_small_is_refused_by_what_is_in_the_way():
+    low = Surroundings(walls=(Wall("ceiling", (0, 0, 0.1), (0, 0, -1)),))
+    with pytest.raises(ImpossibleLimitsError, match=r"– wall 'ceiling'' would touch each other"):
+        design_experiment(safe_robot("gantry"), replace(QUICK, surroundings=low))
+
+
+def test_strokes_of_single_joints_end_before_the_floor():
+    judge = judge_of("gantry")
+    request = DesignRequest(
+        kind="slow_sweep",
+        trajectory=TrajectoryRequest(duration=8.0, sampling_rate=100.0),
+        surroundings=Surroundings(floor=0.0),
+        home=(0.0, 0.5, 0.5, 0.0),
+        limits={"slide": Limits(position=(-0.3, 0.3))},
+    )
+    with pytest.raises(ImpossibleLimitsError, match="carriage – floor"):
+        design_experiment(judge.robot, request)
+    lower = replace(request, surroundings=Surroundings(floor=-0.05))
+    design = design_experiment(judge.robot, lower)
+    assert_safe(judge, lower, design)
+    free = design_experiment(judge.robot, replace(request, surroundings=Surroundings()))
+    assert np.ptp(design.q[:, 1]) < 0.9 * np.ptp(free.q[:, 1])
+
+
+def test_a_robot_without_geometry_says_so_and_a_radius_of_its_links_mends_it(scara):
+    design = design_experiment(scara, replace(QUICK, kind="random"))
+    assert "Self-collision is not checked: the robot's description has no collision geometry." in design.notes
+    with pytest.raises(DynidentError, match="no collision geometry") as caught:
+        design_experiment(scara, replace(QUICK, surroundings=Surroundings(floor=-0.5)))
+    assert caught.value.pointer == "/surroundings"
+    tubes = Surroundings(floor=-0.5, link_radius=0.05)
+    design = design_experiment(scara, replace(QUICK, kind="random", surroundings=tubes))
+    assert any("Capsules of radius 0.05 m" in note for note in design.notes)
+    assert any(margin.joint.endswith("– floor") for margin in design.margins)
+
+
+@pytest.mark.parametrize(
+    ("surroundings", "pointer"),
+    [
+        (Surroundings(clearance=0.0), "/surroundings/clearance"),
+        (Surroundings(floor=float("nan")), "/surroundings/floor"),
+        (Surroundings(link_radius=-1.0), "/surroundings/link_radius"),
+        (Surroundings(boxes=(Box("a", (0, 0, 0), (0, 1, 1)),)), "/surroundings/boxes/0/size"),
+        (Surroundings(walls=(Wall("a", (0, 0, 0), (0, 0, 0)),)), "/surroundings/walls/0/normal"),
+        (Surroundings(tool_range=ToolRange(low=(1, None, None), high=(0, None, None))), "/surroundings/tool_range"),
+        (Surroundings(tool_range=ToolRange(joint="wrist")), "/surroundings/tool_range/joint"),
+        (Surroundings(may_touch=(("tool", "ghost"),)), "/surroundings/may_touch/0"),
+    ],
+)
+def test_what_is_no_obstacle_is_refused_with_its_place(surroundings, pointer):
+    with pytest.raises(DynidentError) as caught:
+        design_experiment(safe_robot("gantry"), replace(QUICK, surroundings=surroundings))
+    assert caught.value.pointer == pointer
+
+
+def test_links_that_may_touch_are_not_kept_apart():
+    folded = replace(QUICK, kind="random", home=(0.0, 0.0, 2.79, 0.0))
+    with pytest.raises(ImpossibleLimitsError, match="At home, 'tool – carriage'"):
+        design_experiment(safe_robot("gantry"), replace(folded, surroundings=Surroundings(clearance=0.15)))
+    free = tuple((link, other) for link in ("tool", "lower") for other in ("upper", "carriage", "rail"))
+    design_experiment(safe_robot("gantry"), replace(folded, surroundings=Surroundings(clearance=0.15, may_touch=free)))

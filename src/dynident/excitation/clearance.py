@@ -18,6 +18,7 @@ from dynident.robot.shapes import Block, Capsule
 IntArray = NDArray[np.intp]
 # Balls along a capsule stand this many radii apart where it is kept from a box.
 _BALL_SPACING = 1.0
+_AT_ONCE = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +165,10 @@ class Clearances:
 
     def least(self, q: FloatArray) -> FloatArray:
         """The smallest room (m,) at postures q (m, n)."""
-        least: FloatArray = self.evaluate(q).values.min(axis=1)
+        least = np.empty(len(q))
+        for first in range(0, len(q), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            least[part] = self.evaluate(q[part]).values.min(axis=1)
         return least
 
     def _from_blocks(self, balls: FloatArray) -> tuple[FloatArray, FloatArray]:

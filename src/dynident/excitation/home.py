@@ -96,6 +96,8 @@ def with_moves(
     try:
         homes = home_candidates(stated, bounds, model)
     except ImpossibleLimitsError:
+        if stated is not None:
+            raise
         homes = []
     for home in homes:
         try:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from dynident.excitation.feasible import holdable_postures
@@ -16,10 +17,10 @@ from dynident.excitation.motion import Motion, Piece, joined
 from dynident.excitation.moves import move_within_torque, straight_complaint
 from dynident.robot.model import FloatArray
 
-# Postures on the way around: the nearest ones, and others from everywhere.
-_NEAR_VIA, _FAR_VIA = 60, 40
-_MOST_WAYS_TRIED = 300
-_LOOKS = 60
+# Postures on the way around: a few at first, then more.
+_VIA_POSTURES = (60, 300)
+_NEIGHBOURS = 12
+_LOOKS = np.linspace(0.0, 1.0, 25)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +69,14 @@ def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: 
         raise complaint from None
     detours = (np.abs(postures - start) + np.abs(postures - end)) / bounds.velocity
     shortest = postures[np.argsort(detours.max(axis=1))]
-    around = np.concatenate([shortest[:_NEAR_VIA], shortest[_NEAR_VIA :: max(1, len(shortest) // _FAR_VIA)]])
-    found = _Around(np.concatenate([[start, end], around]), bounds).stations()
-    if found is None:
-        raise complaint
-    return found
+    for count in _VIA_POSTURES:
+        # Half of them near the straight way, the others from everywhere.
+        near = count // 2
+        via = np.concatenate([shortest[:near], shortest[near :: max(1, len(shortest) // near)]])
+        found = _shortest_way(np.concatenate([[start, end], via]), bounds)
+        if found is not None:
+            return found
+    raise complaint
 
 
 def moves_through(stations: Sequence[FloatArray], bounds: Bounds, model: DesignModel, rate: float) -> Piece:
@@ -81,46 +85,22 @@ def moves_through(stations: Sequence[FloatArray], bounds: Bounds, model: DesignM
     return moves[0] if len(moves) == 1 else Chain(moves)
 
 
-class _Around:
-    """The shortest way from the first posture to the second through others.
-
-    Only ways that the enclosing capsules keep clear are taken, and they are looked at when the shortest way has them.
-    """
-
-    def __init__(self, postures: FloatArray, bounds: Bounds) -> None:
-        self._postures, self._bounds = postures, bounds
-        # As long as the slowest joint takes.
-        self._lengths = (np.abs(postures[:, None] - postures) / bounds.velocity).max(axis=2) + 1e-9
-        self._lengths[0, 1] = self._lengths[1, 0] = np.inf
-        self._clear: set[tuple[int, int]] = set()
-
-    def stations(self) -> list[FloatArray] | None:
-        for _ in range(_MOST_WAYS_TRIED):
-            stations = self._shortest()
-            if stations is None:
-                return None
-            hindered = [leg for leg in pairwise(stations) if not self._is_clear(leg)]
-            if not hindered:
-                return [self._postures[k] for k in stations]
-            for a, b in hindered:
-                self._lengths[a, b] = self._lengths[b, a] = np.inf
+def _shortest_way(postures: FloatArray, bounds: Bounds) -> list[FloatArray] | None:
+    """The shortest way from the first posture (m, n) to the second through others, in clear legs between neighbours."""
+    assert bounds.space is not None
+    # As long as the slowest joint takes.
+    lengths = (np.abs(postures[:, None] - postures) / bounds.velocity).max(axis=2)
+    neighbours = np.argsort(lengths, axis=1)[:, 1 : 1 + _NEIGHBOURS]
+    legs = np.unique(np.sort([(a, b) for a, row in enumerate(neighbours) for b in row], axis=1), axis=0)
+    first, last = postures[legs[:, 0]], postures[legs[:, 1]]
+    looks = first + _LOOKS[:, None, None] * (last - first)
+    room = bounds.space.least_room(looks.reshape(-1, postures.shape[1])).reshape(len(_LOOKS), -1).min(axis=0)
+    clear = legs[room >= 0]
+    graph = csr_array((lengths[clear[:, 0], clear[:, 1]], (clear[:, 0], clear[:, 1])), shape=lengths.shape)
+    distances, before = dijkstra(graph, directed=False, indices=[0], return_predecessors=True)
+    if not np.isfinite(distances[0, 1]):
         return None
-
-    def _shortest(self) -> list[int] | None:
-        open_ways = np.where(np.isfinite(self._lengths), self._lengths, 0.0)
-        lengths, before = dijkstra(open_ways, indices=[0], return_predecessors=True)
-        if not np.isfinite(lengths[0, 1]):
-            return None
-        stations = [1]
-        while stations[0] != 0:
-            stations.insert(0, int(before[0, stations[0]]))
-        return stations
-
-    def _is_clear(self, leg: tuple[int, int]) -> bool:
-        if leg not in self._clear and self._bounds.space is not None:
-            start, end = self._postures[list(leg)]
-            way = start + np.linspace(0.0, 1.0, _LOOKS)[:, None] * (end - start)
-            if not (self._bounds.space.least_room(way) >= 0).all():
-                return False
-            self._clear.add(leg)
-        return True
+    stations = [1]
+    while stations[0] != 0:
+        stations.insert(0, int(before[0, stations[0]]))
+    return [postures[k] for k in stations]
