@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from statsmodels.sandbox.regression.gmm import IV2SLS
 
 from dynident.estimation import (
@@ -105,6 +107,25 @@ def test_what_is_known_beforehand_counts_as_its_own_instrument():
     np.testing.assert_allclose(found.solution.values, expected, rtol=1e-9)
     certain = known_values(np.array([7.0]), np.zeros((1, 1)), np.array([0]), C)
     assert instrumental(data.reduction(), certain).solution.values[0] == pytest.approx(7.0, abs=1e-5)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    seed=st.integers(0, 500),
+    scales=st.lists(st.floats(1e-3, 1e3), min_size=C, max_size=C),
+    others=st.lists(st.floats(1e-3, 1e3), min_size=C, max_size=C),
+)
+def test_units_of_parameters_change_only_their_units_and_those_of_instruments_nothing(seed, scales, others):
+    data = Rows(seed)
+    one = instrumental(data.reduction())
+    s, instruments = np.array(scales), np.array(others)
+    data.w = [w * s[columns] for w, columns in zip(data.w, CONTAINS, strict=True)]
+    data.z = [z * instruments[columns] for z, columns in zip(data.z, CONTAINS, strict=True)]
+    other = instrumental(data.reduction())
+    np.testing.assert_allclose(other.solution.values * s, one.solution.values, rtol=1e-6)
+    deviations = other.statistics.standard_deviations * s
+    np.testing.assert_allclose(deviations, one.statistics.standard_deviations, rtol=1e-5)
+    assert other.strength == pytest.approx(one.strength, rel=1e-6)
 
 
 def test_instruments_that_have_nothing_to_do_with_the_columns_are_refused():

@@ -45,6 +45,11 @@ def instrumental_variables(
 
     Simulation and estimate alternate until the estimates change by less than a twentieth of a standard deviation.
 
+    Noise that adds to W is removed from the estimates; what it does beyond that is not: the sign of a velocity that is
+    mostly noise is a smaller column of friction, whatever the instruments. Positions need a filter behind which the
+    noise of velocities is small beside velocities; that of accelerations may be large. Standard deviations are on the
+    safe side there: the noise in W is less correlated than independent samples would be, and counts as these.
+
     Raises
     ------
     DynidentError

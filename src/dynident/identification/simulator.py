@@ -12,7 +12,7 @@ from dynident.errors import DynidentError
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.recordings import Preprocessing, Recording, SampleBlock, filtered_blocks
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import FloatArray
 from dynident.simulation import Controller, Reference, Sensors, TrueEffect, VirtualRobot
 
 BANDWIDTH = 15.0
@@ -22,6 +22,7 @@ _CONTROLLER = Controller(bandwidth=BANDWIDTH, largest_lag=5e-4)
 # s: positions within 1e-5 rad of those of the finest step, at a third of its time.
 _STEP = 1e-3
 _INERTIAL = ("rigid_body", "rotor_inertia")
+_ONLY_BRAKES = ("rotor_inertia", "coulomb", "viscous", "presliding")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +56,11 @@ def simulator_of(model: Model, values: FloatArray) -> VirtualRobot:
     """
     robot = model.robot
     free = replace(robot, joints=tuple(replace(one, limits=replace(one.limits, effort=None)) for one in robot.joints))
+    effects = true_effects(model, values)
     if smallest_inertia_eigenvalue(model, values) > 0:
-        inertias, rotors = model.standard_inertia(values), model.reference(values)[10 * robot.n : 11 * robot.n]
+        inertias = model.standard_inertia(values)
     elif robot.inertias is not None:
-        inertias, rotors = robot.inertias, np.zeros(robot.n)
+        inertias, effects = robot.inertias, tuple(one for one in effects if one.effect != "rotor_inertia")
     else:
         raise DynidentError(
             "the inertia matrix of the first estimate is not positive definite, and the description has no inertias to "
@@ -66,8 +68,10 @@ def simulator_of(model: Model, values: FloatArray) -> VirtualRobot:
             pointer="/estimator",
             title="No simulation",
         )
-    drawn = _rotors(robot, rotors) + _others(model, values)
-    return VirtualRobot(free, drawn, inertias=inertias.reshape(robot.n, 10), controller=_CONTROLLER, longest_step=_STEP)
+    braking = [_braking(one) for one in effects]
+    return VirtualRobot(
+        free, braking, inertias=inertias.reshape(robot.n, 10), controller=_CONTROLLER, longest_step=_STEP
+    )
 
 
 def simulated_motion(virtual: VirtualRobot, recording: Recording, references: Sequence[Reference]) -> SimulatedMotion:
@@ -104,28 +108,30 @@ def smoothed_references(recording: Recording, cutoff: float, order: int = 4) -> 
     return tuple(found)
 
 
-def _rotors(robot: Robot, inertias: FloatArray) -> list[TrueEffect]:
-    return [
-        TrueEffect("rotor_inertia", joint, (("Ia", float(value)),))
-        for joint, value in zip(robot.joint_names, inertias, strict=True)
-        if value > 0
-    ]
+def true_effects(model: Model, values: FloatArray) -> tuple[TrueEffect, ...]:
+    """What acts on a robot with these base parameters (b,) besides its links, its rotors with the share that is theirs.
 
-
-def _others(model: Model, values: FloatArray) -> list[TrueEffect]:
-    """All effects but the links and rotors, each with its parameters."""
+    As they were estimated: friction below zero stays so.
+    """
+    robot = model.robot
     found: dict[tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]], dict[str, float]] = {}
+    rotors = model.reference(values)[10 * robot.n : 11 * robot.n]
+    for joint, inertia in zip(robot.joint_names, rotors, strict=True):
+        if inertia != 0:
+            found["rotor_inertia", joint, (), ()] = {"Ia": float(inertia)}
     for column, value in zip(model.kept, values, strict=True):
-        if column.effect in _INERTIAL:
-            continue
-        joint = column.link if effect_by_id(column.effect).scope == "joint" else ""
-        driving = column.effect in _ONLY_BRAKES and value < 0
-        parameters = found.setdefault((column.effect, joint, column.shape, column.runs), {})
-        parameters[column.parameter] = 0.0 if driving else float(value)
-    return [
+        if column.effect not in _INERTIAL:
+            joint = column.link if effect_by_id(column.effect).scope == "joint" else ""
+            parameters = found.setdefault((column.effect, joint, column.shape, column.runs), {})
+            parameters[column.parameter] = float(value)
+    return tuple(
         TrueEffect(effect, joint, tuple(parameters.items()), shape, runs)
         for (effect, joint, shape, runs), parameters in found.items()
-    ]
+    )
 
 
-_ONLY_BRAKES = ("coulomb", "viscous", "presliding")
+def _braking(effect: TrueEffect) -> TrueEffect:
+    """The effect without what would drive the motion."""
+    if effect.effect not in _ONLY_BRAKES:
+        return effect
+    return replace(effect, values=tuple((name, max(value, 0.0)) for name, value in effect.values))
