@@ -210,6 +210,16 @@ def test_the_rest_of_the_users_urdf_stays_as_it_was() -> None:
     assert_same(torque_of_urdf(text, robot.gravity, motion), predicted(model, motion))
 
 
+@pytest.mark.parametrize("locked", [{"elbow": 0.7}, {"shoulder": -0.4, "grip": 0.01}, {"shoulder": 1.1, "elbow": 2.5}])
+def test_joints_are_fixed_where_they_were_locked(locked: dict[str, float]) -> None:
+    robot = robot_from_urdf("mine", OWN, locked_joints=locked, gravity=[1.0, -2.0, -9.0])
+    model, motion = identified(robot), path(robot)
+    read = robot_from_urdf("read back", text := to_urdf(model).content.decode())
+    assert read.joint_names == robot.joint_names
+    assert_same(torque_of_urdf(text, robot.gravity, motion), predicted(model, motion))
+    assert any("no gravity" in note for note in to_urdf(model).notes)
+
+
 def test_effects_that_a_format_has_no_words_for_are_named_in_the_file() -> None:
     robot = arm("scara")
     known = from_standard(robot, drives(robot) | {f"b{j}": 0.5 for j in (1, 2, 4)}, (*PLAIN, "offset"))
