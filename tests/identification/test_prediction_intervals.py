@@ -79,3 +79,15 @@ def test_a_motion_without_acceleration_is_said_to_leave_combinations_undetermine
     )
     assert poor.correlation.shape == (len(poor.names), len(poor.names))
     np.testing.assert_allclose(np.diag(poor.correlation), 1.0)
+
+
+@pytest.mark.parametrize(("decimation", "few"), [(2, False), (20, True)])
+def test_fewer_than_500_equations_for_each_parameter_are_pointed_out_with_their_number(decimation, few):
+    motion = fourier_motion(ROBOT, 60.0, 100.0, 1)
+    noisy = torque(motion) + NOISE * np.random.default_rng(0).normal(size=motion.q.shape)
+    choices = IdentificationChoices(effects=EFFECTS, preprocessing=Preprocessing(None, None, decimation))
+    found = identify(ROBOT, [record(ROBOT, motion, noisy)], [], choices)
+    said = [warning for warning in found.warnings if "equations per parameter" in warning]
+    assert (found.equations_per_parameter < 500) == few
+    assert len(said) == few
+    assert all(f"{found.equations_per_parameter:.0f}" in warning and "500" in warning for warning in said)
