@@ -85,9 +85,11 @@ class Errors:
 def weighted_factor(reduction: Reduction, noise: FloatArray, known: Information | None = None) -> FloatArray:
     """(c + 1, c + 1): factor of [W | Y] over all equations, each divided by its noise (n,), and of what is known."""
     c = reduction.n_columns
-    parts = [] if known is None else [known.rows]
+    parts = [np.zeros((0, c + 1)) if known is None else known.rows]
     for equation, sigma in zip(reduction.equations, noise, strict=True):
         k = len(equation.columns)
+        if not len(equation.counts):
+            continue
         wide = np.zeros((k + 1, c + 1))
         wide[:, equation.columns] = equation.joined[:, :k] / sigma
         wide[:, c] = equation.joined[:, k] / sigma
