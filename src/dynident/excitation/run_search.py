@@ -1,8 +1,9 @@
 """The motion of one run of a set: searched to add the most to what the runs before it have told.
 
-With locked joints a run shows only some parameters, and no criterion of its W alone would be finite. What counts is
-log det of the information of all runs up to this one, D-optimality, beginning with a little information about every
-parameter: a direction that the run cannot show then neither helps nor hurts it.
+With locked joints a run shows only some parameters, and no criterion of its W alone would be finite. What counts at
+first is log det of the information of all runs up to this one, D-optimality, beginning with a little information about
+every parameter: a direction that the run cannot show then neither helps nor hurts it. Once all runs are there, each can
+be searched again beside all others by the criterion that was asked for.
 """
 
 from __future__ import annotations
@@ -88,21 +89,33 @@ class RunSearch:
         squares = np.einsum("ij,ij->j", w, w) / _STATES
         return np.diag(_KNOWN_BEFORE**2 * np.where(squares > 0, squares, 1.0))
 
-    def find(self, run: PlannedRun, told: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
-        """The motion of a run beside the information `told` (b, b) by those before.
+    def first(self, run: PlannedRun, told: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
+        """The motion of a run that adds the most to the information `told` (b, b) by those before.
 
         Raises
         ------
         ImpossibleLimitsError
             No motion of the kind was found that keeps the limits.
         """
+        b = len(told)
+        yardstick = Yardstick(CriterionChoice("d_optimal"), np.ones(b), Deciding.all_of(b))
+        return self._find(run, yardstick, told, budget, progress)
+
+    def again(self, run: PlannedRun, told: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
+        """The motion of a run that is the best by the criterion asked for, beside what all others have told (b, b).
+
+        Raises
+        ------
+        ImpossibleLimitsError
+            No motion of the kind was found that keeps the limits.
+        """
+        return self._find(run, self._task.yardstick, told, budget, progress)
+
+    def _find(self, run: PlannedRun, by: Yardstick, told: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
         task = self._task
         moving = np.isin(np.arange(len(task.bounds.names)), run.moving)
         within = replace(task, model=replace(task.model, counted=moving), progress=progress)
-        duration = task.request.trajectory.duration
-        earlier = np.linalg.cholesky(told).T / np.sqrt(duration)
-        b = len(told)
-        yardstick = Yardstick(CriterionChoice("d_optimal"), np.ones(b), Deciding.all_of(b), earlier=np.asarray(earlier))
+        yardstick = replace(by, earlier=rows_like(told / task.request.trajectory.duration))
         if isinstance(run.how, Freely) and task.request.trajectory.family != "point_to_point":
             return self._periodic(within, moving, yardstick, budget)
         return self._through_points(within, run, moving, yardstick, budget)
@@ -173,6 +186,14 @@ class RunSearch:
             postures = holdable_postures(bounds, task.model, self._rng)
             return FreePoints(bounds, postures, wanted.points)
         return FreePoints(bounds, self._postures, wanted.points, fastest=_SLOW)
+
+
+def rows_like(information: FloatArray) -> FloatArray:
+    """Rows (b, b) that have the WᵀW of an information matrix (b, b)."""
+    sizes = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    eigenvalues, vectors = np.linalg.eigh(information / np.outer(sizes, sizes))
+    made: FloatArray = (np.sqrt(np.maximum(eigenvalues, 0.0)) * vectors).T * sizes
+    return made
 
 
 def _strokes(task: Task, how: BetweenTwoPoints, moving: BoolArray) -> tuple[FloatArray, FloatArray]:

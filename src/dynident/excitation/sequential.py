@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.excitation.baseline import Baseline
+from dynident.excitation.criteria import CriterionValues
 from dynident.excitation.home import home_candidates, posture_note
 from dynident.excitation.limits import ImpossibleLimitsError
 from dynident.excitation.motion import Motion, Piece, in_sequence
 from dynident.excitation.optimise import Budget
 from dynident.excitation.request import Run
 from dynident.excitation.row_models import EVERY_JOINT
-from dynident.excitation.run_search import FoundRun, RunSearch
+from dynident.excitation.run_search import FoundRun, RunSearch, rows_like
 from dynident.excitation.sequences import check_no_path, verified
 from dynident.excitation.special_sets import BetweenTwoPoints, PlannedRun, planned_runs
 from dynident.excitation.task import Made, Task, Valued
@@ -25,17 +27,23 @@ from dynident.robot.pointers import listed
 _TRIES = 4
 _MOST_VALUED = 10_000
 _NOT_SHOWN = 1e-6
+_ABOUT_PARAMETERS = ("parameters", "separation")
+"""Criteria that weigh the equations of each joint: an information matrix does not tell them apart any more."""
 
 
 @dataclass(frozen=True, eq=False)
 class _RunMade:
-    """A run, the way to its start, its samples, and W (m, n, b) at them without the equations of locked joints."""
+    """A run, the way to its start, its samples, and W (m, n, b) at them without the equations of locked joints.
+
+    `information` (b, b) is ∫ WᵀW dt.
+    """
 
     planned: PlannedRun
     found: FoundRun
     approach: Piece
     motion: Motion
     w: FloatArray
+    information: FloatArray
 
 
 def sequential(task: Task, budget: Budget) -> Made:
@@ -45,42 +53,95 @@ def sequential(task: Task, budget: Budget) -> Made:
     if any(isinstance(run.how, BetweenTwoPoints) for run in runs):
         check_no_path(model)
     search = RunSearch(task, np.random.default_rng(request.seed))
-    told = search.nothing_told()
     home = home_candidates(request.home, bounds, model)[0]
-    placed: list[_RunMade] = []
-    at, seconds = home, None if budget.seconds is None else budget.seconds / len(runs)
+    # Searching the first time is looking for what shows at all: it takes as long as looking again for the best.
+    seconds = None if budget.seconds is None else budget.seconds / len(runs) / 2
+    first = _first(replace(task, progress=part(task.progress, 0.0, 0.45)), search, runs, home, seconds)
+    made = _again(replace(task, progress=part(task.progress, 0.45, 0.9)), search, first, home, seconds)
+    retreat = way_between(made[-1].found.start, home, bounds, model, task.rate)
+    return _made(task, made, retreat, home)
+
+
+def _first(
+    task: Task, search: RunSearch, runs: Sequence[PlannedRun], home: FloatArray, seconds: float | None
+) -> list[_RunMade]:
+    """All runs, each to add the most to those before."""
+    told, at = search.nothing_told(), home
+    made: list[_RunMade] = []
     for index, run in enumerate(runs):
-        progress = part(task.progress, 0.9 * index / len(runs), 0.9 * (index + 1) / len(runs))
-        one = _placed(task, search, run, at, told, Budget(1, seconds), _labelled(progress, run, index, len(runs)))
-        rows = one.w.reshape(-1, one.w.shape[-1])
-        told = told + rows.T @ rows / task.rate
+        progress = _labelled(task.progress, run, index, len(runs))
+        one = _reachable(task, search, run, at, told, Budget(1, seconds), progress)
+        told = told + one.information
         at = one.found.start
-        placed.append(one)
-    retreat = way_between(at, home, bounds, model, task.rate)
-    return _made(task, placed, retreat, home)
+        made.append(one)
+    return made
+
+
+def _again(
+    task: Task, search: RunSearch, first: list[_RunMade], home: FloatArray, seconds: float | None
+) -> list[_RunMade]:
+    """The runs, each searched once more by the criterion asked for, beside all others; the better one is kept."""
+    made = list(first)
+    if task.request.criterion.name in _ABOUT_PARAMETERS:
+        return made
+    value = _worth(task, made).criterion
+    if not np.isfinite(value):
+        return made
+    for index, one in enumerate(first):
+        others = sum((each.information for each in made if each is not made[index]), start=0.0 * one.information)
+        progress = _labelled(task.progress, one.planned, index, len(first))
+        try:
+            found = search.again(one.planned, others, Budget(1, seconds), progress)
+            changed = list(made)
+            changed[index] = _with_samples(task, one.planned, found, one.approach)
+            reached = _worth(task, changed).criterion
+            if reached >= value:
+                continue
+            ends = [home, *(each.found.start for each in changed)]
+            for k in (index, index + 1):
+                if k < len(changed):
+                    way = way_between(ends[k], ends[k + 1], task.bounds, task.model, task.rate)
+                    changed[k] = replace(changed[k], approach=way)
+        except ImpossibleLimitsError:
+            continue
+        made, value = changed, reached
+    return made
 
 
 def _labelled(progress: Progress, run: PlannedRun, index: int, count: int) -> Progress:
-    return lambda fraction, message: progress(fraction, f"run {index + 1} of {count} ({run.label}): {message}")
+    inner = part(progress, index / count, (index + 1) / count)
+    return lambda fraction, message: inner(fraction, f"run {index + 1} of {count} ({run.label}): {message}")
 
 
-def _placed(
+def _reachable(
     task: Task, search: RunSearch, run: PlannedRun, at: FloatArray, told: FloatArray, budget: Budget, progress: Progress
 ) -> _RunMade:
     """A run whose start can be reached from a posture (n,)."""
     for attempt in range(_TRIES):
         try:
-            found = search.find(run, told, budget, progress)
+            found = search.first(run, told, budget, progress)
             approach = way_between(at, found.start, task.bounds, task.model, task.rate)
         except ImpossibleLimitsError:
             if attempt == _TRIES - 1:
                 raise
         else:
             break
+    return _with_samples(task, run, found, approach)
+
+
+def _with_samples(task: Task, run: PlannedRun, found: FoundRun, approach: Piece) -> _RunMade:
     motion = in_sequence(found.pieces, task.rate)
     moving = np.isin(np.arange(task.model.robot.n), run.moving)
     observed = replace(task.model, counted=moving).observe_along(motion, np.arange(len(motion.t)))
-    return _RunMade(run, found, approach, motion, observed.reshape(len(motion.t), task.model.robot.n, -1))
+    w = observed.reshape(len(motion.t), task.model.robot.n, -1)
+    return _RunMade(run, found, approach, motion, w, observed.T @ observed / task.rate)
+
+
+def _worth(task: Task, made: Sequence[_RunMade]) -> CriterionValues:
+    """All runs together by the criterion asked for, from their informations."""
+    seconds = sum(len(one.motion.t) for one in made) / task.rate
+    information = sum((one.information for one in made), start=0.0 * made[0].information)
+    return task.yardstick.values(rows_like(information / seconds), 1)
 
 
 def _made(task: Task, placed: list[_RunMade], retreat: Piece, home: FloatArray) -> Made:
@@ -98,7 +159,7 @@ def _made(task: Task, placed: list[_RunMade], retreat: Piece, home: FloatArray) 
     notes = [*task.yardstick.notes, *_not_shown(task, valued), posture_note(home)]
     notes.append(
         f"{len(placed)} runs, {sum(run.end - run.start for run in spans):.4g} s together; in each, only the equations "
-        "of the joints that move count. Each was chosen to add the most to log det M of those before it."
+        "of the joints that move count."
     )
     return Made(
         pieces=(*pieces, retreat),
@@ -129,16 +190,15 @@ def _not_shown(task: Task, valued: Valued) -> list[str]:
     return [f"W has no full rank: the runs do not show {listed(missing)}."]
 
 
-def _baseline(task: Task, placed: list[_RunMade]) -> Baseline:
-    """The same set with random motions of the same kind and length in every run."""
+def _baseline(task: Task, placed: list[_RunMade]) -> Baseline | None:
+    """The same set with random motions of the same kind and length in every run; `None` where rows have weights."""
+    if task.request.criterion.name in _ABOUT_PARAMETERS:
+        return None
     count = min(len(one.found.random) for one in placed)
     seconds = sum(len(one.motion.t) for one in placed) / task.rate
     values = []
     for k in range(count):
-        information = sum(one.found.random[k] for one in placed) / seconds
-        sizes = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-        eigenvalues, vectors = np.linalg.eigh(information / np.outer(sizes, sizes))
-        rows = (np.sqrt(np.maximum(eigenvalues, 0.0)) * vectors).T * sizes
-        values.append(task.yardstick.values(rows, 1))
+        information = sum((one.found.random[k] for one in placed), start=0.0 * placed[0].information)
+        values.append(task.yardstick.values(rows_like(information / seconds), 1))
     best = min(values, key=lambda one: one.criterion)
     return Baseline(count, best, float(np.median([one.condition_number for one in values])))
