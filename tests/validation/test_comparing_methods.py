@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_arm import BAND, ROBOT
+from measured_arm import ROBOT
 
-from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.identification import IdentificationChoices, identify
+from dynident.identification import identify
 from dynident.identification.choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS, AVAILABLE_STRATEGIES
 from dynident.validation import Method, available_methods, method_of, validate_methods
+from dynident.validation.methods import judge_methods
 
 
 def test_every_available_choice_is_among_the_methods(identified):
@@ -55,6 +55,25 @@ def test_the_torque_distance_is_that_of_the_predicted_torques(identified, traini
     assert table.results[1].torque_distance == pytest.approx(np.sqrt(squares / measured))
 
 
+def test_the_torque_deviation_is_that_of_drawn_parameters(identified, training, unseen):
+    row = validate_methods(identified, [training], [unseen], [Method()]).results[0]
+    rng = np.random.default_rng(1)
+    gaps = rng.multivariate_normal(np.zeros(len(row.values)), identified.statistics.covariance, size=300)
+    rows = identified.rows[1].samples[0]
+    squares = [sum(np.sum(identified.model.observation.torque(s.values, gap) ** 2) for s in rows) for gap in gaps]
+    measured = sum(np.sum(s.tau**2) for s in rows)
+    assert row.torque_deviation == pytest.approx(np.sqrt(np.mean(squares) / measured), rel=0.1)
+
+
+def test_a_method_that_is_worse_but_no_more_than_it_says_does_not_disagree(identified, training, unseen):
+    """The single equation of the power model tells less of the same motion."""
+    table = validate_methods(identified, [training], [unseen], [Method(), Method(model="power")])
+    power = table.results[1]
+    assert power.torque_deviation > 3 * table.results[0].torque_deviation
+    assert power.torque_distance < 2 * power.torque_deviation
+    assert table.judged.verdict == "pass", table.judged.reason
+
+
 def test_a_method_that_cannot_be_used_has_its_reason_in_the_table(identified, training, unseen):
     """Nothing that belongs to friction alone has been recorded."""
     if "separate_friction" not in AVAILABLE_STRATEGIES:
@@ -67,16 +86,17 @@ def test_a_method_that_cannot_be_used_has_its_reason_in_the_table(identified, tr
 
 
 def test_methods_that_disagree_fail_and_are_named(identified, training, unseen):
-    """Torque that no model of this kind explains: ordinary least squares spreads it over all joints."""
-    source = training.source
-    tau = source.tau.copy()
-    tau[:, 0] += 300.0 * np.sin(40.0 * source.q[:, 1])
-    spoilt = replace(training, source=replace(source, tau=tau))
-    effects = (*identified.choices.effects, EffectChoice("offset"))
-    model = identify(ROBOT, [spoilt], [unseen], IdentificationChoices(effects=effects, preprocessing=BAND))
-    table = validate_methods(model, [spoilt], [unseen], [Method(), Method(estimator="ols")])
-    assert table.judged.verdict == "fail"
-    assert "dynamic, global, ols" in table.judged.reason
+    table = validate_methods(identified, [training], [unseen], [Method(), Method(estimator="ols")])
+    first, second = table.results
+    far = replace(second, distance=second.distance + 5.0)
+    judged = judge_methods(identified, [first, far], held_out=True)
+    assert judged.verdict == "fail"
+    assert f"dynamic, global, ols ({far.distance_rms:.1f}" in judged.reason
+    squares = 4.0 * second.held_out.squares
+    worse = replace(second, held_out=replace(second.held_out, squares=squares), torque_distance=0.5)
+    judged = judge_methods(identified, [first, worse], held_out=True)
+    assert judged.verdict == "fail"
+    assert f"dynamic, global, ols ({worse.held_out.relative_total:.1%})" in judged.reason
 
 
 def test_one_method_alone_is_not_evaluated(identified, training):

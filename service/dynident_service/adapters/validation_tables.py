@@ -36,7 +36,7 @@ def tables_of(result: ValidationResult, joints: Sequence[str]) -> list[ReportedT
         postures = tuple((joint, f"{value:.3f}") for joint, value in result.worst_posture.items())
         found.append(ReportedTable("The worst posture that was found", ("joint", "rad or m"), postures))
     if result.methods:
-        columns = ("method", *joints, "all joints", "parameters, σ", "most in", "torque", "time")
+        columns = ("method", *joints, "all joints", "parameters, σ", "most in", "torque", "± of it", "time")
         rows = tuple(_method(one) for one in result.methods if one.held_out is not None)
         title = "Relative held-out error by method; distance of parameters and torque from the first"
         found.append(ReportedTable(title, columns, rows))
@@ -71,7 +71,7 @@ def _method(one: MethodView) -> tuple[str, ...]:
         *_relative(errors, 0),
         _maybe(one.distance_rms),
         one.farthest or "",
-        "–" if one.torque_distance is None else percent(one.torque_distance),
+        *("–" if value is None else percent(value) for value in (one.torque_distance, one.torque_deviation)),
         f"{one.seconds:.2g} s",
     )
 

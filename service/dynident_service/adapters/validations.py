@@ -143,6 +143,7 @@ def _method(one: MethodResult, names: Sequence[str]) -> wire.MethodView:
         distance_rms=None if one.distance_rms is None else finite(one.distance_rms),
         farthest=None if one.farthest is None else names[one.farthest],
         torque_distance=None if one.torque_distance is None else finite(one.torque_distance),
+        torque_deviation=None if one.torque_deviation is None else finite(one.torque_deviation),
         seconds=one.seconds,
         warnings=list(one.warnings),
     )

@@ -89,6 +89,7 @@ class MethodView(Shown):
     torque_distance: float | None = Field(
         description="How far the predicted torque is from the first method's, as a share of the measured"
     )
+    torque_deviation: float | None = Field(description="What the uncertainty of its own parameters makes of that")
     seconds: float = Field(description="That the solution took")
     warnings: list[str]
 

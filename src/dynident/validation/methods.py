@@ -26,6 +26,8 @@ from dynident.validation.verdict import Judged
 _AS_GOOD = 1.15
 # … and its parameters differ by no more than this, root mean square, in units of their standard deviations.
 _FAR = 3.0
+# A torque that differs by more than so many standard deviations is not explained by them.
+_SURE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +36,8 @@ class MethodResult:
 
     `held_out`: torque errors on the validation data, on the identification's own where there is none. `distance` (b,)
     of every parameter from the reference method's, in units of their joint standard deviation. `torque_distance`: how
-    far its predicted torque is from that of the reference method, as a share of the measured torque. `problem`: why
+    far its predicted torque is from that of the reference method, as a share of the measured torque, and
+    `torque_deviation` what the uncertainty of its own parameters makes of that. `problem`: why
     there is no result, else "". `seconds` that the solution took, the reduction of the data not counted.
     """
 
@@ -45,6 +48,7 @@ class MethodResult:
     held_out: Errors | None
     distance: FloatArray | None
     torque_distance: float | None
+    torque_deviation: float | None
     seconds: float
     warnings: tuple[str, ...]
     problem: str = ""
@@ -116,7 +120,7 @@ def validate_methods(
         if method.model not in data:
             data[method.model] = _data_of(identification, choices, recordings, share)
         results.append(_result(identification, choices, method, data[method.model], tried, results))
-    judged = _judged(identification, results, tried is not None)
+    judged = judge_methods(identification, results, tried is not None)
     names = tuple(column.name for column in model.kept)
     return MethodsValidation(names, tuple(results), tried is not None, judged)
 
@@ -153,7 +157,7 @@ def _result(
         found = fit(identification.model, choices, data)
     except DynidentError as error:
         return MethodResult(
-            method, None, None, None, None, None, None, perf_counter() - began, (), problem=error.detail
+            method, None, None, None, None, None, None, None, perf_counter() - began, (), problem=error.detail
         )
     values, deviations = found.solution.values, found.statistics.standard_deviations
     seconds = perf_counter() - began
@@ -168,6 +172,7 @@ def _result(
         held_out=errors(shown, values),
         distance=_distance(found, *other),
         torque_distance=_torque_distance(shown, values, other[0]),
+        torque_deviation=_torque_deviation(shown, found.statistics.covariance),
         seconds=seconds,
         warnings=found.warnings,
     )
@@ -196,7 +201,19 @@ def _torque_distance(reduction: Reduction, values: FloatArray, others: FloatArra
     return float(np.sqrt(squares / measured)) if measured > 0 else 0.0
 
 
-def _judged(identification: Identification, results: Sequence[MethodResult], held_out: bool) -> Judged:
+def _torque_deviation(reduction: Reduction, covariance: FloatArray) -> float:
+    """√tr(W C Wᵀ) / ||Y||: what the torque is uncertain by, root mean square, where parameters have this covariance."""
+    squares = measured = 0.0
+    for equation in reduction.equations:
+        k = len(equation.columns)
+        w = equation.joined[:, :k]
+        squares += float(np.einsum("ij,jk,ik->", w, covariance[np.ix_(equation.columns, equation.columns)], w))
+        measured += float(equation.joined[:, k] @ equation.joined[:, k])
+    return float(np.sqrt(max(squares, 0.0) / measured)) if measured > 0 else 0.0
+
+
+def judge_methods(identification: Identification, results: Sequence[MethodResult], held_out: bool) -> Judged:
+    """Do they agree? Not where one predicts worse than its uncertainty explains, or has other parameters."""
     solved = [one for one in results if one.held_out is not None]
     if len(solved) < 2:
         reasons = "; ".join(f"{one.method.words}: {one.problem}" for one in results if one.problem)
@@ -207,7 +224,7 @@ def _judged(identification: Identification, results: Sequence[MethodResult], hel
     worse = [
         f"{one.method.words} ({total:.1%})"
         for one, total in zip(solved, totals, strict=True)
-        if total > _AS_GOOD * best
+        if total > _AS_GOOD * best and not _explained(one)
     ]
     far = [
         f"{one.method.words} ({one.distance_rms:.1f}, most in {identification.model.kept[one.farthest].name})"
@@ -226,3 +243,9 @@ def _judged(identification: Identification, results: Sequence[MethodResult], hel
     if far:
         told.append(f"parameters off by more than {_FAR:.0f} standard deviations (root mean square): {', '.join(far)}")
     return Judged("fail", f"{range_text}; {'; '.join(told)}.")
+
+
+def _explained(one: MethodResult) -> bool:
+    """Whether a method's torque differs by no more than its own uncertainty says: it tells less, but nothing else."""
+    distance, deviation = one.torque_distance, one.torque_deviation
+    return distance is not None and deviation is not None and distance <= _SURE * deviation

@@ -7,7 +7,7 @@ import { number, percent } from "./format.js";
 export function methodsTable(model, result) {
   const solved = result.methods.filter((one) => one.held_out);
   const best = Math.min(...solved.map((one) => one.held_out.relative_total));
-  const head = ["method", ...[...model.joints, "all joints"].map(right), right("distance, σ"), "most in", right("torque"), right("time")];
+  const head = ["method", ...[...model.joints, "all joints"].map(right), right("distance, σ"), "most in", right("torque"), right("± of it"), right("time")];
   const rows = solved.map((one) =>
     row([
       one.method,
@@ -16,6 +16,7 @@ export function methodsTable(model, result) {
       numeric(number(one.distance_rms, 2), one.distance_rms),
       one.distance_rms ? h("code", {}, one.farthest) : "",
       numeric(percent(one.torque_distance), one.torque_distance),
+      numeric(percent(one.torque_deviation), one.torque_deviation),
       { class: "n", text: `${number(one.seconds, 2)} s` },
     ]),
   );
