@@ -23,7 +23,7 @@ from made_up import (
     predicted,
     with_bodies,
 )
-from oracles import Motion, arm, crooked_urdf, pinocchio_torque
+from oracles import Motion, arm, crooked_urdf, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
@@ -31,7 +31,7 @@ from dynident.export.completion import complete
 from dynident.export.exported import Links
 from dynident.export.mjcf import to_mjcf
 from dynident.export.urdf import ROTOR_TAG, to_urdf
-from dynident.identification import Identification
+from dynident.identification import Identification, identify
 from dynident.robot import Robot, robot_from_urdf
 from dynident.robot.model import INERTIAL_NAMES
 from dynident.robot.pseudo_inertia import pseudo_inertia
@@ -356,3 +356,15 @@ def test_a_link_that_is_a_point_is_refused_by_name_rather_than_by_mujoco() -> No
     model = from_standard(replace(robot, inertias=flat), drives(robot))
     with pytest.raises(DynidentError, match=robot.joint_names[5]):
         to_mjcf(model)
+
+
+def test_a_prior_is_what_open_parameters_stay_near_to() -> None:
+    robot = arm("ur10")
+    motion = fourier_motion(robot, 20.0, 100.0, 2)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    tau = tau + np.sign(motion.dq) + 1.5 * motion.dq + 0.3 * motion.ddq
+    choices = replace(measured().choices, estimator="wls", prior="description")
+    model = identify(robot, [record(robot, motion, tau)], [], choices)
+    found = complete(model)
+    assert found.exact
+    np.testing.assert_allclose(found.inertias[:, 9], robot.inertias[:, 9], rtol=0.02)

@@ -70,11 +70,12 @@ def complete(identification: Identification, *, nearest: bool = False, rotors_in
     """
     values = identification.values
     blamed = _driving_friction(identification)
+    margins = _SMALL_MARGINS if identification.choices.estimator == "feasible" else _MARGINS
     # Where the rotors' share does not fit into the links, they may have one of their own.
     for merged in (True, False) if rotors_in_links else (False,):
         unknowns = Unknowns.of(identification.model, rotors_in_links=merged, estimated=identification.standard)
         equations = _equations(unknowns, values)
-        found = _completed(unknowns, equations, values, _MARGINS if identification.standard is None else _SMALL_MARGINS)
+        found = _completed(unknowns, equations, values, margins)
         if found is not None and not blamed:
             return _gathered(identification, unknowns, found, values)
     if found is None:
