@@ -184,6 +184,7 @@ def test_noisy_recordings_are_predicted_nearly_as_well_as_by_the_global_strategy
         found = identify(UR10, runs[:1], runs[1:], choices(steps=steps, preprocessing=band))
         assert found.held_out.relative_total < 1.15 * whole.held_out.relative_total
         np.testing.assert_array_equal(errors(found.training, found.values).squares, found.fit.squares)
+        np.testing.assert_allclose(found.noise, found.fit.rms, rtol=0.1)
         assert (found.effective_rows > 50).all()
         assert (found.effective_rows <= found.n_equations / UR10.n).all()
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.estimation import Statistics
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
 from dynident.identification.fit import Fit
@@ -50,12 +49,8 @@ def separate_friction(model: Model, choices: IdentificationChoices, data: Data) 
         )
     alone = take_step(model, choices, data, runs.equations, Findings.nothing(model.n_parameters))
     rest = take_step(model, choices, data, data.equations, alone.findings)
-    noise = np.ones(len(data.equations.equations)) if rest.fit is None else rest.fit.solution.noise
-    solution, covariance = conclude_steps(data, rest.findings, noise)
-    effective = np.zeros(len(noise)) if rest.fit is None else rest.fit.statistics.effective_rows
     warnings = () if rest.fit is None else rest.fit.warnings
-    statistics = Statistics(covariance, effective, noise)
-    return Fit(solution, statistics, _warnings(model, runs, alone.findings) + warnings)
+    return conclude_steps(data, rest.findings, _warnings(model, runs, alone.findings) + warnings)
 
 
 def _warnings(model: Model, runs: FrictionRuns, found: Findings) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.estimation import EquationFactors, Reduction, Statistics
+from dynident.estimation import EquationFactors, Reduction
 from dynident.identification.choices import EstimatorName, IdentificationChoices, ModelName, StepsName
 from dynident.identification.data import Data
 from dynident.identification.fit import Fit
@@ -31,21 +31,16 @@ def sequential(model: Model, choices: IdentificationChoices, data: Data) -> Fit:
     """
     check_stepwise(choices)
     findings = Findings.nothing(model.n_parameters)
-    n = model.robot.n
-    noise, effective = np.ones(n), np.zeros(n)
     warnings: list[str] = []
-    to_come = set(range(n))
+    to_come = set(range(model.robot.n))
     for joints in steps_of(model.robot, choices.steps):
         own, later = only(data.equations, joints), only(data.equations, tuple(to_come))
         step = take_step(model, choices, data, own, findings, later)
         to_come -= set(joints)
         findings = step.findings
         if step.fit is not None:
-            noise[list(joints)] = step.fit.solution.noise[list(joints)]
-            effective[list(joints)] = step.fit.statistics.effective_rows[list(joints)]
             warnings += step.fit.warnings
-    solution, covariance = conclude_steps(data, findings, noise)
-    return Fit(solution, Statistics(covariance, effective, noise), tuple(warnings))
+    return conclude_steps(data, findings, tuple(warnings))
 
 
 def steps_of(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:

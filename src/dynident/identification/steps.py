@@ -14,7 +14,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigh, solve_triangular
 
-from dynident.estimation import EstimationError, Information, Reduction, Solution, known_values, weighted_factor
+from dynident.estimation import (
+    EstimationError,
+    Information,
+    Reduction,
+    Solution,
+    Statistics,
+    correlation_factor,
+    known_values,
+    noise_levels,
+    weighted_factor,
+)
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
 from dynident.identification.estimators import estimate
@@ -113,28 +123,27 @@ def take_step(
     return Step(grown, fit)
 
 
-def conclude_steps(data: Data, findings: Findings, noise: FloatArray) -> tuple[Solution, FloatArray]:
-    """Solution and covariance (c, c) once all steps are taken; the factor is that of all equations together.
-
-    Parameters
-    ----------
-    noise : (n,)
-        What the rows of every equation were weighted by in their step.
+def conclude_steps(data: Data, findings: Findings, warnings: tuple[str, ...]) -> Fit:
+    """The fit once all steps are taken; noise and factor are those of all equations with the final parameters.
 
     Raises
     ------
     EstimationError
         Where the steps together leave a parameter undetermined.
     """
+    equations = data.equations
     if not findings.complete:
         raise EstimationError(
-            f"the steps determine {len(findings.values)} combinations of the {data.equations.n_columns} parameters; "
-            "use the global strategy, or record motions that show the rest",
+            f"the steps determine {len(findings.values)} combinations of the {equations.n_columns} parameters; use the "
+            "global strategy, or record motions that show the rest",
             pointer="/strategy",
             title="Not identifiable",
         )
     values, covariance = findings.parameters()
-    return Solution(values, noise, weighted_factor(data.equations, noise)[:-1, :-1]), covariance
+    noise = noise_levels(equations, values)
+    solution = Solution(values, noise, weighted_factor(equations, noise)[:-1, :-1])
+    effective = [float(e.counts.sum()) / correlation_factor(e, values) for e in equations.equations]
+    return Fit(solution, Statistics(covariance, np.array(effective), noise), warnings)
 
 
 @dataclass(frozen=True, eq=False)
