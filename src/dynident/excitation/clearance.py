@@ -17,7 +17,7 @@ from dynident.robot.shapes import Block, Capsule
 
 IntArray = NDArray[np.intp]
 # Balls along a capsule stand this many radii apart where it is kept from a box.
-_BALL_SPACING = 1.0
+_BALL_SPACING = 0.5
 _AT_ONCE = 1000
 
 

@@ -93,7 +93,7 @@ def _clear_ones(bounds: Bounds, q: FloatArray) -> FloatArray:
         clear: FloatArray = q[room >= 0]
         return clear
     best = q[int(room.argmax())]
-    complaint = bounds.space.complaint(best[None]) or "there is room, but hardly any to move."
+    complaint = bounds.space.complaint(best[None]) or bounds.space.narrowness(best)
     raise ImpossibleLimitsError(
         f"In none of {_POSTURES} postures within the position limits is everything clear: in the best of them, "
         + complaint,

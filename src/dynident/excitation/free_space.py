@@ -66,6 +66,13 @@ class FreeSpace:
                 return contact_complaint(nearest.name, nearest.distance, self.clearance)
         return None
 
+    def narrowness(self, q: FloatArray) -> str:
+        """What leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
+        if self.contacts is None:
+            return "the tool is at an end of its range."
+        nearest = min(self.contacts.approaches(q[None]), key=lambda approach: approach.distance)
+        return f"'{nearest.name}' are {nearest.distance:.3g} m apart, which leaves no room to move between them."
+
     def hindered(self, q: FloatArray) -> BoolArray:
         """At which of postures q (m, n) something is not kept: (m,)."""
         found = np.zeros(len(q), dtype=np.bool_)
