@@ -86,6 +86,26 @@ def check_equations(model: Model, name: ModelName, equations: Reduction, torque:
     )
 
 
+def check_torque(model: Model, torque: Reduction) -> None:
+    """Raise where a joint's torque is zero throughout although its motion asks for some.
+
+    Nothing would be left of its residual as its weight grows: the weighting would be singular, and the joint would
+    decide alone.
+    """
+    dead = [
+        name
+        for name, equation in zip(model.robot.joint_names, torque.equations, strict=True)
+        if equation.joined[:, :-1].any() and not equation.joined[:, -1].any()
+    ]
+    if dead:
+        raise EstimationError(
+            f"the torque of {', '.join(dead)} is zero throughout, which no weighting of the joints can make sense of; "
+            "check which column holds it, and that the drive was on, or lock that joint",
+            pointer="/measurement_ids",
+            title="No torque",
+        )
+
+
 def check_reduction(model: Model, reduction: Reduction, known: Information | None = None) -> None:
     """Raise where the data, with what is known beside them, cannot determine the model, naming what is missing."""
     if reduction.n_rows == 0:

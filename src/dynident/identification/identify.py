@@ -10,7 +10,13 @@ import numpy as np
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction, condition_number, errors, weighted
-from dynident.identification.checks import check_recordings, check_reduction, check_runs, check_temperature
+from dynident.identification.checks import (
+    check_recordings,
+    check_reduction,
+    check_runs,
+    check_temperature,
+    check_torque,
+)
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data, parted, reduced, torque_of
 from dynident.identification.fitting import fit
@@ -183,6 +189,8 @@ def conclude(
         A larger model: what is compiled for that one serves.
     """
     check_reduction(model, data.equations, prior_of(model, choices))
+    if choices.model != "base_wrench":
+        check_torque(model, data.torque)
     found = fit(model, choices, data)
     values = found.solution.values
     if part_of is None:

@@ -17,10 +17,13 @@ from dynident.identification.fit import Fit
 from dynident.regressors.base_parameters import BoolArray
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
+from dynident.robot.pseudo_inertia import smallest_pseudo_inertia
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
 _TITLE = "No prior"
 _ALIKE = 1e-6
+# How far below zero rounded drawings may bring a pseudo-inertia, of a unit diagonal.
+_IMPOSSIBLE = 0.01
 _NULL = 1e-9
 
 
@@ -91,6 +94,20 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
                 pointer="/prior",
                 title=_TITLE,
             )
+    smallest = smallest_pseudo_inertia(inertias)
+    impossible = [
+        name
+        for name, least in zip(robot.joint_names, smallest, strict=True)
+        if least < -_IMPOSSIBLE and name not in free_links
+    ]
+    if impossible:
+        raise DynidentError(
+            f"no body has the inertia that the description gives {', '.join(impossible)}: somewhere its mass would be "
+            "negative (each moment of inertia is at most the sum of the other two, about the centre of mass); correct "
+            "it, name it among free_links, or leave the prior out",
+            pointer="/prior",
+            title="Infeasible prior",
+        )
     if robot.n > 1 and np.all(np.abs(inertias - inertias[0]) <= _ALIKE * np.abs(inertias[0]).max()):
         raise DynidentError(
             f"the description of {robot.name} gives all links the same inertia: these are placeholders; put in those "
