@@ -10,6 +10,7 @@ import numpy as np
 
 from dynident.excitation.criteria import CriterionValues
 from dynident.excitation.deciding import Yardstick
+from dynident.excitation.free_space import FreeSpace
 from dynident.excitation.limits import Bounds
 from dynident.excitation.locked import BoolArray
 from dynident.excitation.model import DesignModel
@@ -20,8 +21,8 @@ from dynident.excitation.sensitivity import ObservationGradient
 from dynident.robot.model import FloatArray
 
 _SAMPLES_OF_A_MOVE = 16
-_LOOKS = np.linspace(0.0, 1.0, 15)
-"""Along a straight way, for what the robot must stay clear of."""
+_FIRST_LOOKS, _LOOK_EVERY = 9, 0.08
+"""Along a straight way, for what the robot must stay clear of: so many, then so close (rad, m)."""
 _REMEMBERED = 4096
 _SLOWER, _ATTEMPTS = 1.25, 8
 
@@ -104,8 +105,7 @@ class Legs:
 
     def _planned(self, start: FloatArray, end: FloatArray, share: FloatArray) -> Leg | None:
         limits = self._bounds
-        looks = start + _LOOKS[:, None] * (end - start)
-        if limits.space is not None and (limits.space.least_room(looks) < 0).any():
+        if limits.space is not None and not _is_clear(start, end, limits.space):
             return None
         slow = replace(limits, velocity=share[0] * limits.velocity, acceleration=share[1] * limits.acceleration)
         for attempt in range(_ATTEMPTS):
@@ -118,6 +118,16 @@ class Legs:
                 rows = np.sqrt(step) * w[:, :, : self._n_parameters] * self._counted
                 return Leg(piece, rows.reshape(-1, self._n_parameters))
         return None
+
+
+def _is_clear(start: FloatArray, end: FloatArray, space: FreeSpace) -> bool:
+    """Whether a straight way stays clear of everything, at close looks: coarse ones first, which most ways fail."""
+    way = end - start
+    closely = max(_FIRST_LOOKS, int(np.ceil(np.abs(way).max() / _LOOK_EVERY)) + 1)
+    return all(
+        bool((space.least_room(start + np.linspace(0.0, 1.0, looks)[:, None] * way) >= 0).all())
+        for looks in (_FIRST_LOOKS, closely)
+    )
 
 
 def rows_of(legs: Sequence[Leg]) -> FloatArray:

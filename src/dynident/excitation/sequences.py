@@ -11,7 +11,7 @@ from dynident.errors import DynidentError
 from dynident.excitation.feasible import holdable_postures
 from dynident.excitation.home import with_moves
 from dynident.excitation.limits import ImpossibleLimitsError
-from dynident.excitation.margins import Margin, broken, keeps
+from dynident.excitation.margins import Margin, broken, keeps, tightest
 from dynident.excitation.model import DesignModel
 from dynident.excitation.motion import Piece
 from dynident.excitation.moves import move_within_torque
@@ -26,6 +26,8 @@ _VARIATIONS_OF_A_POINT = 40
 _RANDOM_SHARE = 0.3
 _SLOWER, _ATTEMPTS = 0.95, 30
 _MOST_SETTLED = 10
+_HOWEVER_SLOW = ("position_min", "position_max", "clearance", "tool_min", "tool_max")
+"""Limits that a slower move breaks as well."""
 
 
 def point_to_point(task: Task, budget: Budget) -> Made:
@@ -114,6 +116,8 @@ def settled(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
         margins = task.verified(pieces)
         if keeps(margins):
             return pieces
+        if tightest(margins).limit in _HOWEVER_SLOW:
+            break
         sequence = sequence.slower(_SLOWER)
     raise broken(margins)
 
