@@ -36,6 +36,8 @@ _SHARE_OF_RATE = 0.05
 _HIGHEST = 0.8
 # Another choice is only worth while where it lowers the error by more than this factor.
 _AS_GOOD = 1.1
+# … and where that is more than this share of what the model leaves unexplained.
+_NEGLIGIBLE = 0.1
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ def filters_by_simulation(
         raise DynidentError(f"the simulated recording cannot be identified: {trials[0].problem}", pointer="/kind")
     best = min(solved, key=lambda trial: trial.error or 0.0)
     used = trials[0]
-    return FiltersBySimulation(noise, tuple(trials), used, best, _judged(used, best))
+    return FiltersBySimulation(noise, tuple(trials), used, best, _judged(used, best, identification.fit.relative_total))
 
 
 def _truth(simulator: Simulator, recording: Recording, motion: RecordedMotion, progress: Progress) -> Measurement:
@@ -207,7 +209,7 @@ def _cost(reduction: Reduction, gap: FloatArray) -> float:
     return float(np.sqrt(torque / measured)) if measured > 0 else 0.0
 
 
-def _judged(used: FilterTrial, best: FilterTrial) -> Judged:
+def _judged(used: FilterTrial, best: FilterTrial, residual: float) -> Judged:
     if used.error is None or best.error is None:
         return Judged("not_evaluated", "The identification's own filters could not be tried.")
     own = (
@@ -215,6 +217,10 @@ def _judged(used: FilterTrial, best: FilterTrial) -> Judged:
     )
     if used.error <= _AS_GOOD * best.error:
         return Judged("pass", f"{own}; no other choice that was tried is better by more than {_AS_GOOD - 1:.0%}.")
+    if used.error <= _NEGLIGIBLE * residual:
+        beside = f"small beside the {residual:.1%} that the model does not explain"
+        better = f"with {_hertz(best.preprocessing)} it would be {best.error:.2%}"
+        return Judged("pass", f"{own}, {beside}; {better}.")
     return Judged(
         "fail", f"{own}; with {_hertz(best.preprocessing)} it would be {best.error:.2%}. Identify again with these."
     )

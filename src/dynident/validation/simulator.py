@@ -9,10 +9,11 @@ import numpy as np
 from dynident.effects import Column
 from dynident.errors import DynidentError
 from dynident.identification import Identification
+from dynident.identification.simulator import true_effects
 from dynident.recordings import Preprocessing, Recording, filtered_blocks
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
-from dynident.simulation import Reference, TrueEffect, VirtualRobot
+from dynident.simulation import Reference, VirtualRobot, on_each_joint
 from dynident.simulation.truth import NEVER_NEGATIVE
 
 _TITLE = "No motion to simulate"
@@ -51,20 +52,17 @@ def simulator_of(identification: Identification) -> Simulator:
     """
     model, robot = identification.model, identification.model.robot
     standard = _standard(model, identification.values)
-    inertias = model.standard_inertia(identification.values)
-    found: dict[tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]], dict[str, float]] = {}
+    values = model.base.grouping @ standard
+    inertias, rotors = model.standard_inertia(identification.values), np.zeros(robot.n)
     for column, value in zip(model.columns, standard, strict=True):
         if column.effect == "rigid_body":
             inertias[_place(model, column)] = value
-        elif value != 0:
-            at = column.link if column.link in robot.joint_names else ""
-            found.setdefault((column.effect, at, column.shape, column.runs), {})[column.parameter] = float(value)
-    effects = [
-        TrueEffect(effect, joint, tuple(parameters.items()), shape, runs)
-        for (effect, joint, shape, runs), parameters in found.items()
-    ]
-    virtual = VirtualRobot(_tireless(robot), effects, inertias=inertias.reshape(robot.n, 10))
-    return Simulator(virtual, model.base.grouping @ standard)
+        elif column.effect == "rotor_inertia":
+            rotors[robot.joint_names.index(column.link)] = value
+    effects = [one for one in true_effects(model, values) if one.effect != "rotor_inertia"]
+    turning = [one for one in on_each_joint(robot, "rotor_inertia", "Ia", rotors) if one.values[0][1] > 0]
+    virtual = VirtualRobot(_tireless(robot), [*turning, *effects], inertias=inertias.reshape(robot.n, 10))
+    return Simulator(virtual, values)
 
 
 def _tireless(robot: Robot) -> Robot:
