@@ -1,0 +1,48 @@
+"""Designs over HTTP that keep clear of what stands around the robot."""
+
+from __future__ import annotations
+
+import pytest
+
+from dynident.robot import library_table
+from dynident_client import Client, ProblemError
+
+SMALL = {"duration": 3.0, "harmonics": 3, "sampling_rate": 50.0}
+CELL = {
+    "floor": -0.3,
+    "boxes": [{"name": "table", "center": [0.9, 0, 0.1], "size": [0.4, 1.0, 0.4]}],
+    "walls": [{"name": "fence", "point": [-0.9, 0, 0], "normal": [1, 0, 0]}],
+    "tool_range": {"low": [None, None, 0.1]},
+    "clearance": 0.03,
+}
+
+
+def test_a_design_tells_how_near_it_comes_to_the_surroundings(live: Client) -> None:
+    robot = live.robots.create("panda", modified_dh=library_table("franka_panda"))
+    quick = {"kind": "random", "trajectory": SMALL, "random_trajectories": 3, "effects": [{"effect": "viscous"}]}
+    design = live.designs.create(robot, **quick, surroundings=CELL, torque_margin=0.1).wait()
+    margins = design.result["margins"]
+    clearances = [margin for margin in margins if margin["limit"] == "clearance"]
+    assert {margin["joint"].split(" – ")[0] for margin in clearances} >= {f"joint{j}" for j in range(2, 8)}
+    assert all(margin["value"] >= margin["bound"] == 0.03 for margin in clearances)
+    (tool,) = (margin for margin in margins if margin["limit"] == "tool_min")
+    assert tool["joint"] == "tool z"
+    assert tool["value"] >= tool["bound"] == 0.1
+    assert next(m["bound"] for m in margins if m["limit"] == "torque") == pytest.approx(87 / 1.1)
+
+
+def test_what_is_no_obstacle_is_refused_with_its_field(live: Client) -> None:
+    robot = live.robots.create("panda", modified_dh=library_table("franka_panda"))
+    for wrong, pointer in (
+        ({"surroundings": {"clearance": 0}}, "/surroundings/clearance"),
+        (
+            {"surroundings": {"boxes": [{"name": "a", "center": [0, 0, 0], "size": [1, 0, 1]}]}},
+            "/surroundings/boxes/0/size",
+        ),
+        ({"surroundings": {"mesh_folders": ["/etc"]}}, "/surroundings/mesh_folders"),
+        ({"torque_margin": -1}, "/torque_margin"),
+    ):
+        with pytest.raises(ProblemError) as refused:
+            live.designs.create(robot, **wrong)
+        assert refused.value.status == 422
+        assert refused.value.errors[0]["pointer"] == pointer
