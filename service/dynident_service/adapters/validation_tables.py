@@ -36,7 +36,7 @@ def tables_of(result: ValidationResult, joints: Sequence[str]) -> list[ReportedT
         postures = tuple((joint, f"{value:.3f}") for joint, value in result.worst_posture.items())
         found.append(ReportedTable("The worst posture that was found", ("joint", "rad or m"), postures))
     if result.methods:
-        columns = ("method", *joints, "all joints", "parameters, σ", "most in", "torque", "± of it", "time")
+        columns = ("method", *joints, "all joints", "parameters, σ", "most in", "torque", "± of it")
         rows = tuple(_method(one) for one in result.methods if one.held_out is not None)
         title = "Relative held-out error by method; distance of parameters and torque from the first"
         found.append(ReportedTable(title, columns, rows))
@@ -72,7 +72,6 @@ def _method(one: MethodView) -> tuple[str, ...]:
         _maybe(one.distance_rms),
         one.farthest or "",
         *("–" if value is None else percent(value) for value in (one.torque_distance, one.torque_deviation)),
-        f"{one.seconds:.2g} s",
     )
 
 
