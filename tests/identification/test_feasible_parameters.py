@@ -151,3 +151,27 @@ def test_what_the_data_leave_open_is_not_given_a_standard_deviation():
     assert deviations["Fv4"] == pytest.approx(
         next(p.standard_deviation for p in found.parameters if p.name == "Fv4"), rel=0.5
     )
+
+
+def test_friction_alone_is_held_to_its_sign_without_any_link():
+    robot = arm("ur10")
+    motion = fourier_motion(robot, 10.0, 200.0, seed=2)
+    tau = -1.0 * np.sign(motion.dq) + 0.5 * motion.dq
+    choices = replace(CHOICES, effects=EFFECTS[2:])
+    found = identify(robot, [record(robot, motion, tau)], choices=choices)
+    assert all(p.value == pytest.approx(0.0, abs=1e-6) for p in found.parameters if p.effect == "coulomb")
+    assert all(p.value > -1e-9 for p in found.parameters)
+    np.testing.assert_array_equal(found.standard_inertia(), robot.inertias.reshape(-1))
+
+
+def test_beside_other_friction_coulomb_may_have_any_sign():
+    robot = arm("ur10")
+    motion = fourier_motion(robot, 20.0, 200.0, seed=2)
+    speed = np.abs(motion.dq)
+    # Friction that grows with the root of the speed: Coulomb friction and its complement are parts of one sum.
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + np.sign(motion.dq) * (-0.5 + 3.0 * np.sqrt(speed))
+    shape = (("p", 0.5),)
+    choices = replace(CHOICES, effects=(*EFFECTS, EffectChoice("viscous_nonlinear", shape=shape)))
+    found = identify(robot, [record(robot, motion, tau)], choices=choices)
+    coulomb = [p.value for p in found.parameters if p.effect == "coulomb"]
+    assert np.median(coulomb) == pytest.approx(-0.5, abs=0.2)

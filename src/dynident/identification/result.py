@@ -134,7 +134,7 @@ class Identification:
 
     def standard_inertia(self) -> FloatArray:
         """Standard inertial parameters (10 n,) that give the same torque; feasible ones where they were solved for."""
-        if self.standard is not None and len(self.standard.inertias(self.model)):
+        if self.standard is not None and any(column.effect == "rigid_body" for column in self.model.columns):
             return self.standard.inertias(self.model).reshape(-1)
         return self.model.standard_inertia(self.values)
 
