@@ -194,11 +194,13 @@ def _baseline(task: Task, placed: list[_RunMade]) -> Baseline | None:
     """The same set with random motions of the same kind and length in every run; `None` where rows have weights."""
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return None
-    count = min(len(one.found.random) for one in placed)
+    count = max(len(one.found.random) for one in placed)
     seconds = sum(len(one.motion.t) for one in placed) / task.rate
     values = []
     for k in range(count):
-        information = sum((one.found.random[k] for one in placed), start=0.0 * placed[0].information)
+        information = sum(
+            (one.found.random[k % len(one.found.random)] for one in placed), start=0.0 * placed[0].information
+        )
         values.append(task.yardstick.values(rows_like(information / seconds), 1))
     best = min(values, key=lambda one: one.criterion)
     return Baseline(count, best, float(np.median([one.condition_number for one in values])))
