@@ -58,7 +58,7 @@ FEASIBLE = IdentificationChoices(COUNTERBALANCED, estimator="feasible", prior="d
 
 
 def test_a_kr300_is_predicted_with_the_prior_and_a_free_payload(kr300):
-    # Plain least squares: 43 and 46 %; drawings and payload by hand: 15.5 and 15.2 %.
+    # Ordinary least squares: 42 and 47 %; drawings and payload by hand: 15.5 and 15.2 %.
     for found in kr300(FEASIBLE):
         assert found.held_out.relative_total <= 0.156
         assert found.inertia_matrix_positive_definite
