@@ -19,3 +19,15 @@ def part(progress: Progress, first: float, last: float) -> Progress:
         progress(first + (last - first) * fraction, message)
 
     return inner
+
+
+def ascending(progress: Progress) -> Progress:
+    """The same, but what is begun again (another look, a second check) does not go back behind what was reached."""
+    reached = 0.0
+
+    def inner(fraction: float, message: str) -> None:
+        nonlocal reached
+        reached = max(reached, fraction)
+        progress(reached, message)
+
+    return inner

@@ -163,6 +163,13 @@ def test_a_set_can_be_cancelled_and_progress_names_the_run(scara):
     assert any("link 4 (wrist)" in message or "run 1 of 4" in message for _, message in heard)
 
 
+def test_progress_never_goes_back(scara):
+    told: list[float] = []
+    design_experiment(scara, QUICK, lambda fraction, message: told.append(fraction))
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
 @pytest.mark.parametrize("family", ["b_spline", "point_to_point"])
 def test_runs_may_be_of_every_family(scara, family):
     design = design_experiment(scara, request_for("link_by_link", family=family, intervals=5))

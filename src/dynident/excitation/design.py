@@ -21,7 +21,7 @@ from dynident.excitation.sequences import point_to_point
 from dynident.excitation.sequential import sequential
 from dynident.excitation.strokes import course_of, strokes_of
 from dynident.excitation.task import Made, Task
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ascending, part, silent
 from dynident.recordings import Recording
 from dynident.robot.model import FloatArray, Robot
 
@@ -52,6 +52,7 @@ def design_experiment(
         What is asked for cannot be designed; `ImpossibleLimitsError` names the limit in the way.
     """
     budget = Budget(request.wanted_starts, request.time_budget)
+    progress = ascending(progress)
     check_request(request)
     limits = bounds_of(robot, request.limits, torque_margin=request.torque_margin, surroundings=request.surroundings)
     if request.home is not None:
