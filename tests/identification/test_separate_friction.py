@@ -109,9 +109,9 @@ def test_intervals_of_friction_and_of_what_follows_cover_the_truth():
 
 def test_the_uncertainty_of_friction_is_carried_into_the_inertial_parameters():
     standard = drawn_standard(UR10)
-    whole = whole_motion(UR10, standard, 0.02)
+    whole = whole_motion(UR10, standard, 2.0)
     deviations = []
-    for noise in (0.01, 3.0):
+    for noise in (0.2, 6.0):
         found = identify(UR10, [whole, *friction_tests(UR10, standard, noise=noise)], [], choices())
         friction = np.array([c.effect in ("coulomb", "viscous") for c in found.model.kept])
         deviations.append(found.statistics.standard_deviations)
@@ -119,7 +119,7 @@ def test_the_uncertainty_of_friction_is_carried_into_the_inertial_parameters():
         assert np.abs(found.statistics.covariance[np.ix_(friction, ~friction)]).max() > 0
     growth = deviations[1] / deviations[0]
     assert growth[friction].min() > 10
-    assert growth[~friction].min() > 0.99
+    assert growth[~friction].min() > 0.9
     assert growth[~friction].max() > 1.02
 
 

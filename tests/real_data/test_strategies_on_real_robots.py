@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from test_real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, pytestmark, robot  # noqa: F401
 
+from dynident.effects import EffectChoice
 from dynident.identification import identify, identify_gains, payload_mass
 from dynident.recordings import RecordingMetadata, import_recording
 
@@ -75,6 +76,20 @@ def test_friction_of_a_ur10e_by_itself_agrees_with_that_of_its_whole_motion(arm,
             # Friction that is no straight line over speed, on another day: within 12 %, though both are surer of it.
             assert abs(parameter.value / other.value - 1) < 0.12
             assert 0 < parameter.standard_deviation < 0.15 * parameter.value
+
+
+def test_friction_that_runs_of_single_joints_hardly_show_is_left_to_the_whole_motion(arm, training, validation, read):
+    """About its upright first axis nothing weighs: its friction per unit of load comes from the other recordings."""
+    sweeps = [read(f"joint{j}_sweep", role="friction") for j in (1, 2, 3)]
+    effects = (*CHOICES.effects, EffectChoice("load_dependent_friction"))
+    choices = replace(CHOICES, effects=effects, strategy="separate_friction")
+    found = identify(arm, [*training, *sweeps], [validation["id_50s_12harm"]], choices)
+    assert held_out(found) < 0.05
+    (shoulder,) = [p for p in found.parameters if p.name == "cl1"]
+    assert abs(shoulder.value) < 1.0
+    (said,) = [warning for warning in found.warnings if "runs alone do not tell" in warning]
+    assert "cl1" in said
+    assert "Fv3" not in said
 
 
 def test_gains_of_a_ur10e_come_from_a_load_of_known_mass(arm, read):

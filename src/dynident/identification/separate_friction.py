@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.errors import DynidentError
+from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
 from dynident.identification.fit import Fit
@@ -16,13 +17,18 @@ from dynident.regressors.model import Model
 # Fast motion of less than so many times the speed of slow motion does not tell dry friction from viscous friction well;
 # ramps at the ends, a fifth of the time on either side, do not count.
 _SPEEDS, _ENDS = 1.5, 0.2
+# Only what the runs tell this much worse than all data do is left to these: friction's own runs are to be believed.
+_PATIENCE = 30.0
+# Share of a parameter outside what the runs determine for it to be named.
+_OPEN = 0.1
 
 
 def separate_friction(model: Model, choices: IdentificationChoices, data: Data) -> Fit:
     """Find the friction of every joint that moves alone somewhere, then all other parameters with it known.
 
     The runs are those of the recordings with the role "friction", or else any that are found in the data. Friction
-    keeps the values that these runs give; how uncertain they are is carried into the other parameters.
+    keeps the values that these runs give; how uncertain they are is carried into the other parameters. What they tell
+    much worse than the whole robot's motion does (load-dependent friction where the load hardly changes) is left to it.
 
     Raises
     ------
@@ -47,7 +53,8 @@ def separate_friction(model: Model, choices: IdentificationChoices, data: Data) 
             pointer="/measurement_ids",
             title="No friction runs",
         )
-    alone = take_step(model, choices, data, runs.equations, Findings.nothing(model.n_parameters))
+    both = Reduction(model.n_parameters, runs.equations.equations + data.equations.equations, data.equations.spans)
+    alone = take_step(model, choices, data, runs.equations, Findings.nothing(model.n_parameters), both, _PATIENCE)
     rest = take_step(model, choices, data, data.equations, alone.findings)
     warnings = () if rest.fit is None else rest.fit.warnings
     return conclude_steps(data, rest.findings, _warnings(model, runs, alone.findings) + warnings)
@@ -68,7 +75,6 @@ def _warnings(model: Model, runs: FrictionRuns, found: Findings) -> tuple[str, .
             continue
         speeds = np.repeat(np.abs(velocities), runs.equations.equations[j].counts)
         slow, fast = np.quantile(speeds, (_ENDS, 1 - _ENDS))
-        told = np.linalg.matrix_rank(found.functions[:, columns]) if len(found.values) else 0
         if not ((velocities > 0).any() and (velocities < 0).any()):
             made.append(f"{names[j]} moves alone in one direction only: Coulomb friction cannot be told from gravity.")
         elif fast < _SPEEDS * slow:
@@ -76,9 +82,20 @@ def _warnings(model: Model, runs: FrictionRuns, found: Findings) -> tuple[str, .
                 f"{names[j]} moves alone at one speed of {fast:.3g} only: how its friction depends on the speed is "
                 "hardly to be told."
             )
-        elif told < len(columns):
-            made.append(
-                f"The friction runs of {names[j]} tell {told} of its {len(columns)} friction parameters; the others "
-                "are identified together with the inertial parameters."
-            )
+    left = _left_open(model, runs, found)
+    if left:
+        made.append(
+            f"The friction runs alone do not tell {', '.join(left)}: these come from all recordings together, with "
+            "what the runs say of their combinations."
+        )
     return tuple(made)
+
+
+def _left_open(model: Model, runs: FrictionRuns, found: Findings) -> list[str]:
+    """Names of friction parameters of joints that move alone which the runs leave undetermined."""
+    columns = [k for j, v in enumerate(runs.velocities) if len(v) for k in friction_columns(model, j)]
+    functions = found.functions[:, columns]
+    sizes = np.linalg.norm(functions, axis=0)
+    known = np.linalg.qr((functions / np.where(sizes > 0, sizes, 1.0)).T)[0]
+    missing = 1.0 - np.sum(known * known, axis=1)
+    return [model.kept[k].name for k, share in zip(columns, missing, strict=True) if share > _OPEN]

@@ -34,10 +34,11 @@ from dynident.robot.model import FloatArray
 
 # Share of the largest singular value, columns of equal size, below which a direction is rounding alone.
 _UNSEEN = 1e-8
-# A function waits where its standard deviation from this step alone is more than so many times that from this step and
-# all later ones. From 1.5 to 3 it came out alike; without it errors grew to 1.4 times those of the global strategy.
-_PATIENCE = 2.0
 _LEAST_NOISE = 1e-6
+
+PATIENCE = 2.0
+"""A function waits where its standard deviation from this step alone is more than so many times that from this step and
+all later ones. From 1.5 to 3 it came out alike; without it errors grew to 1.4 times those of the global strategy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +96,7 @@ def take_step(
     equations: Reduction,
     findings: Findings,
     to_come: Reduction | None = None,
+    patience: float = PATIENCE,
 ) -> Step:
     """Find what these equations tell beyond what is known, by the chosen estimator.
 
@@ -105,9 +107,11 @@ def take_step(
     findings : Findings
         Of earlier steps, from other equations: their errors are taken to be independent of these rows.
     to_come : Reduction, optional
-        Rows of this step and of all that follow; without it nothing waits.
+        Rows of this step and of all that follow, in any order; without it nothing waits.
+    patience : float
+        How many times surer the rows to come have to be of something for it to wait for them.
     """
-    split = _split(equations, findings, to_come)
+    split = _split(equations, findings, to_come, patience)
     m, k, found = len(findings.values), len(split.functions), split.n_found
     if not found:
         return Step(findings, None)
@@ -158,9 +162,10 @@ class _Split:
     scale: FloatArray
 
 
-def _split(equations: Reduction, findings: Findings, to_come: Reduction | None) -> _Split:
-    noise = _own_noise(equations if to_come is None else to_come)
-    factor = weighted_factor(equations, noise)[:-1, :-1]
+def _split(equations: Reduction, findings: Findings, to_come: Reduction | None, patience: float) -> _Split:
+    noise, later = _own_noise(equations), np.zeros(0) if to_come is None else _own_noise(to_come)
+    largest = max(float(noise.max(initial=0.0)), float(later.max(initial=0.0)))
+    factor = weighted_factor(equations, _relative(noise, largest))[:-1, :-1]
     norms = np.linalg.norm(factor, axis=0)
     seen = norms > _UNSEEN * norms.max(initial=0.0)
     scale = np.where(seen, norms, 1.0)
@@ -172,19 +177,21 @@ def _split(equations: Reduction, findings: Findings, to_come: Reduction | None) 
     singular, directions = singular[clear], directions[: len(singular)][clear]
     if to_come is None or not len(directions):
         return _Split(directions @ others.T * scale, len(directions), scale)
-    together = np.linalg.qr(weighted_factor(to_come, noise)[:-1, :-1] / scale @ others, mode="r")
+    together = np.linalg.qr(weighted_factor(to_come, _relative(later, largest))[:-1, :-1] / scale @ others, mode="r")
     half = solve_triangular(together, directions.T, trans="T")
     # Functions that are independent of each other both in this step and in all rows to come.
     share, basis = eigh(np.diag(singular**2), np.linalg.inv(half.T @ half))
     functions = np.linalg.solve(basis, directions)[::-1]
     functions /= np.linalg.norm(functions, axis=1)[:, None]
-    return _Split(functions @ others.T * scale, int(np.count_nonzero(share >= _PATIENCE**-2)), scale)
+    return _Split(functions @ others.T * scale, int(np.count_nonzero(share >= patience**-2)), scale)
 
 
 def _own_noise(reduction: Reduction) -> FloatArray:
-    """(n,): noise of every equation that its own fit leaves, relative to the largest: before any parameter is known."""
+    """(n,): noise of every equation that its own fit leaves: a first idea, before any parameter is known."""
     rests = [abs(float(e.joined[-1, -1])) for e in reduction.equations]
     freedom = [max(float(e.counts.sum()) - len(e.columns), 1.0) for e in reduction.equations]
-    noise = np.array(rests) / np.sqrt(freedom)
-    largest = float(noise.max())
+    return np.asarray(np.array(rests) / np.sqrt(freedom))
+
+
+def _relative(noise: FloatArray, largest: float) -> FloatArray:
     return np.maximum(noise / largest, _LEAST_NOISE) if largest > 0 else np.ones(len(noise))
