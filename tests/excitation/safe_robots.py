@@ -85,10 +85,10 @@ class Judge:
         for wall in surroundings.walls:
             normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
             half = coal.Halfspace(normal, float(normal @ wall.point))
-            obstacles.append(pin.GeometryObject(wall.name, 0, pin.SE3.Identity(), half))
+            obstacles.append(pin.GeometryObject(f"wall {wall.name}", 0, pin.SE3.Identity(), half))
         for box in surroundings.boxes:
             placement = pin.SE3(pin.rpy.rpyToMatrix(*box.rpy), np.array(box.center))
-            obstacles.append(pin.GeometryObject(f"{box.name} {len(obstacles)}", 0, placement, coal.Box(*box.size)))
+            obstacles.append(pin.GeometryObject(f"box {box.name}", 0, placement, coal.Box(*box.size)))
         names: list[str] = []
         for k, b in enumerate(bodies):
             for i, a in enumerate(bodies[:k]):
@@ -98,7 +98,7 @@ class Judge:
         for obstacle in obstacles:
             index = geometry.addGeometryObject(obstacle)
             for k, b in enumerate(bodies):
-                if b.parentJoint > 0:
+                if b.parentJoint > 0 and f"{self._name(b.parentJoint)} – {_label(obstacle.name)}" not in notes:
                     geometry.addCollisionPair(pin.CollisionPair(k, index))
                     names.append(f"{b.name} – {obstacle.name}")
         data, placed = self.model.createData(), pin.GeometryData(geometry)
@@ -113,9 +113,17 @@ class Judge:
         first, second = min(a, b), max(a, b)
         if first == second or self.model.parents[second] == first:
             return False
+        return f"{self._name(second)} – {self._name(first)}" not in notes
+
+    def _name(self, joint: int) -> str:
         names = ["base" if self.robot.description.format == "modified_dh" else "rail"]
         names += [joint.link or joint.name for joint in self.robot.joints]
-        return f"{names[second]} – {names[first]}" not in notes
+        return names[joint]
+
+
+def _label(obstacle: str) -> str:
+    kind, _, name = obstacle.partition(" ")
+    return f"{kind} '{name}'" if name else kind
 
 
 @cache

@@ -26,6 +26,7 @@ _MOSTLY = 0.5
 # Capsules that never come as near as this (m) in the postures looked at are not followed while optimising.
 _NEAR = 0.1
 _SPARE = 1e-3
+_POSTURES_OF_A_PAIR, _UNCHANGED = 20, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,12 +131,14 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
         touching = [pair.name for pair, share in zip(candidates, close, strict=True) if share >= _MOSTLY]
         notes += _self_collision_notes(geometry, touching)
     obstacles = [half_space_solid(half.name, half.normal, half.offset) for half in surroundings.half_spaces]
-    obstacles += [solid_of(f"box '{box.name}'", BASE, [box.block]) for box in surroundings.boxes]
+    obstacles += [solid_of(box.solid_name, BASE, [box.block]) for box in surroundings.boxes]
     moving = [body for body in geometry.bodies if body.joint != BASE]
     against = [pair_of(robot, solids[body.joint], obstacle) for body in moving for obstacle in obstacles]
+    against, told = _changeable(robot, against, postures, surroundings.clearance)
+    notes += told
     if obstacles and geometry.bare:
         notes.append(f"Not kept from the surroundings, for want of collision geometry: {listed(geometry.bare)}.")
-    hindrances = _hindrances(robot, geometry, own, surroundings, postures)
+    hindrances = _hindrances(robot, geometry, own, against, surroundings, postures)
     pairs = [*own, *against]
     if not pairs and tool is None and not notes:
         return None
@@ -147,6 +150,22 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
         tool=tool,
         notes=tuple(notes),
     )
+
+
+def _changeable(
+    robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray, clearance: float
+) -> tuple[list[SolidPair], list[str]]:
+    """Pairs whose distance a motion changes; a note names the others where they are near, like a turntable's floor."""
+    check = ContactCheck(robot, pairs)
+    found = [check.distances(pair, postures[:_POSTURES_OF_A_PAIR]) for pair in pairs]
+    changed = [float(np.ptp(distances)) > _UNCHANGED for distances in found]
+    near = [
+        f"{pair.name} ({round(float(distances[0]), 4) + 0.0:g} m)"
+        for pair, distances, changes in zip(pairs, found, changed, strict=True)
+        if not changes and distances[0] < clearance
+    ]
+    kept = [pair for pair, changes in zip(pairs, changed, strict=True) if changes]
+    return kept, [f"No motion changes how near these are, so it is not checked: {listed(near)}."] if near else []
 
 
 def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> None:
@@ -197,9 +216,11 @@ def _hindrances(
     robot: Robot,
     geometry: CollisionGeometry,
     own: Sequence[SolidPair],
+    against: Sequence[SolidPair],
     surroundings: Surroundings,
     postures: FloatArray,
 ) -> Hindrances:
+    kept_from = {(pair.moving.joint, pair.other.name) for pair in against}
     parts = {
         body.joint: [
             Part(body.joint, capsule) for capsule in without_contained(tuple(map(enclosing_capsule, body.shapes)))
@@ -212,11 +233,17 @@ def _hindrances(
         (Ball(part.joint, end, part.capsule.radius), half)
         for half in surroundings.half_spaces
         for part in moving
+        if (part.joint, half.name) in kept_from
         for end in (part.capsule.start, part.capsule.end)
     ]
     half_spaces += _tool_planes(robot, surroundings)
-    blocks = [box.block for box in surroundings.boxes]
-    beside = [(ball, block) for block in blocks for part in moving for ball in balls_along(part)]
+    beside = [
+        (ball, block)
+        for name, block in [(box.solid_name, box.block) for box in surroundings.boxes]
+        for part in moving
+        if (part.joint, name) in kept_from
+        for ball in balls_along(part)
+    ]
     # What is designed for is a little more than what must hold: the arm moves between the samples as well.
     kept = surroundings.clearance + _SPARE
     followed = _followed(robot, capsules, surroundings.clearance, postures)

@@ -29,6 +29,11 @@ class Box:
     rpy: Vector = (0.0, 0.0, 0.0)
 
     @property
+    def solid_name(self) -> str:
+        """As it is called in margins and messages."""
+        return f"box '{self.name}'"
+
+    @property
     def block(self) -> Block:
         """The same as a shape in the base frame."""
         placement = np.eye(4)
