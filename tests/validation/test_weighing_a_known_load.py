@@ -57,6 +57,10 @@ def test_torques_that_are_all_too_large_are_suspected_of_their_gains(identified,
     assert found.judged.verdict == "fail"
     assert found.weighed.mass == pytest.approx(1.15 * MASS, rel=0.03)
     assert "gains are probably too high" in found.judged.reason
+    assert all(found.gains.identifiable)
+    off = np.abs(found.gains.factors - 1 / 1.15)
+    assert np.all(off < 3.0 * found.gains.standard_deviations / found.gains.stated)
+    assert np.median(found.gains.factors) == pytest.approx(1 / 1.15, rel=0.01)
 
 
 def test_a_load_too_light_for_the_noise_is_not_a_number(identified, training):

@@ -54,6 +54,7 @@ def tables_of(result: ValidationResult, joints: Sequence[str]) -> list[ReportedT
         found.append(_filters(result.filters))
     if result.payloads:
         found.append(_payloads(result.payloads))
+        found += [_gains(one) for one in result.payloads if one.gains]
     return found
 
 
@@ -103,6 +104,21 @@ def _payloads(payloads: Sequence[PayloadView]) -> ReportedTable:
     )
     columns = ("measurement", "stated", "weighed", "95 % interval", "with common friction", "with friction of each run")
     return ReportedTable("Mass of the load, kg", columns, rows)
+
+
+def _gains(payload: PayloadView) -> ReportedTable:
+    rows = tuple(
+        (
+            one.joint,
+            number(one.drive_gain),
+            " to ".join(_maybe(end) for end in one.interval),
+            number(one.factor),
+            "✓" if one.identifiable else "no",
+        )
+        for one in payload.gains
+    )
+    columns = ("joint", "drive gain", "95 % interval", "times what was stated", "identifiable")
+    return ReportedTable(f"Drive gains, if the load in {payload.name} is what it is said to be", columns, rows)
 
 
 def _relative(errors: ErrorsView | None, n: int) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dynident.identification.drive_gains import DriveGains
 from dynident.robot.model import FloatArray
 from dynident.validation import (
     FiltersBySimulation,
@@ -160,9 +161,25 @@ def _payload(one: PayloadValidation, measurement_id: str) -> wire.PayloadView:
         interval=weighed.interval,
         friction_shared=weighed.alike.mass,
         friction_apart=None if weighed.apart is None else weighed.apart.mass,
+        gains=[] if one.gains is None else _gains(one.gains),
         verdict=one.judged.verdict,
         reason=one.judged.reason,
     )
+
+
+def _gains(found: DriveGains) -> list[wire.DriveGainView]:
+    return [
+        wire.DriveGainView(
+            joint=joint,
+            drive_gain=float(value),
+            interval=(finite(interval[0]), finite(interval[1])),
+            factor=float(factor),
+            identifiable=good,
+        )
+        for joint, value, interval, factor, good in zip(
+            found.joint_names, found.values, found.intervals, found.factors, found.identifiable, strict=True
+        )
+    ]
 
 
 def _trial(one: FilterTrial) -> wire.FilterTrialView:

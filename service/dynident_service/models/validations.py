@@ -128,6 +128,16 @@ class FiltersView(Shown):
     torque_noise: list[float | None] = Field(description="N m or N, per joint")
 
 
+class DriveGainView(Shown):
+    """The drive gain [12.17] of one joint, from runs without and with a known load."""
+
+    joint: str
+    drive_gain: float = Field(description="N m or N per unit of the recorded torque or current")
+    interval: tuple[float | None, float | None] = Field(description="95 %")
+    factor: float = Field(description="What the recorded torque is to be multiplied by")
+    identifiable: bool
+
+
 class PayloadView(Shown):
     """A load weighed by runs without and with it."""
 
@@ -139,6 +149,7 @@ class PayloadView(Shown):
     interval: tuple[float, float] | None = Field(description="Holds the true mass in 95 of 100 cases, kg")
     friction_shared: float | None = Field(description="kg, if friction is the same in all runs")
     friction_apart: float | None = Field(description="kg, if every run has friction of its own")
+    gains: list[DriveGainView] = Field(default=[], description="What they would have to be for the stated mass")
     verdict: VerdictWord
     reason: str
 

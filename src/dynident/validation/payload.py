@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
+from dynident.estimation import EstimationError
 from dynident.identification import Identification, PayloadVerdict, payload_from_pair
+from dynident.identification.drive_gains import DriveGains, identify_gains
 from dynident.identification.payloads import known_payload
 from dynident.recordings import Recording
 from dynident.validation.verdict import Judged
@@ -20,11 +22,15 @@ _AS_STATED = 0.05
 
 @dataclass(frozen=True, eq=False)
 class PayloadValidation:
-    """The load of one recording: its `stated` mass in kg, and what it weighs by the runs without and with it."""
+    """The load of one recording: its `stated` mass in kg, and what it weighs by the runs without and with it.
+
+    `gains`: what the drive gains would have to be for the stated mass; None where the runs do not determine them.
+    """
 
     name: str
     stated: float
     weighed: PayloadVerdict
+    gains: DriveGains | None
     judged: Judged
 
 
@@ -54,7 +60,12 @@ def validate_payload(
     effects = tuple(choice for choice in identification.choices.effects if _fits(choice))
     robot, filters = identification.model.robot, identification.preprocessing
     weighed = payload_from_pair(robot, unloaded, loaded, effects=effects, preprocessing=filters)
-    return PayloadValidation(loaded.name, stated, weighed, _judged(stated, weighed))
+    known = replace(loaded, payload={**(loaded.payload or {}), "mass": stated})
+    try:
+        gains = identify_gains(robot, unloaded, [known], effects=effects, preprocessing=filters)
+    except EstimationError:
+        gains = None
+    return PayloadValidation(loaded.name, stated, weighed, gains, _judged(stated, weighed))
 
 
 def _fits(choice: EffectChoice) -> bool:
