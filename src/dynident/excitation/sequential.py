@@ -57,7 +57,7 @@ def sequential(task: Task, budget: Budget) -> Made:
     # Searching the first time is looking for what shows at all: it takes as long as looking again for the best.
     seconds = None if budget.seconds is None else budget.seconds / len(runs) / 2
     first = _first(replace(task, progress=part(task.progress, 0.0, 0.45)), search, runs, home, seconds)
-    made = _again(replace(task, progress=part(task.progress, 0.45, 0.9)), search, first, home, seconds)
+    made = _again(replace(task, progress=part(task.progress, 0.45, 0.9)), search, first, home, budget)
     retreat = way_between(made[-1].found.start, home, bounds, model, task.rate)
     return _made(task, made, retreat, home)
 
@@ -77,10 +77,12 @@ def _first(
     return made
 
 
-def _again(
-    task: Task, search: RunSearch, first: list[_RunMade], home: FloatArray, seconds: float | None
-) -> list[_RunMade]:
-    """The runs, each searched once more by the criterion asked for, beside all others; the better one is kept."""
+def _again(task: Task, search: RunSearch, first: list[_RunMade], home: FloatArray, budget: Budget) -> list[_RunMade]:
+    """The runs, each searched once more by the criterion asked for, beside all others; the better one is kept.
+
+    Those that the time is not enough for stay as they are.
+    """
+    seconds = None if budget.seconds is None else budget.seconds / len(first) / 2
     made = list(first)
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return made
@@ -88,6 +90,8 @@ def _again(
     if not np.isfinite(value):
         return made
     for index, one in enumerate(first):
+        if budget.spent:
+            break
         others = sum((each.information for each in made if each is not made[index]), start=0.0 * one.information)
         progress = _labelled(task.progress, one.planned, index, len(first))
         try:
