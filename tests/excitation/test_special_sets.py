@@ -163,6 +163,14 @@ def test_a_set_can_be_cancelled_and_progress_names_the_run(scara):
     assert any("link 4 (wrist)" in message or "run 1 of 4" in message for _, message in heard)
 
 
+def test_little_time_still_gives_a_whole_set_and_says_so(scara):
+    design = design_experiment(scara, replace(QUICK, time_budget=0.05))
+    assert len(design.runs) == 4
+    assert np.isfinite(design.criterion_values.condition_number)
+    assert any("time was over" in note for note in design.notes)
+    assert not any("time was over" in note for note in design_experiment(scara, QUICK).notes)
+
+
 def test_progress_never_goes_back(scara):
     told: list[float] = []
     design_experiment(scara, QUICK, lambda fraction, message: told.append(fraction))

@@ -59,7 +59,14 @@ def sequential(task: Task, budget: Budget) -> Made:
     first = _first(replace(task, progress=part(task.progress, 0.0, 0.45)), search, runs, home, seconds)
     made = _again(replace(task, progress=part(task.progress, 0.45, 0.9)), search, first, home, budget)
     retreat = way_between(made[-1].found.start, home, bounds, model, task.rate)
-    return _made(task, made, retreat, home)
+    found = _made(task, made, retreat, home)
+    if not budget.spent:
+        return found
+    note = (
+        "The time was over before all runs were searched by the criterion: until then, they are chosen by log det M; "
+        "more time may make them much better."
+    )
+    return replace(found, notes=(*found.notes, note))
 
 
 def _first(
