@@ -58,9 +58,10 @@ def sequential(task: Task, budget: Budget) -> Made:
     seconds = None if budget.seconds is None else budget.seconds / len(runs) / 2
     first = _first(replace(task, progress=part(task.progress, 0.0, 0.45)), search, runs, home, seconds)
     made = _again(replace(task, progress=part(task.progress, 0.45, 0.9)), search, first, home, budget)
+    in_time = not budget.spent
     retreat = way_between(made[-1].found.start, home, bounds, model, task.rate)
     found = _made(task, made, retreat, home)
-    if not budget.spent:
+    if in_time:
         return found
     note = (
         "The time was over before all runs were searched by the criterion: until then, they are chosen by log det M; "
