@@ -119,9 +119,11 @@ def assert_safe(judge: Judge, request: DesignRequest, design: Design) -> None:
     for j, joint in enumerate(robot.joints):
         for limits in (joint.limits, request.limits.get(joint.name, Limits())):
             assert limits.jerk is None or jerk[j] <= limits.jerk * (1 + 1e-6)
-    nearest = judge.nearest(design.q[::2], request.surroundings, " ".join(design.notes))
-    for pair, distance in nearest.items():
-        assert distance >= request.surroundings.clearance - 1e-6, pair
+    notes, kept = " ".join(design.notes), request.surroundings.clearance
+    if "is kept instead of" in notes:
+        kept = min(margin.bound for margin in design.margins if margin.limit == "clearance")
+    for pair, distance in judge.nearest(design.q[::2], request.surroundings, notes).items():
+        assert distance >= kept - 1e-6, pair
     assert all(margin.share <= 1 for margin in design.margins)
 
 
@@ -241,6 +243,13 @@ def test_strokes_of_single_joints_end_before_the_floor():
     assert_safe(judge, lower, design)
     free = design_experiment(judge.robot, replace(request, surroundings=Surroundings()))
     assert np.ptp(design.q[:, 1]) < 0.9 * np.ptp(free.q[:, 1])
+
+
+def test_an_arm_on_its_own_floor_keeps_the_clearance_that_its_first_links_can_have():
+    robot = safe_robot("ur10")
+    design = design_experiment(robot, replace(QUICK, surroundings=Surroundings(floor=0.0)))
+    assert any("is kept instead of 0.02 m" in note and "floor" in note for note in design.notes)
+    assert all(margin.value > 0.01 for margin in design.margins if margin.joint.endswith("– floor"))
 
 
 def test_a_robot_without_geometry_says_so_and_a_radius_of_its_links_mends_it(scara):

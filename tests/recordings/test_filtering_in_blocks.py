@@ -41,7 +41,12 @@ def joined(recording: Recording, choice: Preprocessing, **how) -> dict[str, np.n
 def reference(q: np.ndarray, rate: float, cutoff: float, order: int) -> tuple[np.ndarray, ...]:
     """q and its four derivatives; NaN where neighbours are missing."""
     filtered = signal.sosfiltfilt(signal.butter(order, cutoff, fs=rate, output="sos"), q, axis=0)
-    stencils = ([-0.5, 0, 0.5], [1, -2, 1], [-0.5, 1, 0, -1, 0.5], [1, -4, 6, -4, 1])
+    stencils = (
+        np.array([1, -8, 0, 8, -1]) / 12,
+        np.array([-1, 16, -30, 16, -1]) / 12,
+        [-0.5, 1, 0, -1, 0.5],
+        [1, -4, 6, -4, 1],
+    )
     found = [filtered]
     for k, stencil in enumerate(stencils, start=1):
         reach = len(stencil) // 2
@@ -168,7 +173,8 @@ def test_without_a_filter_positions_stay_as_they_are():
     t, q, tau = random_walk(1000)
     got = joined(recording_from_arrays(t, q, tau, joint_names=("a", "b")), Preprocessing(None, None), block_length=7)
     assert np.array_equal(got["q"], q)
-    np.testing.assert_allclose(got["dq"][1:-1], (q[2:] - q[:-2]) * 250.0, atol=1e-9)
+    slope = (8 * (q[3:-1] - q[1:-3]) - (q[4:] - q[:-4])) * 500.0 / 12
+    np.testing.assert_allclose(got["dq"][2:-2], slope, atol=1e-9)
     fourth = (q[4:] - 4 * q[3:-1] + 6 * q[2:-2] - 4 * q[1:-3] + q[:-4]) * 500.0**4
     np.testing.assert_allclose(got["ddddq"][2:-2], fourth, rtol=1e-9, atol=1e-3)
 

@@ -86,8 +86,8 @@ def dense_segment(recording: Recording, segment, preprocessing: Preprocessing):
         sos = signal.butter(preprocessing.filter_order, preprocessing.position_cutoff, fs=rate, output="sos")
         q = signal.sosfiltfilt(sos, q, axis=0)
     dq, ddq = np.zeros_like(q), np.zeros_like(q)
-    dq[1:-1] = (q[2:] - q[:-2]) * rate / 2
-    ddq[1:-1] = (q[2:] - 2 * q[1:-1] + q[:-2]) * rate**2
+    dq[2:-2] = (8 * (q[3:-1] - q[1:-3]) - (q[4:] - q[:-4])) * rate / 12
+    ddq[2:-2] = (16 * (q[3:-1] + q[1:-3]) - 30 * q[2:-2] - (q[4:] + q[:-4])) * rate**2 / 12
     columns = all_columns(q, dq, ddq)[:, :, list(MODEL.base.kept)]
     t = segment.start_time + np.arange(len(q)) / rate
     margin = edge_margin(preprocessing, rate)

@@ -25,9 +25,8 @@ from dynident.robot import robot_from_urdf
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
 SLOW = Preprocessing(position_cutoff=None, torque_cutoff=5.0, decimation=20)
-# At these rates (ωT)² / 6 of the central differences, times the condition number of W, is what the dynamic model has
-# left; of a motion too slow for that it has 1e-8 left (see the rows of the base wrench).
-LIMITS = {"dynamic": 1e-4, "filtered": 1e-4, "energy": 1e-3, "power": 1e-3}
+# What is left of noise-free data is (ωT)⁴ / 30 of the differences, times the condition number of W.
+LIMITS = {"dynamic": 1e-8, "filtered": 1e-7, "energy": 1e-5, "power": 1e-5}
 
 
 def truth_of(model: Model, seed: int = 0) -> np.ndarray:

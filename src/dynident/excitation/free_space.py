@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ _MOSTLY = 0.5
 # Capsules that never come as near as this (m) in the postures looked at are not followed while optimising.
 _NEAR = 0.1
 _SPARE = 1e-3
+_SHARE_OF_ATTAINABLE = 0.9
 _POSTURES_OF_A_PAIR, _UNCHANGED = 20, 1e-6
 
 
@@ -136,6 +137,9 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
     against = [pair_of(robot, solids[body.joint], obstacle) for body in moving for obstacle in obstacles]
     against, told = _changeable(robot, against, postures, surroundings.clearance)
     notes += told
+    attainable, told = _attainable(robot, against, postures, surroundings.clearance)
+    surroundings = replace(surroundings, clearance=attainable)
+    notes += told
     if obstacles and geometry.bare:
         notes.append(f"Not kept from the surroundings, for want of collision geometry: {listed(geometry.bare)}.")
     hindrances = _hindrances(robot, geometry, own, against, surroundings, postures)
@@ -166,6 +170,26 @@ def _changeable(
     ]
     kept = [pair for pair, changes in zip(pairs, changed, strict=True) if changes]
     return kept, [f"No motion changes how near these are, so it is not checked: {listed(near)}."] if near else []
+
+
+def _attainable(
+    robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray, clearance: float
+) -> tuple[float, list[str]]:
+    """The clearance (m) that can be kept: less than wanted where something is nearer than that in every posture.
+
+    An arm that stands on a floor has its first links near it, and one end of them does not move away.
+    """
+    if not pairs:
+        return clearance, []
+    check = ContactCheck(robot, pairs)
+    farthest, name = min((float(check.distances(pair, postures).max()), pair.name) for pair in pairs)
+    if not 0 < farthest < clearance:
+        return clearance, []
+    kept = _SHARE_OF_ATTAINABLE * farthest
+    return kept, [
+        f"A clearance of {kept:.3g} m is kept instead of {clearance:g} m: {name} are never more than {farthest:.3g} m "
+        "apart."
+    ]
 
 
 def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> None:

@@ -217,7 +217,7 @@ class Recording:
 class SampleBlock:
     """Consecutive samples of one segment after the position filter.
 
-    t (m,) in s; q, dq, ddq, dddq, ddddq (m, n) filtered position and its derivatives [12.16]; tau (m, n) unfiltered;
+    t (m,) in s; q, dq, ddq, dddq, ddddq (m, n) filtered position and its derivatives; tau (m, n) unfiltered;
     `used` (m,) is true inside the windows and clear of the segment's ends; temperature (m, n) in degC or None;
     wrench (m, 6) of the base on the robot, unfiltered, or None.
     """
