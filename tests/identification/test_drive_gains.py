@@ -10,8 +10,8 @@ from exact_data import drawn_standard, torque_of
 from oracles import arm, fourier_motion, pinocchio_rows, record
 
 from dynident.errors import DynidentError
-from dynident.identification.drive_gains import DriveGains, identify_gains, payload_mass
-from dynident.identification.payloads import known_payload
+from dynident.identification.loads.drive_gains import DriveGains, identify_gains, payload_mass
+from dynident.identification.loads.payloads import known_payload
 from dynident.recordings import Preprocessing
 from dynident.robot import Drive
 

@@ -13,8 +13,8 @@ from dynident.errors import DynidentError
 from dynident.estimation import ordinary, statistics
 from dynident.identification import IdentificationChoices, identify, remove
 from dynident.identification.data import torque_of
-from dynident.identification.simulating import instrumental_variables
-from dynident.identification.simulator import simulated_motion, simulator_of, smoothed_references
+from dynident.identification.estimators.simulating import instrumental_variables
+from dynident.identification.estimators.simulator import simulated_motion, simulator_of, smoothed_references
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 

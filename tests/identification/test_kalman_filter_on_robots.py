@@ -11,8 +11,8 @@ from dynident.errors import DynidentError
 from dynident.estimation import EstimationError
 from dynident.estimation.kalman import KalmanNoise
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.kalman import run_filter
-from dynident.identification.torque_function import TorqueFunction
+from dynident.identification.estimators.kalman import run_filter
+from dynident.identification.estimators.torque_function import TorqueFunction
 from dynident.regressors.model import build_model
 
 ROBOT = arm("scara")

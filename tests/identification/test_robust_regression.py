@@ -16,7 +16,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation.robust import BISQUARE, HUBER, robust_scale
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification import robust as robust_module
+from dynident.identification.estimators import robust as robust_module
 from dynident.recordings import Preprocessing
 from dynident.regressors import rows as rows_module
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dynident.identification.drive_gains import DriveGains
+from dynident.identification.loads.drive_gains import DriveGains
 from dynident.robot.model import FloatArray
 from dynident.validation import (
     FiltersBySimulation,

@@ -19,7 +19,7 @@ from dynident.estimation.semidefinite import Equations, InfeasibleError, constra
 from dynident.export.unknowns import Unknowns
 from dynident.identification import Identification
 from dynident.identification.data import Data
-from dynident.identification.feasible import feasible
+from dynident.identification.estimators.feasible import feasible
 from dynident.robot.model import FloatArray
 
 # Least eigenvalues of a link's pseudo-inertia, in units of its usual mass and size, that are tried one after the other.

@@ -2,14 +2,14 @@
 
 from dynident.identification.again import reidentify
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.current_units import CurrentModel, identify_currents
-from dynident.identification.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
 from dynident.identification.identify import extend, identify, identify_model
+from dynident.identification.loads.current_units import CurrentModel, identify_currents
+from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
+from dynident.identification.loads.weighing import PayloadVerdict, payload_from_pair
 from dynident.identification.removing import remove
 from dynident.identification.result import Identification, IdentifiedParameter
 from dynident.identification.standard import StandardParameters
 from dynident.identification.storage import from_bytes, to_bytes
-from dynident.identification.weighing import PayloadVerdict, payload_from_pair
 
 __all__ = [
     "CurrentModel",

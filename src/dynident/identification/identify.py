@@ -19,13 +19,13 @@ from dynident.identification.checks import (
 )
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data, parted, reduced, torque_of
-from dynident.identification.fitting import fit
 from dynident.identification.gain import warnings_of_addition
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.identification.model_equations import with_constants
 from dynident.identification.prior import prior_of
 from dynident.identification.result import Identification
 from dynident.identification.shapes import check_shapes_given, complete_shapes, lacks_shape
+from dynident.identification.strategies.by_name import fit
 from dynident.identification.warnings import warnings_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing

@@ -14,7 +14,7 @@ from dynident.identification import Identification
 from dynident.identification.choices import IdentificationChoices, ModelName
 from dynident.identification.data import Data, reduced, torque_of
 from dynident.identification.fit import Fit
-from dynident.identification.fitting import fit
+from dynident.identification.strategies.by_name import fit
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.robot.model import FloatArray

@@ -11,8 +11,8 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError
 from dynident.identification import Identification, PayloadVerdict, payload_from_pair
-from dynident.identification.drive_gains import DriveGains, identify_gains
-from dynident.identification.payloads import known_payload
+from dynident.identification.loads.drive_gains import DriveGains, identify_gains
+from dynident.identification.loads.payloads import known_payload
 from dynident.recordings import Recording
 from dynident.validation.verdict import Judged
 

@@ -9,7 +9,7 @@ import numpy as np
 from dynident.effects import Column
 from dynident.errors import DynidentError
 from dynident.identification import Identification
-from dynident.identification.simulator import true_effects
+from dynident.identification.estimators.simulator import true_effects
 from dynident.recordings import Preprocessing, Recording, filtered_blocks
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot

@@ -11,7 +11,7 @@ from dynident.estimation import EquationFactors, Reduction
 from dynident.identification.choices import EstimatorName, IdentificationChoices, ModelName, StepsName
 from dynident.identification.data import Data
 from dynident.identification.fit import Fit
-from dynident.identification.steps import Findings, conclude_steps, take_step
+from dynident.identification.strategies.steps import Findings, conclude_steps, take_step
 from dynident.regressors.model import Model
 from dynident.robot.model import Robot
 

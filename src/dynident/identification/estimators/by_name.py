@@ -8,11 +8,11 @@ from types import MappingProxyType
 from dynident.estimation import Information, ordinary, statistics, weighted
 from dynident.identification.choices import EstimatorName, IdentificationChoices
 from dynident.identification.data import Data
-from dynident.identification.feasible import feasible
+from dynident.identification.estimators.feasible import feasible
+from dynident.identification.estimators.kalman import kalman
+from dynident.identification.estimators.robust import reweighted
+from dynident.identification.estimators.simulating import instrumental_variables, output_error
 from dynident.identification.fit import Estimator, Fit
-from dynident.identification.kalman import kalman
-from dynident.identification.robust import reweighted
-from dynident.identification.simulating import instrumental_variables, output_error
 from dynident.regressors.model import Model
 
 

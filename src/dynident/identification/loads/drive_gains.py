@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
-from dynident.identification.payloads import PLAIN_EFFECTS, known_payload, loaded_data, scaled
+from dynident.identification.loads.payloads import PLAIN_EFFECTS, known_payload, loaded_data, scaled
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 from dynident.robot.model import FloatArray

@@ -27,7 +27,7 @@ from dynident.estimation import (
 )
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
-from dynident.identification.estimators import estimate
+from dynident.identification.estimators.by_name import estimate
 from dynident.identification.fit import Fit
 from dynident.regressors.model import Model
 from dynident.robot.model import FloatArray

@@ -9,11 +9,11 @@ from types import MappingProxyType
 from dynident.errors import DynidentError
 from dynident.identification.choices import IdentificationChoices, StrategyName
 from dynident.identification.data import Data
-from dynident.identification.estimators import estimate
+from dynident.identification.estimators.by_name import estimate
 from dynident.identification.fit import Fit, Strategy
 from dynident.identification.prior import prior_of, with_prior_said
-from dynident.identification.separate_friction import separate_friction
-from dynident.identification.sequential import sequential
+from dynident.identification.strategies.separate_friction import separate_friction
+from dynident.identification.strategies.sequential import sequential
 from dynident.regressors.model import Model
 
 __all__ = ["STRATEGIES", "Fit", "estimate", "fit"]

@@ -9,9 +9,9 @@ from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
 from dynident.identification.fit import Fit
-from dynident.identification.friction_runs import FrictionRuns, friction_columns, friction_runs
-from dynident.identification.sequential import check_estimator
-from dynident.identification.steps import Findings, conclude_steps, take_step
+from dynident.identification.strategies.friction_runs import FrictionRuns, friction_columns, friction_runs
+from dynident.identification.strategies.sequential import check_estimator
+from dynident.identification.strategies.steps import Findings, conclude_steps, take_step
 from dynident.regressors.model import Model
 
 # Fast motion of less than so many times the speed of slow motion does not tell dry friction from viscous friction well;

@@ -15,8 +15,8 @@ from math import hypot
 
 from dynident.effects import EffectChoice
 from dynident.estimation import EstimationError
-from dynident.identification.drive_gains import DriveGains, PayloadEstimate, payload_mass
-from dynident.identification.payloads import PLAIN_EFFECTS
+from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, payload_mass
+from dynident.identification.loads.payloads import PLAIN_EFFECTS
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 

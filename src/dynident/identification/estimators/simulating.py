@@ -16,14 +16,14 @@ from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, instrumental, statistics, weighted
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
-from dynident.identification.fit import Fit
-from dynident.identification.simulator import (
+from dynident.identification.estimators.simulator import (
     BANDWIDTH,
     SimulatedMotion,
     simulated_motion,
     simulator_of,
     smoothed_references,
 )
+from dynident.identification.fit import Fit
 from dynident.recordings import Recording, SampleBlock, choose_preprocessing, motion_band
 from dynident.regressors.model import Model
 from dynident.regressors.stream import EquationRows, SampleFunction, folded, parallel_filtered, reduce_recordings

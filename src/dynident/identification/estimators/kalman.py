@@ -22,9 +22,9 @@ from dynident.estimation import (
 from dynident.estimation.kalman import KalmanFilter, KalmanNoise
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
+from dynident.identification.estimators.simulating import check_simulable
+from dynident.identification.estimators.torque_function import TorqueFunction
 from dynident.identification.fit import Fit
-from dynident.identification.simulating import check_simulable
-from dynident.identification.torque_function import TorqueFunction
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing, filtered_blocks
 from dynident.recordings.spectra import spectra
 from dynident.regressors.model import Model

@@ -16,8 +16,8 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, Solution, Statistics, errors, statistics, weighted
 from dynident.identification.checks import check_recordings
-from dynident.identification.payloads import PLAIN_EFFECTS
-from dynident.identification.sequential import only
+from dynident.identification.loads.payloads import PLAIN_EFFECTS
+from dynident.identification.strategies.sequential import only
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.base_parameters import BaseParameters, random_observation, select_base
 from dynident.regressors.model import Model, build_model

@@ -1,0 +1,1 @@
+"""How χ is solved for: one module an estimator, and all of them by their names."""
