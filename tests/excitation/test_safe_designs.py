@@ -261,7 +261,7 @@ def test_a_robot_without_geometry_says_so_and_a_radius_of_its_links_mends_it(sca
     tubes = Surroundings(floor=-0.5, link_radius=0.05)
     design = design_experiment(scara, replace(QUICK, kind="random", surroundings=tubes))
     assert any("Capsules of radius 0.05 m" in note for note in design.notes)
-    assert any(margin.joint.endswith("– floor") for margin in design.margins)
+    assert {margin.bound for margin in design.margins if margin.limit == "clearance"} == {0.02}
 
 
 @pytest.mark.parametrize(
