@@ -55,6 +55,22 @@ def short(prior: str | None, free: tuple[str, ...] = (), estimator: str = "wls")
     return identify(heavier(arm("ur10")), [run(amplitude=0.1)], [run(amplitude=1.5, name="wide")], choices)
 
 
+def test_a_description_that_is_stated_to_be_better_is_believed_more():
+    robot = heavier(arm("ur10"))
+    training, wide = [run(amplitude=0.1)], [run(amplitude=1.5, name="wide")]
+    vague, usual, sure = (
+        identify(robot, training, wide, replace(CHOICES, prior_error=share)) for share in (1.0, 0.2, 0.01)
+    )
+    truth = usual.model.base.grouping @ np.pad(robot.inertias.ravel(), (0, len(usual.model.columns) - 60))
+    links = [k for k, column in enumerate(usual.model.kept) if column.effect == "rigid_body"]
+    far = [np.linalg.norm(found.values[links] - truth[links]) for found in (vague, usual, sure)]
+    assert far[0] > far[1] > far[2]
+    assert from_bytes(to_bytes(sure)).choices.prior_error == 0.01
+    with pytest.raises(DynidentError) as refused:
+        replace(CHOICES, prior_error=0.0)
+    assert refused.value.pointer == "/prior_error"
+
+
 def test_base_parameters_are_believed_as_sums_of_what_is_believed_of_standard_ones():
     robot = arm("ur10")
     model = build_model(robot, LINKS)

@@ -39,6 +39,7 @@ def choices_from_request(
         steps=request.steps,
         prior=request.prior,
         free_links=tuple(request.free_links),
+        prior_error=request.prior_error,
         pole=request.pole,
         interval=request.interval,
         preprocessing=_preprocessing(request, recordings) if recordings else None,

@@ -46,6 +46,9 @@ class IdentificationRequest(Asked):
     free_links: list[str] = Field(
         default=[], max_length=100, description="Joints whose links the prior is not believed of, such as a loaded one"
     )
+    prior_error: float = Field(
+        default=0.2, gt=0, le=10, description="Share by which the description's inertias are usually off"
+    )
     pole: float | None = Field(
         default=None, gt=0, description="a of the filtered model's F(s) = a²/(s + a)² in rad/s; null: from the data"
     )

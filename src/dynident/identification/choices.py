@@ -10,6 +10,7 @@ from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
 from dynident.recordings import Preprocessing
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE
+from dynident.robot.usual_errors import USUAL_SHARE
 
 ModelName = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
 StrategyName = Literal["global", "sequential", "separate_friction"]
@@ -28,9 +29,10 @@ class IdentificationChoices:
     """What is identified and how.
 
     `steps` are those of the sequential strategy; `prior` None: the data alone count; `free_links`, by their joints, are
-    those that the prior is not believed of, for instance the last one where it carries an unknown payload; `pole` is a
-    of [12.29] in rad/s, for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model,
-    `preprocessing` the filters: None where the data decide. `tolerance` decides which columns count as dependent.
+    those that the prior is not believed of, for instance the last one where it carries an unknown payload, and
+    `prior_error` the share by which the others are usually off (see `usual_errors`). `pole` is a of [12.29] in rad/s,
+    for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model, `preprocessing` the filters:
+    None where the data decide. `tolerance` decides which columns count as dependent.
     """
 
     effects: tuple[EffectChoice, ...] = DEFAULT_EFFECTS
@@ -40,6 +42,7 @@ class IdentificationChoices:
     steps: StepsName = "link_by_link"
     prior: PriorName | None = None
     free_links: tuple[str, ...] = ()
+    prior_error: float = USUAL_SHARE
     pole: float | None = None
     interval: float | None = None
     preprocessing: Preprocessing | None = None
@@ -57,6 +60,12 @@ class IdentificationChoices:
                 "free_links are links that the prior is not believed of, and there is no prior; choose description, or "
                 "leave them out",
                 pointer="/free_links",
+            )
+        if not (isfinite(self.prior_error) and self.prior_error > 0):
+            raise DynidentError(
+                f"prior_error is {self.prior_error}; give the share by which the description's inertias are usually "
+                "off, above zero: 0.2 for a fifth",
+                pointer="/prior_error",
             )
         if self.pole is not None and not (isfinite(self.pole) and self.pole > 0):
             raise DynidentError(f"pole is {self.pole}; give a of [12.29] in rad/s, above zero", pointer="/pole")

@@ -121,7 +121,7 @@ def belief_of(model: Model, choices: IdentificationChoices) -> Belief:
     """What the description says of a model's standard parameters, whether it is chosen to be believed or not."""
     robot = model.robot
     nominal = np.zeros((robot.n, 10)) if robot.inertias is None else robot.inertias
-    errors, rotors = usual_errors(robot), usual_rotor_inertias(robot)
+    errors, rotors = usual_errors(robot, choices.prior_error), usual_rotor_inertias(robot)
     mean, size = np.zeros(len(model.columns)), np.ones(len(model.columns))
     stated = np.zeros(len(model.columns), dtype=bool)
     for k, column in enumerate(model.columns):

@@ -23,6 +23,7 @@ from dynident.regressors.model import build_model
 from dynident.robot import Robot
 from dynident.robot.document import robot_document, robot_from_document
 from dynident.robot.model import FloatArray
+from dynident.robot.usual_errors import USUAL_SHARE
 
 _FORMAT = "dynident identification 2"
 
@@ -206,6 +207,7 @@ def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
         steps=document.get("steps", "link_by_link"),
         prior=document.get("prior"),
         free_links=tuple(document.get("free_links", ())),
+        prior_error=document.get("prior_error", USUAL_SHARE),
         pole=document.get("pole"),
         interval=document.get("interval"),
         preprocessing=_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,

@@ -12,25 +12,25 @@ import numpy as np
 from dynident.robot.model import FloatArray, Robot
 
 # How far a description is usually off, as a share; and a link where it says nothing (kg, m).
-_SHARE, _SHARE_WITHOUT, _MASS, _SIZE = 0.2, 1.0, 3.0, 0.15
+USUAL_SHARE, _SHARE_WITHOUT, _MASS, _SIZE = 0.2, 1.0, 3.0, 0.15
 # Rotor inertia for an effort limit of 1 N m, and where there is no limit (kg m²).
 _ROTOR, _ROTOR_WHERE_UNKNOWN = 0.02, 1.0
 
 
-def usual_errors(robot: Robot) -> FloatArray:
+def usual_errors(robot: Robot, share: float = USUAL_SHARE) -> FloatArray:
     """(n, 10): standard deviations of the description's standard inertial parameters: kg m², kg m, kg.
 
     With m the mass of the link and l = 0.15 m + the distance of its centre of mass from the joint frame's origin: a
-    fifth of m for the mass, of m l for the first moments, of m l² for the moments of inertia. A link without mass in
-    the description counts as one of 3 kg, off by all of it.
+    share of m for the mass, of m l for the first moments, of m l² for the moments of inertia; a fifth where nobody says
+    better. A link without mass in the description counts as one of 3 kg, off by all of it.
     """
     made = np.empty((robot.n, 10))
     for link in range(robot.n):
-        mass, size, share = _MASS, _SIZE, _SHARE_WITHOUT
+        mass, size, off = _MASS, _SIZE, _SHARE_WITHOUT
         if robot.inertias is not None and robot.inertias[link, 9] > 0:
-            mass, share = float(robot.inertias[link, 9]), _SHARE
+            mass, off = float(robot.inertias[link, 9]), share
             size = _SIZE + float(np.linalg.norm(robot.inertias[link, 6:9])) / mass
-        made[link] = share * mass * np.array([size**2] * 6 + [size] * 3 + [1.0])
+        made[link] = off * mass * np.array([size**2] * 6 + [size] * 3 + [1.0])
     return made
 
 

@@ -56,6 +56,9 @@ def identify(
     free_links: Annotated[
         str, typer.Option("--free-links", metavar="JOINT,…", help="Links that the prior is not believed of.")
     ] = "",
+    prior_error: Annotated[
+        float, typer.Option("--prior-error", help="Share by which the description's inertias are usually off.")
+    ] = 0.2,
     pole: Annotated[
         float | None, typer.Option("--pole", help="a of the filtered model's F(s) in rad/s; from the data if left out.")
     ] = None,
@@ -90,7 +93,7 @@ def identify(
     chosen = inputs.effects_of(effects, machine) or DEFAULT_EFFECTS
     method = methods.method_of(model, strategy, steps, estimator, prior)
     unfiltered = replace(
-        method.of(IdentificationChoices(effects=chosen, pole=pole, interval=interval)),
+        method.of(IdentificationChoices(effects=chosen, pole=pole, interval=interval, prior_error=prior_error)),
         free_links=tuple(name.strip() for name in free_links.split(",") if name.strip()),
     )
     with (
