@@ -6,12 +6,13 @@ import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.excitation.criteria import check_criterion, check_wishes
+from dynident.excitation.motion import MOST_SAMPLES
 from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT, KINDS, DesignRequest, TrajectoryRequest
 from dynident.excitation.row_models import ROW_MODELS
 from dynident.excitation.special_sets import SETS
 from dynident.excitation.surroundings import check_surroundings
 
-_MOST_SAMPLES = 5_000_000
+_MOST_TIMES = 1_000_000
 _SAMPLES_PER_WAVE = 4
 _MOST_HARMONICS = 100
 _MOST_POINTS = 200
@@ -40,6 +41,13 @@ def check_request(request: DesignRequest) -> None:
             pointer="/torque_margin",
         )
     check_surroundings(request.surroundings)
+    for value, name, at in (
+        (trajectory.periods, "periods", "/trajectory/periods"),
+        (request.random_trajectories, "random_trajectories", "/random_trajectories"),
+        (request.starts or 1, "starts", "/starts"),
+    ):
+        if value > _MOST_TIMES:
+            raise DynidentError(f"{name} is too large; at most {_MOST_TIMES} can be designed", pointer=at)
     _check_shares(request.wanted_speeds, "speeds", "the velocity limit")
     _check_shares(trajectory.paces, "paces", "the speed of the path")
     for amplitude in request.wanted_amplitudes:
@@ -60,9 +68,9 @@ def check_request(request: DesignRequest) -> None:
         return
     _check_fineness(trajectory)
     samples = trajectory.sampling_rate * trajectory.duration * trajectory.periods * sum(1 / p for p in trajectory.paces)
-    if samples > _MOST_SAMPLES:
+    if samples > MOST_SAMPLES:
         raise DynidentError(
-            f"the trajectory would have {samples:.0f} samples; at most {_MOST_SAMPLES} can be designed",
+            f"the trajectory would have {samples:.0f} samples; at most {MOST_SAMPLES} can be designed",
             pointer="/trajectory",
         )
 

@@ -40,12 +40,12 @@ class Ball:
 
 @dataclass(frozen=True, eq=False)
 class Hindrances:
-    """What is kept apart: capsules of `pairs`, balls and half-spaces, balls and boxes; and by how much (m)."""
+    """What is kept apart: capsules of `pairs`, balls and half-spaces, balls and boxes; by how much (m), each or all."""
 
     pairs: tuple[tuple[Part, Part], ...] = ()
     half_spaces: tuple[tuple[Ball, HalfSpace], ...] = ()
     blocks: tuple[tuple[Ball, Block], ...] = ()
-    clearance: float = 0.0
+    clearance: float | FloatArray = 0.0
 
     @property
     def count(self) -> int:

@@ -57,11 +57,15 @@ def half_space_solid(name: str, normal: FloatArray, offset: float) -> Solid:
 
 @dataclass(frozen=True, eq=False)
 class SolidPair:
-    """Two solids that are kept apart; `travel` (n,): how far a point between them goes while a joint moves by one."""
+    """Two solids that are kept apart; `travel` (n,): how far a point between them goes while a joint moves by one.
+
+    `clearance` (m) is what has to lie between them.
+    """
 
     moving: Solid
     other: Solid
     travel: FloatArray
+    clearance: float
 
     @property
     def name(self) -> str:
@@ -69,8 +73,10 @@ class SolidPair:
         return f"{self.moving.name} – {self.other.name}"
 
 
-def pair_of(robot: Robot, moving: Solid, other: Solid) -> SolidPair:
-    """A pair, `moving` being the one farther from the base."""
+def pair_of(
+    robot: Robot, moving: Solid, other: Solid, ends: tuple[FloatArray, FloatArray], clearance: float
+) -> SolidPair:
+    """A pair, `moving` being the one farther from the base; joints move between the two `ends` (n,)."""
     travel = np.zeros(robot.n)
     chains = {solid.joint: robot.ancestors(solid.joint) for solid in (moving, other)}
     for solid, opposite in ((moving, other), (other, moving)):
@@ -79,18 +85,27 @@ def pair_of(robot: Robot, moving: Solid, other: Solid) -> SolidPair:
             joint = robot.joints[j]
             travel[j] = 1.0 if joint.kind == "prismatic" else length
             length += float(np.linalg.norm(joint.placement[:3, 3]))
-            if joint.kind == "prismatic" and joint.limits.position is not None:
-                length += max(map(abs, joint.limits.position))
-    return SolidPair(moving, other, travel)
+            if joint.kind == "prismatic":
+                length += max(abs(float(end[j])) for end in ends)
+    return SolidPair(moving, other, travel, clearance)
 
 
 @dataclass(frozen=True)
 class Approach:
-    """The nearest approach (m) of a body to anything along a motion: to what, and at which sample."""
+    """The nearest approach (m) of a body to anything along a motion: to what, and at which sample.
+
+    Nearest is what leaves least over what is `wanted` (m).
+    """
 
     name: str
     distance: float
     sample: int
+    wanted: float
+
+    @property
+    def room(self) -> float:
+        """How much farther than wanted (m)."""
+        return self.distance - self.wanted
 
 
 class ContactCheck:
@@ -121,17 +136,19 @@ class ContactCheck:
     def _approach(self, pairs: Sequence[SolidPair], q: FloatArray, way: FloatArray) -> Approach:
         looks = np.unique(np.linspace(0, len(q) - 1, min(_FIRST_LOOKS, len(q))).astype(np.intp))
         frames = joint_frames(self._robot, q[looks])
-        searches = [_Search(way @ pair.travel, looks, self._distances(pair, frames)) for pair in pairs]
+        searches = [_Search(way @ pair.travel, looks, self._distances(pair, frames) - pair.clearance) for pair in pairs]
         while True:
             nearest = min(range(len(pairs)), key=lambda k: searches[k].least)
             best = searches[nearest].least
             goal = best - _EXACTNESS - _RELATIVE_EXACTNESS * max(best, 0.0)
             asked = [search.doubtful(goal) for search in searches]
             if not any(len(samples) for samples in asked):
-                return Approach(pairs[nearest].name, best, searches[nearest].at)
+                wanted = pairs[nearest].clearance
+                return Approach(pairs[nearest].name, best + wanted, searches[nearest].at, wanted)
             for pair, search, samples in zip(pairs, searches, asked, strict=True):
                 if len(samples):
-                    search.add(samples, self._distances(pair, joint_frames(self._robot, q[samples])))
+                    distances = self._distances(pair, joint_frames(self._robot, q[samples]))
+                    search.add(samples, distances - pair.clearance)
 
     def _distances(self, pair: SolidPair, frames: FloatArray) -> FloatArray:
         found = np.empty(len(frames))

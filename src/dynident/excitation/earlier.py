@@ -45,7 +45,11 @@ def earlier_rows(
         rows[: k + 1, joint, equation.columns] = equation.joined[:, :k]
     seconds = sum(used_duration(recording) for recording in recordings)
     per_second = reduction.n_rows / n / seconds
-    wanted = request.trajectory
-    planned = wanted.duration * wanted.periods * sum(1.0 / pace for pace in wanted.paces)
-    made: FloatArray = rows.reshape(-1, b) / np.sqrt(planned * per_second)
+    made: FloatArray = rows.reshape(-1, b) / np.sqrt(planned_seconds(request) * per_second)
     return made
+
+
+def planned_seconds(request: DesignRequest) -> float:
+    """Seconds of the exciting part as they are asked for; what comes out may last otherwise."""
+    wanted = request.trajectory
+    return float(wanted.duration * wanted.periods * sum(1.0 / pace for pace in wanted.paces))

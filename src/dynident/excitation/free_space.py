@@ -38,7 +38,6 @@ class FreeSpace:
     """
 
     robot: Robot
-    clearance: float
     clearances: Clearances | None
     contacts: ContactCheck | None
     tool: ToolRange | None
@@ -63,16 +62,16 @@ class FreeSpace:
                     ends = f"[{at[:, k].min():.4g}, {at[:, k].max():.4g}]"
                     return f"the tool would be at {'xyz'[k]} = {ends} m, beyond its range [{low}, {high}]."
         if self.contacts is not None:
-            nearest = min(self.contacts.approaches(q), key=lambda approach: approach.distance)
-            if nearest.distance < self.clearance:
-                return contact_complaint(nearest.name, nearest.distance, self.clearance)
+            nearest = min(self.contacts.approaches(q), key=lambda approach: approach.room)
+            if nearest.room < 0:
+                return contact_complaint(nearest.name, nearest.distance, nearest.wanted)
         return None
 
     def narrowness(self, q: FloatArray) -> str:
         """What leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
         if self.contacts is None:
             return "the tool is at an end of its range."
-        nearest = min(self.contacts.approaches(q[None]), key=lambda approach: approach.distance)
+        nearest = min(self.contacts.approaches(q[None]), key=lambda approach: approach.room)
         return f"'{nearest.name}' are {nearest.distance:.3g} m apart, which leaves no room to move between them."
 
     def hindered(self, q: FloatArray) -> BoolArray:
@@ -80,7 +79,7 @@ class FreeSpace:
         found = np.zeros(len(q), dtype=np.bool_)
         if self.contacts is not None:
             for pair in self.contacts.pairs:
-                found |= self.contacts.distances(pair, q) < self.clearance
+                found |= self.contacts.distances(pair, q) < pair.clearance
         if self.tool is not None:
             at = self.tool_at(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
@@ -122,7 +121,7 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
     notes = list(geometry.notes)
     if surroundings.self_collision:
         candidates = [
-            pair_of(robot, solids[b.joint], solids[a.joint])
+            pair_of(robot, solids[b.joint], solids[a.joint], (low, high), surroundings.clearance)
             for a, b in _not_adjacent(robot, geometry.bodies)
             if frozenset((a.joint, b.joint)) not in may_touch
         ]
@@ -134,11 +133,14 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
     obstacles = [half_space_solid(half.name, half.normal, half.offset) for half in surroundings.half_spaces]
     obstacles += [solid_of(box.solid_name, BASE, [box.block]) for box in surroundings.boxes]
     moving = [body for body in geometry.bodies if body.joint != BASE]
-    against = [pair_of(robot, solids[body.joint], obstacle) for body in moving for obstacle in obstacles]
+    against = [
+        pair_of(robot, solids[body.joint], obstacle, (low, high), surroundings.clearance)
+        for body in moving
+        for obstacle in obstacles
+    ]
     against, told = _changeable(robot, against, postures, surroundings.clearance)
     notes += told
-    attainable, told = _attainable(robot, against, postures, surroundings.clearance)
-    surroundings = replace(surroundings, clearance=attainable)
+    against, told = _attainable(robot, against, postures)
     notes += told
     if obstacles and geometry.bare:
         notes.append(f"Not kept from the surroundings, for want of collision geometry: {listed(geometry.bare)}.")
@@ -148,7 +150,6 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
         return None
     return FreeSpace(
         robot=robot,
-        clearance=surroundings.clearance,
         clearances=Clearances(robot, hindrances) if hindrances.count else None,
         contacts=ContactCheck(robot, pairs) if pairs else None,
         tool=tool,
@@ -172,24 +173,23 @@ def _changeable(
     return kept, [f"No motion changes how near these are, so it is not checked: {listed(near)}."] if near else []
 
 
-def _attainable(
-    robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray, clearance: float
-) -> tuple[float, list[str]]:
-    """The clearance (m) that can be kept: less than wanted where something is nearer than that in every posture.
+def _attainable(robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray) -> tuple[list[SolidPair], list[str]]:
+    """Pairs with the clearance that can be kept: less than wanted where they are nearer than that in every posture.
 
     An arm that stands on a floor has its first links near it, and one end of them does not move away.
     """
-    if not pairs:
-        return clearance, []
-    check = ContactCheck(robot, pairs)
-    farthest, name = min((float(check.distances(pair, postures).max()), pair.name) for pair in pairs)
-    if not 0 < farthest < clearance:
-        return clearance, []
-    kept = _SHARE_OF_ATTAINABLE * farthest
-    return kept, [
-        f"A clearance of {kept:.3g} m is kept instead of {clearance:g} m: {name} are never more than {farthest:.3g} m "
-        "apart."
-    ]
+    check, kept, notes = ContactCheck(robot, pairs), [], []
+    for pair in pairs:
+        farthest = float(check.distances(pair, postures).max())
+        if 0 < farthest < pair.clearance:
+            less = _SHARE_OF_ATTAINABLE * farthest
+            notes.append(
+                f"A clearance of {less:.3g} m is kept instead of {pair.clearance:g} m between {pair.name}, which are "
+                f"never more than {farthest:.3g} m apart."
+            )
+            pair = replace(pair, clearance=less)
+        kept.append(pair)
+    return kept, notes
 
 
 def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> None:
@@ -244,7 +244,7 @@ def _hindrances(
     surroundings: Surroundings,
     postures: FloatArray,
 ) -> Hindrances:
-    kept_from = {(pair.moving.joint, pair.other.name) for pair in against}
+    kept_from = {(pair.moving.joint, pair.other.name): pair.clearance for pair in against}
     parts = {
         body.joint: [
             Part(body.joint, capsule) for capsule in without_contained(tuple(map(enclosing_capsule, body.shapes)))
@@ -260,18 +260,28 @@ def _hindrances(
         if (part.joint, half.name) in kept_from
         for end in (part.capsule.start, part.capsule.end)
     ]
-    half_spaces += _tool_planes(robot, surroundings)
+    planes = _tool_planes(robot, surroundings)
     beside = [
-        (ball, block)
-        for name, block in [(box.solid_name, box.block) for box in surroundings.boxes]
+        (ball, box)
+        for box in surroundings.boxes
         for part in moving
-        if (part.joint, name) in kept_from
+        if (part.joint, box.solid_name) in kept_from
         for ball in balls_along(part)
     ]
-    # What is designed for is a little more than what must hold: the arm moves between the samples as well.
-    kept = surroundings.clearance + _SPARE
     followed = _followed(robot, capsules, surroundings.clearance, postures)
-    return Hindrances(tuple(followed), tuple(half_spaces), tuple(beside), kept)
+    wanted = [
+        *(surroundings.clearance for _ in followed),
+        *(kept_from[ball.joint, half.name] for ball, half in half_spaces),
+        *(surroundings.clearance for _ in planes),
+        *(kept_from[ball.joint, box.solid_name] for ball, box in beside),
+    ]
+    # What is designed for is a little more than what must hold: the arm moves between the samples as well.
+    return Hindrances(
+        tuple(followed),
+        (*half_spaces, *planes),
+        tuple((ball, box.block) for ball, box in beside),
+        np.array(wanted) + _SPARE,
+    )
 
 
 def _followed(

@@ -119,7 +119,7 @@ class _Around:
         if self._space.contacts is not None:
             seen = self._space.contacts.approaches(q)
             before = self._approaches or seen
-            self._approaches = [min(pair, key=lambda one: one.distance) for pair in zip(before, seen, strict=True)]
+            self._approaches = [min(pair, key=lambda one: one.room) for pair in zip(before, seen, strict=True)]
         if self._space.tool is not None:
             tool = self._space.tool_at(q)
             self._low, self._high = np.minimum(self._low, tool.min(axis=0)), np.maximum(self._high, tool.max(axis=0))
@@ -128,9 +128,14 @@ class _Around:
         """Of every body, and of every end of the tool's range that is stated."""
         if self._space is None:
             return ()
-        wanted = self._space.clearance
         made = [
-            Margin(one.name, "clearance", one.distance, wanted, wanted / one.distance if one.distance > 0 else np.inf)
+            Margin(
+                one.name,
+                "clearance",
+                one.distance,
+                one.wanted,
+                one.wanted / one.distance if one.distance > 0 else np.inf,
+            )
             for one in self._approaches
         ]
         tool = self._space.tool

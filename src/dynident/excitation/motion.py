@@ -8,7 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
+from dynident.errors import DynidentError
 from dynident.robot.model import FloatArray
+
+MOST_SAMPLES = 5_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,7 @@ def in_sequence(pieces: Sequence[Piece], rate: float) -> Motion:
     The duration of each piece is a whole number of sampling periods, so that no sample falls between the grids of two
     of them. A border belongs to the piece that begins there; the last piece keeps its end.
     """
+    check_length(pieces, rate)
     parts: list[Motion] = []
     start = 0
     for piece in pieces:
@@ -62,6 +66,17 @@ def in_sequence(pieces: Sequence[Piece], rate: float) -> Motion:
     end = pieces[-1].evaluate(np.array([pieces[-1].duration]))
     parts.append(Motion(np.array([start / rate]), end.q, end.dq, end.ddq, end.dddq))
     return joined(parts)
+
+
+def check_length(pieces: Sequence[Piece], rate: float) -> None:
+    """Raise where motions one after the other have more samples at `rate` (Hz) than can be handled."""
+    samples = sum(piece.duration for piece in pieces) * rate
+    if samples > MOST_SAMPLES:
+        raise DynidentError(
+            f"the trajectory would have {samples:.3g} samples; at most {MOST_SAMPLES} can be designed: make it "
+            "shorter, or sample it more slowly",
+            pointer="/trajectory",
+        )
 
 
 def joined(parts: Sequence[Motion]) -> Motion:

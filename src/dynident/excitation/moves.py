@@ -16,12 +16,13 @@ import ruckig
 from dynident.excitation.feasible import static_torque
 from dynident.excitation.limits import Bounds, ImpossibleLimitsError
 from dynident.excitation.model import DesignModel
-from dynident.excitation.motion import Motion, Piece, Rest
+from dynident.excitation.motion import Motion, Piece, Rest, check_length
 from dynident.robot.model import FloatArray
 
 _SLOWER = 0.75
 _ATTEMPTS = 16
 _CHECKS = 400
+_CHECKS_PER_SAMPLE = 10
 _SAME_POSTURE = 1e-9
 _OVERSHOOT = 1e-9
 
@@ -114,7 +115,9 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     _check_holding(start, end, bounds, model)
     for attempt in range(_ATTEMPTS):
         move = plan_move(start, end, bounds, rate, slowness=_SLOWER**-attempt)
-        motion = move.evaluate(np.linspace(0.0, move.duration, _CHECKS))
+        check_length([move], rate)
+        checks = max(_CHECKS, int(np.ceil(_CHECKS_PER_SAMPLE * rate * move.duration)) + 1)
+        motion = move.evaluate(np.linspace(0.0, move.duration, checks))
         torque = model.torque(motion.q, motion.dq, motion.ddq)
         if (np.abs(torque) <= bounds.torque).all() and (np.abs(torque * motion.dq) <= bounds.power).all():
             return move

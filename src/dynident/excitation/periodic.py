@@ -33,8 +33,11 @@ def periodic(task: Task, budget: Budget) -> Made:
     wanted = request.trajectory
     steps = max(round(wanted.duration * rate), 1)
     family = family_of(wanted, steps / rate)
+    asked = wanted.duration
+    if len(wanted.paces) == 1:
+        family, asked = _at_pace(family, wanted.paces[0], rate), asked / wanted.paces[0]
     notes = []
-    if abs(family.period - wanted.duration) > 1e-9 * wanted.duration:
+    if abs(family.period - asked) > 1e-9 * asked:
         notes.append(f"The period is {family.period:.9g} s: a whole number of sampling periods.")
     notes += task.yardstick.notes
     judge = Judge(family, model, task.yardstick, rows=request.model)
@@ -63,6 +66,9 @@ def periodic(task: Task, budget: Budget) -> Made:
     fine = Judge(family, model, task.yardstick, n_samples=_VALUED_SAMPLES, rows=request.model)
     motions, margins = within_limits(task, family, best)
     placed = with_moves(request.home, motions[0].start, bounds, model, rate)
+    margins = _wider(margins, task.verified((placed.approach, placed.retreat)))
+    if not keeps(margins):
+        raise broken(margins)
     pieces = (placed.approach, *(replace(motion, periods=wanted.periods) for motion in motions), placed.retreat)
     exciting = (placed.approach.duration, sum(piece.duration for piece in pieces[:-1]))
     one_pace = len(motions) == 1
@@ -72,7 +78,7 @@ def periodic(task: Task, budget: Budget) -> Made:
         period=motions[0].family.period if one_pace else None,
         valued=_valued(task, fine, motions[0]) if one_pace else task.valued(pieces, exciting),
         baseline=replace(baseline, best=fine.values(candidates[0].x)),
-        margins=_wider(margins, task.verified((placed.approach, placed.retreat))),
+        margins=margins,
         notes=(*notes, *placed.notes),
     )
 
@@ -80,13 +86,14 @@ def periodic(task: Task, budget: Budget) -> Made:
 def _valued(task: Task, judge: Judge, motion: PeriodicMotion) -> Valued:
     n_samples = task.request.trajectory.periods * motion.family.period * task.rate
     w, dq = judge.observe(motion.x), judge.velocity(motion.x)
-    return Valued(judge.values(motion.x), task.expected(w, dq, judge.row_model, n_samples))
+    return Valued(judge.values(motion.x), task.expected(w, dq, judge.row_model, n_samples, task.yardstick.earlier))
 
 
 def within_limits(task: Task, family: Family, best: Candidate) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
     """One period of the best candidate at every pace, shrunk until the fine grid agrees."""
     x = best.x.copy()
-    families = [_at_pace(family, pace, task.rate) for pace in task.request.trajectory.paces]
+    paces = task.request.trajectory.paces
+    families = [family] if len(paces) == 1 else [_at_pace(family, pace, task.rate) for pace in paces]
     for shrink in _SHRINKS:
         motions = tuple(PeriodicMotion(each, x) for each in families)
         margins = task.verified(motions)

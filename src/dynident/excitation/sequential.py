@@ -192,7 +192,7 @@ def _valued(task: Task, placed: list[_RunMade]) -> Valued:
     w = np.concatenate([one.w[::every] for one in placed])
     dq = np.concatenate([one.motion.dq[::every] for one in placed])
     values = task.yardstick.values(w.reshape(-1, w.shape[-1]), len(w))
-    return Valued(values, task.expected(w, dq, EVERY_JOINT, total))
+    return Valued(values, task.expected(w, dq, EVERY_JOINT, total, None))
 
 
 def _not_shown(task: Task, valued: Valued) -> list[str]:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.excitation.baseline import Baseline
 from dynident.excitation.criteria import CriterionValues
 from dynident.excitation.deciding import Yardstick, row_weights
+from dynident.excitation.earlier import planned_seconds
 from dynident.excitation.expected import ExpectedParameter, expected_parameters
 from dynident.excitation.limits import Bounds
 from dynident.excitation.margins import Margin, margins_of
 from dynident.excitation.model import DesignModel
-from dynident.excitation.motion import Motion, Piece, in_sequence
+from dynident.excitation.motion import Motion, Piece, check_length, in_sequence
 from dynident.excitation.request import DesignRequest, Run
 from dynident.excitation.row_models import EVERY_JOINT, RowModel
 from dynident.progress import Progress, part
@@ -43,6 +44,7 @@ class Task:
 
     def verified(self, pieces: Sequence[Piece]) -> tuple[Margin, ...]:
         """Margins against the limits proper, on a grid finer than the sampling."""
+        check_length(pieces, self.rate)
         torque = self.model.torque if self.limits.checks_torque else None
         finely = _finely(pieces, self.rate * _CHECKS_PER_SAMPLE, part(self.progress, 0.95, 1.0))
         return margins_of(self.limits, finely, torque)
@@ -53,15 +55,22 @@ class Task:
         inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
         taken = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
         w, dq = self.model.observe_along(motion, taken), motion.dq[taken]
-        expected = self.expected(w.reshape(*dq.shape, -1), dq, EVERY_JOINT, len(inside))
-        return Valued(self.yardstick.values(w, len(taken)), expected)
+        earlier = self.yardstick.earlier
+        if earlier is not None:
+            # They count in proportion to how long the experiment is, not to how long it was asked for.
+            earlier = earlier * np.sqrt(planned_seconds(self.request) / (exciting[1] - exciting[0]))
+        expected = self.expected(w.reshape(*dq.shape, -1), dq, EVERY_JOINT, len(inside), earlier)
+        return Valued(replace(self.yardstick, earlier=earlier).values(w, len(taken)), expected)
 
     def expected(
-        self, w: FloatArray, dq: FloatArray, rows: RowModel, n_samples: float
+        self, w: FloatArray, dq: FloatArray, rows: RowModel, n_samples: float, earlier: FloatArray | None
     ) -> tuple[ExpectedParameter, ...]:
-        """How well the parameters come out of `n_samples` samples like those of W (m, n, b) and q̇ (m, n)."""
+        """How well the parameters come out of `n_samples` samples like those of W (m, n, b) and q̇ (m, n).
+
+        `earlier` (r, b): rows beside W / √m that stand for earlier runs.
+        """
         noise = 1.0 / row_weights(self.model, self.request.noise) if self.request.noise else None
-        return expected_parameters(self.model, w, dq, rows, n_samples, noise=noise, earlier=self.yardstick.earlier)
+        return expected_parameters(self.model, w, dq, rows, n_samples, noise=noise, earlier=earlier)
 
 
 @dataclass(frozen=True, eq=False)

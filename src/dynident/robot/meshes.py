@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from dynident.robot.model import FloatArray
-from dynident.robot.shapes import Hull, capsule_around
+from dynident.robot.shapes import Block, Hull, capsule_around
 
 _MOST_SLICES = 3
 _WORTH_SLICING = 0.95
 """A finer slicing must bring the volume of the capsules around the slices down to this share."""
+_THIN = 1e-4
+"""m: what is thinner is flat."""
 _PREFIXES = ("package://", "model://", "file://")
 
 
 def mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
-    """The file that a mesh's name means: an absolute path, or one below a folder; `None` where there is none.
+    """The file that a mesh's name means, below one of the folders; `None` where there is none.
 
     Of package://robot/meshes/x.stl both robot/meshes/x.stl and meshes/x.stl are looked for in the folders.
     """
@@ -29,9 +31,10 @@ def mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
     name = uri
     for prefix in _PREFIXES:
         name = name.removeprefix(prefix)
-    path = Path(name)
-    tried = [folder / part for folder in folders for part in _tails(path, packaged)]
-    if path.is_absolute() and not packaged:
+    path, given = Path(name), list(folders)
+    tried = [folder / part for folder in given for part in _tails(path, packaged)]
+    # A description may come from anywhere: it opens no file outside of the folders that its user names.
+    if path.is_absolute() and any(path.resolve().is_relative_to(folder.resolve()) for folder in given):
         tried.insert(0, path)
     return next((one for one in tried if one.is_file()), None)
 
@@ -43,7 +46,7 @@ def _tails(path: Path, packaged: bool) -> list[Path]:
     return [Path(*parts), Path(*parts[1:])] if packaged and len(parts) > 1 else [Path(*parts)]
 
 
-def hulls_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> tuple[Hull, ...]:
+def hulls_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> tuple[Hull | Block, ...]:
     """A mesh as convex pieces, placed by `placement` (4, 4): slices across a principal axis, where these fit closer.
 
     Raises
@@ -60,7 +63,22 @@ def hulls_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> tuple
     if not len(points) or not corners:
         raise ValueError("it has no triangles")
     placed = points @ placement[:3, :3].T + placement[:3, 3]
-    return tuple(Hull(piece) for piece in sliced(placed, np.array(corners, dtype=np.intp)))
+    return tuple(_body(piece) for piece in sliced(placed, np.array(corners, dtype=np.intp)))
+
+
+def _body(points: FloatArray) -> Hull | Block:
+    """The convex hull of points (m, 3), or the box around them where they are flat: a hull needs a volume."""
+    middle = points.mean(axis=0)
+    axes = np.linalg.svd(np.vstack([points - middle, np.zeros((3, 3))]))[2]
+    axes[2] *= np.sign(np.linalg.det(axes))
+    along = (points - middle) @ axes.T
+    low, high = along.min(axis=0), along.max(axis=0)
+    if len(points) > 3 and (high - low).min() >= _THIN:
+        return Hull(points)
+    placement = np.eye(4)
+    placement[:3, :3] = axes.T
+    placement[:3, 3] = middle + axes.T @ (0.5 * (low + high))
+    return Block(placement, np.maximum(high - low, _THIN))
 
 
 def sliced(points: FloatArray, triangles: NDArray[np.intp]) -> list[FloatArray]:
