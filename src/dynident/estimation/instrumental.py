@@ -55,7 +55,7 @@ def instrumental(both: Reduction, known: Information | None = None) -> Instrumen
     observed = both.select(np.arange(c, 2 * c))
     twice = None if known is None else Information(np.hstack([known.factor, known.factor]), known.right)
     noise = np.ones(len(both.equations))
-    solved = _solved(both, noise, None)
+    solved = _solved(both, noise, twice)
     for _ in range(_ROUNDS):
         noise = noise_levels(observed, solved.values)
         if known is not None:

@@ -102,6 +102,9 @@ class KalmanFilter:
         self.covariance[range(2 * n), range(2 * n)] = (
             np.concatenate([self._noise.position, np.sqrt(2.0) * self._noise.position / self._period]) ** 2
         )
+        # The velocity rests on the position of this sample too.
+        shared = self._noise.position**2 / self._period
+        self.covariance[range(n), range(n, 2 * n)] = self.covariance[range(n, 2 * n), range(n)] = shared
         self._torque = np.array(tau)
         self._acceleration = np.zeros(n)
 

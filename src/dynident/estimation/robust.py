@@ -54,7 +54,10 @@ BISQUARE = Influence(_bisquare_weight, _bisquare_slope)
 
 
 def robust_scale(residuals: FloatArray) -> FloatArray:
-    """(n,): standard deviation of residuals (m, n) about zero, from their median size: a third may be outliers."""
+    """(n,): standard deviation of residuals (m, n) about zero, from their median size: a third may be outliers.
+
+    What is not a number does not count.
+    """
     if not len(residuals):
         return np.zeros(residuals.shape[1])
-    return np.asarray(np.median(np.abs(residuals), axis=0) / _MEDIAN)
+    return np.asarray(np.nanmedian(np.abs(residuals), axis=0) / _MEDIAN)

@@ -142,7 +142,7 @@ def _springs(links: Links) -> dict[str, tuple[float, float]]:
     """Stiffness and position of rest of the joints that have a spring."""
     found: dict[str, dict[str, float]] = {}
     for column, value in zip(links.identification.model.kept, links.standard.values, strict=True):
-        if column.effect == "joint_spring":
+        if column.effect == "joint_spring" and not column.runs:
             found.setdefault(column.link, {})[column.parameter] = float(value)
     springs = {}
     for joint, spring in found.items():

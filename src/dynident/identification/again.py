@@ -63,6 +63,8 @@ def check_reduced_data(identification: Identification, choices: IdentificationCh
     old = identification.choices
     if (choices.model, choices.pole, choices.interval) != (old.model, old.pole, old.interval):
         raise _needed("/model", f"the reduced data are rows of the {old.model} model")
+    if old.model == "base_wrench" and (choices.estimator == "ols") != (old.estimator == "ols"):
+        raise _needed("/estimator", "what the wrench alone shows was taken out with the other estimator's weights")
     if choices.estimator not in FROM_REDUCED:
         told = (
             f"{choices.estimator} goes through the samples again; from reduced data there are {_listed(FROM_REDUCED)}"

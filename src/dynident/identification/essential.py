@@ -139,6 +139,7 @@ def _with_only(identification: Identification, full: Solution, removed: tuple[in
         inertia_matrix_positive_definite=bool(smallest > 0),
         worst_inertia_eigenvalue=smallest,
         not_essential=removed,
+        standard=None,
     )
 
 

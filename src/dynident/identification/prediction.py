@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 from scipy.special import stdtrit
 
@@ -78,6 +79,14 @@ def _check(identification: Identification, motion: tuple[FloatArray, FloatArray,
             raise DynidentError(f"{name} holds a value that is not finite", pointer=f"/{name}")
     if not 0 < level < 1:
         raise DynidentError(f"level is {level}; give a probability between 0 and 1, usually 0.95", pointer="/level")
+    signals = identification.model.signals
+    for column in identification.model.kept:
+        if ca.depends_on(column.torque, ca.vertcat(signals.dddq, signals.ddddq, signals.period)):
+            raise DynidentError(
+                f"{column.effect} depends on derivatives of the acceleration or on the sampling period; compare the "
+                "model with a recording instead, or export it (JSON, C code, CasADi), which takes these as arguments",
+                pointer="/effects",
+            )
     for choice in identification.choices.effects:
         effect = effect_by_id(choice.effect)
         if effect.needs_temperature or effect.needs_session or choice.runs or effect.in_some_runs:

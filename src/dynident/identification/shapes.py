@@ -61,17 +61,17 @@ def complete_shapes(
         return tuple(added)
     given = tuple(choice for choice in added if not lacks_shape(choice))
     still_open = one_joint_each([choice for choice in added if lacks_shape(choice)], model.robot)
-    coarse = find_shapes(model, (*given, *still_open), recordings, preprocessing, reference, part(progress, 0.0, 0.5))
-    fine = refine_shapes(
+    everything = (*given, *still_open)
+    coarse = find_shapes(model, everything, recordings, preprocessing, reference, part(progress, 0.0, 0.5))
+    return refine_shapes(
         model,
-        coarse[len(given) :],
+        coarse,
         recordings,
         preprocessing,
         reference,
         part(progress, 0.5, 1.0),
-        kept=[choice.shape_values for choice in still_open],
+        kept=[choice.shape_values for choice in everything],
     )
-    return given + fine
 
 
 def one_joint_each(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoice, ...]:

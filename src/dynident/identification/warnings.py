@@ -134,8 +134,10 @@ def _friction_signs(identification: Identification) -> list[str]:
     return [
         f"{parameter.name} on {parameter.link} is negative ({parameter.value:.3g} {parameter.unit}): check the sign of "
         "its torque and the order of the torque columns."
-        for parameter in identification.parameters
-        if parameter.effect in ("coulomb", "viscous") and parameter.value < -3.0 * parameter.standard_deviation
+        for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
+        if parameter.effect in ("coulomb", "viscous")
+        and not column.runs
+        and parameter.value < -3.0 * parameter.standard_deviation
     ]
 
 

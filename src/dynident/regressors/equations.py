@@ -11,7 +11,16 @@ from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.regressors.forms import Form
 from dynident.regressors.stages import differences, integrated, rated, smoothed
-from dynident.regressors.stream import EquationRows, SampleFunction, Samples, folded, low_passed, sampled
+from dynident.regressors.stream import (
+    EquationRows,
+    SampleFunction,
+    Samples,
+    folded,
+    low_passed,
+    sampled,
+    silent_joints,
+    uncounted,
+)
 from dynident.robot.model import FloatArray
 
 # Intervals of the energy model begin every eighth of their length: nearer to each other they repeat each other.
@@ -80,17 +89,22 @@ def reduce_form(
     """
     layout = form.layout
     n_entries = form.n_entries
+    joint_by_joint = form.n_equations == form.observation.robot.n
 
     def rows_of(recording: Recording) -> Iterator[EquationRows]:
+        left_out = silent_joints(form.observation, recording) if joint_by_joint else None
         samples = sampled(recording, preprocessing, _evaluations(form, reference, recording))
         for segment, t, values in treatment(samples, form, recording, preprocessing):
             rows = [
                 np.hstack([values[:, places], values[:, n_entries + k : n_entries + k + 1]])
                 for k, (places, _) in enumerate(layout)
             ]
+            for joint in () if left_out is None else np.flatnonzero(left_out[segment]):
+                rows[joint][:] = 0.0
             yield EquationRows(t, rows, segment)
 
-    return folded(rows_of, [columns for _, columns in layout], form.observation.n_columns, recordings, progress)
+    reduction = folded(rows_of, [columns for _, columns in layout], form.observation.n_columns, recordings, progress)
+    return uncounted(reduction, form.observation, recordings) if joint_by_joint else reduction
 
 
 def _evaluations(form: Form, reference: FloatArray, recording: Recording) -> Callable[[SampleBlock], FloatArray]:

@@ -187,26 +187,31 @@ def reduce_recordings(
     """
     n = observation.robot.n
     layout = [observation.joint_entries(joint) for joint in range(n)]
-    sticking = _joints_with_friction(observation)
 
     def rows_of(recording: Recording) -> Iterator[EquationRows]:
         given = None if samples_of is None else samples_of(recording)
-        silent_rows = standing_joints(recording) & sticking
+        left_out = silent_joints(observation, recording)
         for samples in given or filtered_samples(observation, recording, preprocessing, reference):
             rows = [
                 np.hstack([samples.values[:, positions], samples.tau[:, joint : joint + 1]])
                 for joint, (positions, _) in enumerate(layout)
             ]
-            for joint in np.flatnonzero(silent_rows[samples.segment]):
+            for joint in np.flatnonzero(left_out[samples.segment]):
                 rows[joint][:] = 0.0
             yield EquationRows(samples.t, rows, samples.segment)
 
     reduction = folded(rows_of, [columns for _, columns in layout], observation.n_columns, recordings, progress)
-    return _uncounted(reduction, sticking & np.any([standing_joints(r).any(axis=0) for r in recordings], axis=0))
+    return uncounted(reduction, observation, recordings)
 
 
-def _uncounted(reduction: Reduction, standing: BoolArray) -> Reduction:
-    """The same data; of joints that stand still somewhere, stretches whose rows were left out count no rows."""
+def silent_joints(observation: Observation, recording: Recording) -> BoolArray:
+    """(segments, n): joints with friction that stand still throughout a run; their rows there are left out."""
+    return standing_joints(recording) & _joints_with_friction(observation)
+
+
+def uncounted(reduction: Reduction, observation: Observation, recordings: Sequence[Recording]) -> Reduction:
+    """The same data; stretches of joints whose rows were left out count no rows."""
+    standing = np.any([silent_joints(observation, one).any(axis=0) for one in recordings], axis=0)
     equations = tuple(
         replace(e, counts=np.where(e.factors.any(axis=(1, 2)), e.counts, 0)) if somewhere else e
         for e, somewhere in zip(reduction.equations, standing, strict=True)

@@ -151,7 +151,8 @@ def _check(effect: TrueEffect, robot: Robot, pointer: str) -> None:
             raise DynidentError(
                 f"{effect.effect} has no parameter {name!r}; it has: {', '.join(known)}", pointer=where, title=_TITLE
             )
-        if not math.isfinite(value) or (value < 0 and (effect.effect, name) in NEVER_NEGATIVE):
+        negative = value < 0 and not effect.runs and (effect.effect, name) in NEVER_NEGATIVE
+        if not math.isfinite(value) or negative:
             raise DynidentError(
                 f"{name} of {effect.effect} on {effect.joint or 'the robot'} is {value}; expected a finite number"
                 + (", zero or above" if (effect.effect, name) in NEVER_NEGATIVE else ""),

@@ -111,15 +111,17 @@ def validate_methods(
         method.of(identification.choices)
     model, preprocessing, reference = identification.model, identification.preprocessing, identification.reference
     tried = torque_of(model, validation, preprocessing, reference, part(progress, 0.0, 0.1)) if validation else None
-    data: dict[ModelName, Data | DynidentError] = {}
+    data: dict[tuple[ModelName, bool], Data | DynidentError] = {}
     results: list[MethodResult] = []
     for number, method in enumerate(chosen):
         share = part(progress, 0.1 + 0.9 * number / len(chosen), 0.1 + 0.9 * (number + 1) / len(chosen))
         share(0.0, method.words)
         choices = method.of(identification.choices)
-        if method.model not in data:
-            data[method.model] = _data_of(identification, choices, recordings, share)
-        results.append(_result(identification, choices, method, data[method.model], tried, results))
+        # What the wrench alone shows is taken out of its equations with the estimator's weights.
+        kind = (method.model, method.model == "base_wrench" and method.estimator == "ols")
+        if kind not in data:
+            data[kind] = _data_of(identification, choices, recordings, share)
+        results.append(_result(identification, choices, method, data[kind], tried, results))
     judged = judge_methods(identification, results, tried is not None)
     names = tuple(column.name for column in model.kept)
     return MethodsValidation(names, tuple(results), tried is not None, judged)

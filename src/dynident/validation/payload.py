@@ -9,7 +9,6 @@ import numpy as np
 
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError
 from dynident.identification import Identification, PayloadVerdict, payload_from_pair
 from dynident.identification.loads.drive_gains import DriveGains, identify_gains
 from dynident.identification.loads.payloads import known_payload
@@ -63,7 +62,7 @@ def validate_payload(
     known = replace(loaded, payload={**(loaded.payload or {}), "mass": stated})
     try:
         gains = identify_gains(robot, unloaded, [known], effects=effects, preprocessing=filters)
-    except EstimationError:
+    except DynidentError:
         gains = None
     return PayloadValidation(loaded.name, stated, weighed, gains, _judged(stated, weighed))
 

@@ -103,7 +103,7 @@ def _impossible(identification: Identification) -> str:
     return ", ".join(
         f"{column.name} is {value:.3g} ± {_SURE * deviation:.2g} {column.unit}, below zero"
         for column, value, deviation in zip(identification.model.kept, identification.values, deviations, strict=True)
-        if (column.effect, column.parameter) in NEVER_NEGATIVE and value < -_SURE * deviation
+        if (column.effect, column.parameter) in NEVER_NEGATIVE and not column.runs and value < -_SURE * deviation
     )
 
 

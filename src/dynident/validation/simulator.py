@@ -87,7 +87,9 @@ def _standard(model: Model, values: FloatArray) -> FloatArray:
         else:
             standard[k] = own.get(k, 0.0)
     impossible = [
-        k for k, c in enumerate(model.columns) if (c.effect, c.parameter) in NEVER_NEGATIVE and standard[k] < 0
+        k
+        for k, c in enumerate(model.columns)
+        if (c.effect, c.parameter) in NEVER_NEGATIVE and not c.runs and standard[k] < 0
     ]
     standard[impossible] = 0.0
     links = [k for k, column in enumerate(model.columns) if column.effect == "rigid_body"]

@@ -179,7 +179,15 @@ def _not_negative(model: Model) -> IntArray:
     """
     others = any(effect_by_id(c.effect).is_friction and c.effect not in _PLAIN_FRICTION for c in model.effects)
     always = ("rotor_inertia",) if others else ("rotor_inertia", *_PLAIN_FRICTION)
-    return np.array([k for k, c in enumerate(model.columns) if c.effect in always or _positive(c)], dtype=np.intp)
+    return np.array(
+        [
+            k
+            for k, column in enumerate(model.columns)
+            # Friction of some runs alone is a difference from the others': it may have any sign.
+            if (column.effect in always or _positive(column)) and not (column.runs and column.effect in _PLAIN_FRICTION)
+        ],
+        dtype=np.intp,
+    )
 
 
 def _positive(column: Column) -> bool:

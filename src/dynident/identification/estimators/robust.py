@@ -22,7 +22,7 @@ from dynident.identification.data import Data
 from dynident.identification.fit import Fit
 from dynident.recordings import Recording
 from dynident.regressors.model import Model
-from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
+from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings, silent_joints
 from dynident.robot.model import FloatArray
 
 _MOST_ROUNDS = 15
@@ -102,9 +102,19 @@ class _Passes:
     data: Data
 
     def residuals(self, values: FloatArray) -> FloatArray:
-        """(m, n): y - ŷ of all rows for parameters (b,)."""
-        found = [self._residual(s, values) for recording in self.data.recordings for s in self._samples(recording)]
+        """(m, n): y - ŷ of all rows for parameters (b,), not a number where a row is left out."""
+        found = [
+            self._counted(recording, samples, values)
+            for recording in self.data.recordings
+            for samples in self._samples(recording)
+        ]
         return np.concatenate(found) if found else np.zeros((0, self.model.robot.n))
+
+    def _counted(self, recording: Recording, samples: FilteredSamples, values: FloatArray) -> FloatArray:
+        """Residuals (m, n); not a number where a joint stands still throughout the run, whose rows are left out."""
+        rest = self._residual(samples, values)
+        rest[:, silent_joints(self.model.observation, recording)[samples.segment]] = np.nan
+        return rest
 
     def reduced(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
         """The equations with every row times the root of its weight at parameters (b,) and scales (n,)."""
@@ -119,7 +129,7 @@ class _Passes:
     def pseudo_observations(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
         """The equations of the pseudo-observations ŷ + ψ(e) / mean ψ', weights 1."""
         safe = _floored(sigma)
-        slope = influence.slope(self.residuals(values) / safe).mean(axis=0)
+        slope = np.nanmean(influence.slope(self.residuals(values) / safe), axis=0)
 
         def mended(samples: FilteredSamples) -> FilteredSamples:
             rest = self._residual(samples, values)
@@ -134,7 +144,7 @@ class _Passes:
         weights, times = [], []
         for recording in self.data.recordings:
             for samples in self._samples(recording):
-                weights.append(BISQUARE.weight(self._residual(samples, values) / safe) < _REJECTED)
+                weights.append(BISQUARE.weight(self._counted(recording, samples, values) / safe) < _REJECTED)
                 times.append([(recording.name, float(t)) for t in samples.t])
         rejected = np.concatenate(weights)
         shares = rejected.mean(axis=0)

@@ -26,7 +26,15 @@ from dynident.identification.estimators.simulator import (
 from dynident.identification.fit import Fit
 from dynident.recordings import Recording, SampleBlock, choose_preprocessing, motion_band
 from dynident.regressors.model import Model
-from dynident.regressors.stream import EquationRows, SampleFunction, folded, parallel_filtered, reduce_recordings
+from dynident.regressors.stream import (
+    EquationRows,
+    SampleFunction,
+    folded,
+    parallel_filtered,
+    reduce_recordings,
+    silent_joints,
+    uncounted,
+)
 from dynident.robot.model import FloatArray
 from dynident.simulation import Reference
 
@@ -178,6 +186,7 @@ def _beside_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) 
         simulated = SampleFunction(observation, data.reference, recording)
         measured = SampleFunction(observation, data.reference, recording)
         motion = of_recording[id(recording)]
+        left_out = silent_joints(observation, recording)
 
         def values(block: SampleBlock) -> FloatArray:
             return np.hstack([simulated(motion.block(block)), measured(block), block.tau])
@@ -188,10 +197,12 @@ def _beside_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) 
                 np.hstack([z[:, positions], w[:, positions], tau[:, joint : joint + 1]])
                 for joint, (positions, _) in enumerate(layout)
             ]
+            for joint in np.flatnonzero(left_out[segment]):
+                equations[joint][:] = 0.0
             yield EquationRows(t, equations, segment)
 
     columns = [np.concatenate([own, own + b]) for _, own in layout]
-    return folded(rows_of, columns, 2 * b, data.recordings)
+    return uncounted(folded(rows_of, columns, 2 * b, data.recordings), observation, data.recordings)
 
 
 def _cutoff(data: Data, wanted: float) -> float:

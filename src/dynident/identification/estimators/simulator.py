@@ -132,6 +132,6 @@ def true_effects(model: Model, values: FloatArray) -> tuple[TrueEffect, ...]:
 
 def _braking(effect: TrueEffect) -> TrueEffect:
     """The effect without what would drive the motion."""
-    if effect.effect not in _ONLY_BRAKES:
+    if effect.effect not in _ONLY_BRAKES or effect.runs:
         return effect
     return replace(effect, values=tuple((name, max(value, 0.0)) for name, value in effect.values))
