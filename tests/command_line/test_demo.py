@@ -20,7 +20,7 @@ from dynident_service.demo.measuring import _in_motion
 from dynident_service.demo.scenario import Scenario
 
 ROBOT = robot_from_library("ur10")
-FLOOR = 1.3
+FLOOR = 1.4
 
 
 @pytest.mark.slow

@@ -64,8 +64,8 @@ LONG = Plan(
 )
 SHORT = Plan(
     (
-        Course("run1", "optimized", 8.0, 5, 2, 1.0),
-        Course("run2", "optimized", 14.0, 5, 1, 0.35),
+        Course("run1", "optimized", 8.0, 5, 2, 1.0, 2),
+        Course("run2", "optimized", 20.0, 6, 1, 0.35),
         Course("validation", "random", 10.0, 5, 1, 0.4),
     )
 )

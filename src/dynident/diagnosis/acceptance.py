@@ -23,6 +23,7 @@ VISIBLE = 0.02
 
 # A sensitivity of which so little is left beside the model reaches far beyond the data: it has to gain much.
 _BLURRED, _DROP_OF_BLURRED = 0.2, 0.25
+_MOST_OF_THE_ERROR = 0.6
 # Times the smallest slip distance that is looked for.
 _HARDLY = 2.01
 # What each joint of a group needs for itself.
@@ -46,8 +47,8 @@ def acceptable(state: State, counts: FloatArray, item: Judged, n_tried: int) -> 
     }
     if resolved and beside & set(effect.confused_with) and item.total_drop < SMALLEST_DROP_OF_STICKING:
         return False
-    # Every sensitivity is a smooth function of the posture: agreement alone says little for one.
-    if effect.first_order and not item.passes_by_t:
+    # Every sensitivity is a smooth function of the posture: agreement alone says little for one that explains little.
+    if effect.first_order and not item.passes_by_t and item.drop < _MOST_OF_THE_ERROR:
         return False
     if effect.first_order and item.separability < _BLURRED and item.drop < _DROP_OF_BLURRED:
         return False
