@@ -247,7 +247,7 @@ def test_a_sliding_joint_without_a_range_is_asked_for_one(scara):
         (replace(QUICK, trajectory=replace(SHORT, duration=float("nan"))), "/trajectory/duration"),
         (replace(QUICK, trajectory=replace(SHORT, sampling_rate=3.0)), "/trajectory/sampling_rate"),
         (replace(QUICK, trajectory=replace(SHORT, periods=0)), "/trajectory/periods"),
-        (replace(QUICK, trajectory=replace(SHORT, periods=10**9)), "/trajectory"),
+        (replace(QUICK, trajectory=replace(SHORT, periods=10**9)), "/trajectory/periods"),
         (replace(QUICK, effects=(EffectChoice("ghosts"),)), "/effects/0"),
         (replace(QUICK, limits={"elbow2": Limits(velocity=1.0)}), "/limits/elbow2"),
         (replace(QUICK, limits={"elbow": Limits(velocity=-1.0)}), "/limits/elbow/velocity"),

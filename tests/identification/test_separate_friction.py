@@ -85,9 +85,10 @@ def test_friction_keeps_what_its_own_runs_say_and_gravity_need_not_be_known():
     other = standard.copy()
     other[66:78] *= 1.5
     names = [f"{kind}{j + 1}" for kind in ("Fc", "Fv") for j in range(6)]
-    found = identify(UR10, [whole_motion(UR10, other), *friction_tests(UR10, heavier)], [], choices(preprocessing=WIDE))
-    friction = friction_of(found)
-    np.testing.assert_allclose([friction[name] for name in names], standard[66:78], rtol=1e-5)
+    little = 0.01
+    runs = [whole_motion(UR10, other, little), *friction_tests(UR10, heavier, noise=little)]
+    friction = friction_of(identify(UR10, runs, [], choices(preprocessing=WIDE)))
+    np.testing.assert_allclose([friction[name] for name in names], standard[66:78], rtol=5e-3)
     together = friction_of(identify(UR10, [whole_motion(UR10, other)], [], choices(strategy="global")))
     assert abs(together["Fc1"] - other[66]) < abs(together["Fc1"] - standard[66])
 

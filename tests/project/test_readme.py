@@ -41,7 +41,7 @@ def test_every_link_leads_somewhere(page: str) -> None:
 
 def test_the_two_commands_are_those_that_the_check_of_everything_runs() -> None:
     script = ROOT / ".ci" / "readme_block.py"
-    for heading, end in (("See it work", "dynident demo\n"), ("Run the tests", "pytest\n")):
+    for heading, end in (("See it work", "dynident demo\n"), ("Run the tests", "pytest -n auto\n")):
         block = subprocess.run([sys.executable, script, heading], check=True, capture_output=True, text=True).stdout
         assert block.endswith(end)
         assert block in README

@@ -221,7 +221,8 @@ def uncounted(reduction: Reduction, observation: Observation, recordings: Sequen
 
 def _joints_with_friction(observation: Observation) -> BoolArray:
     """(n,): joints whose friction is among the columns."""
-    names = {column.link for column in observation.columns if effect_by_id(column.effect).is_friction}
+    # Offsets of a base sensor belong to no effect.
+    names = {c.link for c in observation.columns if c.effect and effect_by_id(c.effect).is_friction}
     return np.array([name in names for name in observation.robot.joint_names])
 
 
