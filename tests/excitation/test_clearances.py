@@ -9,12 +9,12 @@ from scipy.optimize import minimize
 
 from dynident.effects import EffectChoice
 from dynident.excitation import Box, CriterionChoice, Surroundings, ToolRange, Wall
-from dynident.excitation.criteria import criterion_of
-from dynident.excitation.fourier import FourierFamily
-from dynident.excitation.limits import Bounds, bounds_of
-from dynident.excitation.model import design_model
-from dynident.excitation.problem import DesignProblem, Multipliers
-from dynident.excitation.segments import closest_shares, distance_to_block
+from dynident.excitation.criteria.smooth import criterion_of
+from dynident.excitation.limits.bounds import Bounds, bounds_of
+from dynident.excitation.observation.model import design_model
+from dynident.excitation.optimising.problem import DesignProblem, Multipliers
+from dynident.excitation.surroundings.segments import closest_shares, distance_to_block
+from dynident.excitation.trajectories.fourier import FourierFamily
 from dynident.robot import Limits
 
 CELL = Surroundings(

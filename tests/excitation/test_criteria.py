@@ -6,7 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.errors import DynidentError
-from dynident.excitation.criteria import CRITERIA, CriterionChoice, criterion_of, true_values
+from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
+from dynident.excitation.criteria.smooth import criterion_of
+from dynident.excitation.criteria.values import true_values
 
 seeds = st.integers(0, 2**32 - 1)
 A_PRIORI = np.geomspace(0.5, 2, 6)

@@ -6,14 +6,15 @@ import pytest
 
 from dynident.effects import CATALOGUE, EffectChoice, MemorySignal
 from dynident.effects.memory import step
-from dynident.excitation.criteria import CRITERIA, CriterionChoice, criterion_of
-from dynident.excitation.deciding import yardstick_of
-from dynident.excitation.fourier import FourierFamily
-from dynident.excitation.limits import bounds_of
-from dynident.excitation.model import design_model
-from dynident.excitation.path_memory import PathMemory
-from dynident.excitation.problem import DesignProblem, Multipliers
-from dynident.excitation.sensitivity import ObservationGradient
+from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
+from dynident.excitation.criteria.deciding import yardstick_of
+from dynident.excitation.criteria.smooth import criterion_of
+from dynident.excitation.limits.bounds import bounds_of
+from dynident.excitation.observation.model import design_model
+from dynident.excitation.observation.path_memory import PathMemory
+from dynident.excitation.observation.sensitivity import ObservationGradient
+from dynident.excitation.optimising.problem import DesignProblem, Multipliers
+from dynident.excitation.trajectories.fourier import FourierFamily
 from dynident.robot import robot_from_library, to_pinocchio
 
 MOST = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")

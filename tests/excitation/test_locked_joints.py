@@ -9,12 +9,12 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, Surroundings, TrajectoryRequest, design_experiment
-from dynident.excitation.deciding import yardstick_of
-from dynident.excitation.fourier import FourierFamily
-from dynident.excitation.limits import bounds_of
-from dynident.excitation.locked import locked_bounds, locked_model
-from dynident.excitation.model import design_model
-from dynident.excitation.problem import DesignProblem, Multipliers
+from dynident.excitation.criteria.deciding import yardstick_of
+from dynident.excitation.limits.bounds import bounds_of
+from dynident.excitation.limits.locked import locked_bounds, locked_model
+from dynident.excitation.observation.model import design_model
+from dynident.excitation.optimising.problem import DesignProblem, Multipliers
+from dynident.excitation.trajectories.fourier import FourierFamily
 from dynident.robot import Robot, to_pinocchio
 
 LINKS = (EffectChoice("rigid_body"),)

@@ -19,9 +19,9 @@ from dynident.excitation import (
     design_table,
     write_design,
 )
-from dynident.excitation.run_search import rows_like
-from dynident.excitation.special_sets import BetweenTwoPoints, planned_runs
-from dynident.excitation.surroundings import Surroundings
+from dynident.excitation.sets.planned import BetweenTwoPoints, planned_runs
+from dynident.excitation.sets.run_search import rows_like
+from dynident.excitation.surroundings.obstacles import Surroundings
 from dynident.robot import Robot, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))

@@ -11,10 +11,10 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import Box, DesignRequest, Surroundings, TrajectoryRequest, design_experiment
-from dynident.excitation.free_space import free_space_of
-from dynident.excitation.limits import ImpossibleLimitsError
-from dynident.excitation.margins import keeps
-from dynident.excitation.model import design_model
+from dynident.excitation.limits.bounds import ImpossibleLimitsError
+from dynident.excitation.limits.margins import keeps
+from dynident.excitation.observation.model import design_model
+from dynident.excitation.surroundings.free_space import free_space_of
 from dynident.robot import Limits, robot_from_urdf
 from dynident.robot.meshes import hulls_of_mesh, mesh_file
 

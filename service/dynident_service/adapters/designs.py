@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from dynident.effects.catalogue import check_shape, joints_of
 from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
 from dynident.excitation.checks import check_request
-from dynident.excitation.ros2 import joint_trajectory
+from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.robot import Robot
 from dynident.simulation import Reference
 from dynident_service.adapters.effects import choices_of

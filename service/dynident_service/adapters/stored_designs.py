@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from dynident.excitation import CriterionValues, Design, ExpectedParameter, Margin, Run
-from dynident.excitation.baseline import Baseline
-from dynident.excitation.margins import LimitName
+from dynident.excitation.criteria.baseline import Baseline
+from dynident.excitation.limits.margins import LimitName
 from dynident_service.adapters.designs import design_request, stored_reference
 from dynident_service.models import designs as wire
 

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from dynident.diagnosis import Diagnosis
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
-from dynident.excitation.row_models import ROW_MODELS, RowModelName
+from dynident.excitation.observation.row_models import ROW_MODELS, RowModelName
 from dynident.identification import Identification, from_bytes
 from dynident.progress import Progress, part
 from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from dynident.diagnosis import Comparison
 from dynident.errors import DynidentError
 from dynident.excitation import Design, design_table
-from dynident.excitation.ros2 import joint_trajectory
+from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident_service.cli.inputs import write_whole
 
 ENDINGS = (".csv", ".parquet")

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.effects import EffectChoice
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest
-from dynident.excitation.limits import Bounds
+from dynident.excitation.limits.bounds import Bounds
 
 _SEARCHED = 2.0
 """Seconds of optimisation that a proposed design asks for, on top of random trajectories."""

@@ -16,9 +16,9 @@ from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest
-from dynident.excitation.deciding import parameters_of
-from dynident.excitation.limits import Bounds, bounds_of
-from dynident.excitation.model import DesignModel, design_model
+from dynident.excitation.criteria.deciding import parameters_of
+from dynident.excitation.limits.bounds import Bounds, bounds_of
+from dynident.excitation.observation.model import DesignModel, design_model
 from dynident.identification import Identification
 from dynident.robot.model import FloatArray, Robot
 

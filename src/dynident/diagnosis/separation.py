@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from dynident.diagnosis.compare import Comparison
 from dynident.diagnosis.result import Separation
 from dynident.excitation import DesignRequest, quick_motion
-from dynident.excitation.limits import Bounds
-from dynident.excitation.model import DesignModel
-from dynident.excitation.motion import Motion
-from dynident.excitation.variances import inverse_diagonal_of
+from dynident.excitation.criteria.variances import inverse_diagonal_of
+from dynident.excitation.limits.bounds import Bounds
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.trajectories.motion import Motion
 from dynident.robot.model import FloatArray
 
 IntArray = NDArray[np.intp]

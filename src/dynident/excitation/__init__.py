@@ -1,15 +1,17 @@
 """Experiments that excite: trajectories, criteria, limits, and the design of both together."""
 
-from dynident.excitation.baseline import Baseline
-from dynident.excitation.criteria import CRITERIA, CriterionChoice, CriterionValues
+from dynident.excitation.criteria.baseline import Baseline
+from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
+from dynident.excitation.criteria.expected import ExpectedParameter
+from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.design import design_experiment
-from dynident.excitation.expected import ExpectedParameter
-from dynident.excitation.export import FORMATS, design_document, design_table, trajectory_document, write_design
-from dynident.excitation.limits import ImpossibleLimitsError
-from dynident.excitation.margins import Margin
+from dynident.excitation.formats.files import FORMATS, design_document, design_table, trajectory_document, write_design
+from dynident.excitation.limits.bounds import ImpossibleLimitsError
+from dynident.excitation.limits.margins import Margin
 from dynident.excitation.quick import quick_motion
-from dynident.excitation.request import KINDS, Design, DesignRequest, Run, TrajectoryRequest
-from dynident.excitation.surroundings import Box, Surroundings, ToolRange, Wall
+from dynident.excitation.request import KINDS, DesignRequest, TrajectoryRequest
+from dynident.excitation.result import Design, Run
+from dynident.excitation.surroundings.obstacles import Box, Surroundings, ToolRange, Wall
 
 __all__ = [
     "CRITERIA",

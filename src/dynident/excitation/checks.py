@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.excitation.criteria import check_criterion, check_wishes
-from dynident.excitation.motion import MOST_SAMPLES
+from dynident.excitation.criteria.choice import check_criterion, check_wishes
+from dynident.excitation.observation.row_models import ROW_MODELS
 from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT, KINDS, DesignRequest, TrajectoryRequest
-from dynident.excitation.row_models import ROW_MODELS
-from dynident.excitation.special_sets import SETS
-from dynident.excitation.surroundings import check_surroundings
+from dynident.excitation.sets.planned import SETS
+from dynident.excitation.surroundings.obstacles import check_surroundings
+from dynident.excitation.trajectories.motion import MOST_SAMPLES
 
 _MOST_TIMES = 1_000_000
 _SAMPLES_PER_WAVE = 4

@@ -6,22 +6,22 @@ from collections.abc import Sequence
 
 from dynident.errors import DynidentError
 from dynident.excitation.checks import check_request
-from dynident.excitation.deciding import with_rivals, yardstick_of
-from dynident.excitation.earlier import earlier_rows
-from dynident.excitation.home import check_home, home_candidates, posture_note
-from dynident.excitation.limits import bounds_of
-from dynident.excitation.locked import locked_bounds, locked_model, locked_note, moving_joints
-from dynident.excitation.margins import broken, keeps
-from dynident.excitation.model import DesignModel, design_model
-from dynident.excitation.motion import in_sequence
-from dynident.excitation.optimise import Budget
-from dynident.excitation.periodic import periodic
-from dynident.excitation.request import JOINT_BY_JOINT, Design, DesignRequest
-from dynident.excitation.sequences import point_to_point
-from dynident.excitation.sequential import sequential
-from dynident.excitation.strokes import course_of, strokes_of
-from dynident.excitation.task import Made, Task
-from dynident.progress import Progress, ascending, part, silent
+from dynident.excitation.criteria.deciding import with_rivals, yardstick_of
+from dynident.excitation.experiments.earlier import earlier_rows
+from dynident.excitation.experiments.periodic import periodic
+from dynident.excitation.experiments.point_to_point import point_to_point
+from dynident.excitation.experiments.strokes import joint_by_joint
+from dynident.excitation.experiments.task import Made, Task
+from dynident.excitation.limits.bounds import bounds_of
+from dynident.excitation.limits.locked import locked_bounds, locked_model, locked_note, moving_joints
+from dynident.excitation.moves.home import check_home, home_candidates
+from dynident.excitation.observation.model import DesignModel, design_model
+from dynident.excitation.optimising.budget import Budget
+from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
+from dynident.excitation.result import Design
+from dynident.excitation.sets.sequential import sequential
+from dynident.excitation.trajectories.motion import in_sequence
+from dynident.progress import Progress, ascending, silent
 from dynident.recordings import Recording
 from dynident.robot.model import FloatArray, Robot
 
@@ -73,7 +73,7 @@ def design_experiment(
     )
     task = Task(request, model, yardstick, limits, bounds, progress)
     progress(0.0, f"{model.n_parameters} base parameters")
-    made = _joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _moving_together(task, budget)
+    made = joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _moving_together(task, budget)
     motion = in_sequence(made.pieces, task.rate)
     progress(1.0, "done")
     return Design(
@@ -125,25 +125,3 @@ def _told(model: DesignModel, earlier: Sequence[Recording], request: DesignReque
             pointer="/earlier_ids",
         )
     return earlier_rows(model, earlier, request)
-
-
-def _joint_by_joint(task: Task) -> Made:
-    request, model, bounds = task.request, task.model, task.bounds
-    home = home_candidates(request.home, bounds, model)[0]
-    strokes = strokes_of(request, bounds, home)
-    course = course_of(
-        bounds,
-        model,
-        home,
-        strokes,
-        repeats=request.trajectory.periods,
-        rate=task.rate,
-        progress=part(task.progress, 0.0, 0.9),
-    )
-    margins = task.verified(course.pieces)
-    if not keeps(margins):
-        raise broken(margins)
-    exciting = (course.first, course.last)
-    return Made(
-        course.pieces, exciting, None, task.valued(course.pieces, exciting), None, margins, (posture_note(home),)
-    )

@@ -7,17 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.excitation.baseline import Judge, random_candidates
-from dynident.excitation.deciding import yardstick_of
-from dynident.excitation.families import family_of
-from dynident.excitation.family import PeriodicMotion
-from dynident.excitation.feasible import static_torque
-from dynident.excitation.home import home_candidates
-from dynident.excitation.limits import Bounds, ImpossibleLimitsError
-from dynident.excitation.model import DesignModel
-from dynident.excitation.motion import Motion, in_sequence, joined
+from dynident.excitation.criteria.deciding import yardstick_of
+from dynident.excitation.experiments.periodic import family_of
+from dynident.excitation.experiments.strokes import Stroke, course_of, strokes_of
+from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.excitation.limits.postures import static_torque
+from dynident.excitation.moves.home import home_candidates
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.optimising.random_trajectories import Judge, random_candidates
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
-from dynident.excitation.strokes import Stroke, course_of, strokes_of
+from dynident.excitation.trajectories.family import PeriodicMotion
+from dynident.excitation.trajectories.motion import Motion, in_sequence, joined
 from dynident.robot.model import FloatArray
 
 _CANDIDATES = 6

@@ -1,4 +1,4 @@
-"""What is asked of a design, and what comes back."""
+"""What is asked of a design."""
 
 from __future__ import annotations
 
@@ -6,27 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
-from dynident.excitation.baseline import Baseline
-from dynident.excitation.criteria import CriterionChoice, CriterionValues
-from dynident.excitation.expected import ExpectedParameter
-from dynident.excitation.margins import Margin
-from dynident.excitation.row_models import RowModelName
-from dynident.excitation.surroundings import Surroundings
+from dynident.excitation.criteria.choice import CriterionChoice
+from dynident.excitation.observation.row_models import RowModelName
+from dynident.excitation.surroundings.obstacles import Surroundings
 from dynident.robot import Limits
-from dynident.robot.model import FloatArray
 
 Kind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]
-IntArray = NDArray[np.int64]
 KINDS: tuple[str, ...] = get_args(Kind)
 JOINT_BY_JOINT = ("constant_velocity", "slow_sweep", "reversals")
 """Kinds in which one joint moves at a time, with the friction of the joints for its default effects."""
 FAMILIES = ("fourier", "b_spline", "point_to_point")
 DEFAULT_STARTS = 4
-_HAIR = 1e-9
 
 _FRICTION = tuple(EffectChoice(name) for name in ("coulomb", "viscous", "offset"))
 _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
@@ -166,63 +157,3 @@ class DesignRequest:
         if self.starts is None and self.time_budget is None:
             return DEFAULT_STARTS
         return self.starts
-
-
-@dataclass(frozen=True)
-class Run:
-    """One test motion of a set: what it is for, the joints that move, and from when to when (s)."""
-
-    label: str
-    joints: tuple[str, ...]
-    start: float
-    end: float
-
-
-@dataclass(frozen=True, eq=False)
-class Design:
-    """A verified experiment: t (N,), q, dq, ddq (N, n) at the sampling rate, from home to home.
-
-    `exciting` are the times (s) between which the exciting part lies; `period` is its period, `None` where it has
-    none. `baseline` is what random trajectories reach, `None` where there is nothing to compare. `margins` tell how
-    near every limit comes, on a grid ten times as fine. `parameter_names` are the base parameters it was designed for,
-    `expected` how well each of them will come out. `runs` are the test motions of a set, one after the other.
-    """
-
-    joint_names: tuple[str, ...]
-    request: DesignRequest
-    t: FloatArray
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
-    exciting: tuple[float, float]
-    period: float | None
-    parameter_names: tuple[str, ...]
-    criterion_values: CriterionValues
-    baseline: Baseline | None
-    margins: tuple[Margin, ...]
-    notes: tuple[str, ...]
-    expected: tuple[ExpectedParameter, ...] = ()
-    runs: tuple[Run, ...] = ()
-
-    @property
-    def n_samples(self) -> int:
-        """Number of samples N."""
-        return len(self.t)
-
-    @property
-    def segments(self) -> IntArray:
-        """Number (N,) of the run that a sample belongs to, from 1 on; 0 outside of all runs."""
-        number = np.zeros(len(self.t), dtype=np.int64)
-        for index, run in enumerate(self.runs):
-            number[(self.t >= run.start - _HAIR) & (self.t <= run.end + _HAIR)] = index + 1
-        return number
-
-    @property
-    def sampling_rate(self) -> float:
-        """Hz."""
-        return self.request.trajectory.sampling_rate
-
-    @property
-    def duration(self) -> float:
-        """Seconds from home to home."""
-        return float(self.t[-1])

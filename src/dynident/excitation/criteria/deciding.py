@@ -1,0 +1,163 @@
+"""Which columns of W a criterion about chosen parameters, or about effects to be told apart, looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.excitation.criteria.a_priori import a_priori_values
+from dynident.excitation.criteria.choice import CriterionChoice
+from dynident.excitation.criteria.smooth import Criterion, criterion_of
+from dynident.excitation.criteria.values import CriterionValues, true_values
+from dynident.excitation.criteria.variances import Deciding
+from dynident.excitation.observation.model import DesignModel
+from dynident.robot.model import FloatArray
+from dynident.robot.pointers import listed, pointer
+
+
+@dataclass(frozen=True, eq=False)
+class Yardstick:
+    """What a motion is measured by: a criterion, a-priori magnitudes (b,), and whose variances count.
+
+    `earlier` (r, b): rows beside W / √N that stand for what earlier runs have told already.
+    """
+
+    choice: CriterionChoice
+    a_priori: FloatArray
+    deciding: Deciding
+    notes: tuple[str, ...] = ()
+    earlier: FloatArray | None = None
+
+    @property
+    def smooth(self) -> Criterion:
+        """The criterion as it is optimised, of W / √N."""
+        criterion = criterion_of(self.choice, self.a_priori, self.deciding)
+        earlier = self.earlier
+        if earlier is None:
+            return criterion
+
+        def with_earlier(w: FloatArray) -> tuple[float, FloatArray]:
+            value, gradient = criterion(np.concatenate([w, earlier]))
+            return value, gradient[: len(w)]
+
+        return with_earlier
+
+    def values(self, w: FloatArray, n_samples: int) -> CriterionValues:
+        """The true values of W (r, b) at N samples."""
+        if self.earlier is not None:
+            w = np.concatenate([w, np.sqrt(n_samples) * self.earlier])
+        return true_values(self.choice, w, n_samples, self.a_priori, self.deciding)
+
+
+def yardstick_of(
+    model: DesignModel,
+    choice: CriterionChoice,
+    noise: Mapping[str, float],
+    *,
+    one_equation: bool = False,
+    earlier: FloatArray | None = None,
+) -> Yardstick:
+    """The yardstick of a criterion on a model; see `deciding_of` for what it raises.
+
+    `one_equation`: a sample has one row, not one a joint; the joints' noise then has no part in the criterion.
+    """
+    a_priori, assumed = a_priori_values(model, choice)
+    notes = assumed if choice.name == "weighted" else ()
+    deciding = deciding_of(model, choice, noise)
+    if one_equation:
+        deciding = replace(deciding, row_weights=np.ones(1))
+    return Yardstick(choice, a_priori, deciding, notes, earlier)
+
+
+def with_rivals(effects: tuple[EffectChoice, ...], choice: CriterionChoice) -> tuple[EffectChoice, ...]:
+    """The effects of a design, with those that its criterion is to separate."""
+    if choice.name != "separation":
+        return effects
+    return effects + tuple(rival for rival in choice.effects if not _is_among(rival, effects))
+
+
+def _is_among(rival: EffectChoice, effects: Sequence[EffectChoice]) -> bool:
+    return any(
+        effect.effect == rival.effect
+        and (not effect.joints or (bool(rival.joints) and set(rival.joints) <= set(effect.joints)))
+        and effect.shape_values == rival.shape_values
+        for effect in effects
+    )
+
+
+def deciding_of(model: DesignModel, choice: CriterionChoice, noise: Mapping[str, float]) -> Deciding:
+    """The parameters that a criterion is about; all of them for a criterion that names none.
+
+    Parameters
+    ----------
+    model : DesignModel
+    choice : CriterionChoice
+    noise : mapping of joint name to N m or N
+        Standard deviation of the joints' torque; that of the others counts as 1, or as the mean of those stated.
+
+    Raises
+    ------
+    DynidentError
+        A parameter that there is not, or an effect of which no column is left: no motion can tell it from the others.
+    """
+    weights = row_weights(model, noise)
+    if choice.name == "parameters":
+        return Deciding((_named(model, choice.parameters),), weights)
+    if choice.name == "separation":
+        groups = [_of_effect(model, rival, index) for index, rival in enumerate(choice.effects)]
+        return Deciding(tuple(groups), weights)
+    return Deciding((tuple(range(model.n_parameters)),), weights)
+
+
+def row_weights(model: DesignModel, noise: Mapping[str, float]) -> FloatArray:
+    """(n,): one over the noise of every joint."""
+    for name, value in noise.items():
+        at = pointer(name, within="/noise")
+        if name not in model.robot.joint_names:
+            raise DynidentError(
+                f"There is no joint '{name}'; joints: {listed(model.robot.joint_names)}.",
+                pointer=at,
+                title="Unknown joint",
+            )
+        if not (np.isfinite(value) and value > 0):
+            raise DynidentError(f"the noise of joint '{name}' is {value}; it must be a positive number", pointer=at)
+    typical = float(np.mean(list(noise.values()))) if noise else 1.0
+    return np.array([1.0 / noise.get(name, typical) for name in model.robot.joint_names])
+
+
+def _named(model: DesignModel, wanted: Sequence[str]) -> tuple[int, ...]:
+    names = model.parameter_names
+    unknown = [name for name in wanted if name not in names]
+    if unknown:
+        raise DynidentError(
+            f"there is no base parameter {listed(unknown)}; there are: {listed(names)}",
+            pointer="/criterion/parameters",
+        )
+    return tuple(k for k, name in enumerate(names) if name in wanted)
+
+
+def parameters_of(model: DesignModel, choice: EffectChoice) -> tuple[int, ...]:
+    """Indices of the base parameters that an effect of a design model has of its own; none where it is absorbed."""
+    return tuple(
+        k
+        for k, column in enumerate(model.kept[: model.n_parameters])
+        if column.effect == choice.effect
+        and (not choice.joints or not column.link or column.link in choice.joints)
+        and set(choice.shape) <= set(column.shape)
+    )
+
+
+def _of_effect(model: DesignModel, rival: EffectChoice, index: int) -> tuple[int, ...]:
+    found = parameters_of(model, rival)
+    if not found:
+        raise DynidentError(
+            f"no motion can tell {rival.effect} from the rest of the model: its columns depend on the others, or on "
+            "more than a trajectory gives",
+            pointer=f"/criterion/effects/{index}",
+            title="Inseparable effect",
+        )
+    return found

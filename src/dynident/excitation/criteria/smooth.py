@@ -1,0 +1,152 @@
+"""Smooth criteria, of §12.3.4.1 and of optimal experiment design, with exact gradients.
+
+Each is a function of the eigenvalues of M = WᵀW / N (N samples), so that neither the number of samples nor the
+sampling rate changes what it says. Extreme singular values are not differentiable where they cross: the Schatten
+p-norm, p = 8, takes their place while optimising, and the true value is reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.excitation.criteria.choice import CriterionChoice, check_criterion
+from dynident.excitation.criteria.variances import Deciding, relative_variances
+from dynident.robot.model import FloatArray
+
+Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
+"""Value and ∂/∂W (r, b) of a criterion at W (r, b), whose rows are divided by √N; the smaller the better."""
+
+_SCHATTEN = 8.0
+# Eigenvalues below this share of the largest are rounding errors: W has lost rank.
+_FLOOR = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class _Spectrum:
+    """Eigenvalues (b,), ascending and above zero, and eigenvectors (b, b) of M."""
+
+    values: FloatArray
+    vectors: FloatArray
+
+    @classmethod
+    def of(cls, w: FloatArray) -> _Spectrum:
+        values, vectors = np.linalg.eigh(w.T @ w)
+        return cls(np.maximum(values, _FLOOR * values[-1] + np.finfo(float).tiny), vectors)
+
+    def gradient(self, w: FloatArray, slope: FloatArray) -> FloatArray:
+        """∂/∂W of a function of the eigenvalues with the derivatives `slope` (b,)."""
+        made: FloatArray = 2.0 * (w @ ((self.vectors * slope) @ self.vectors.T))
+        return made
+
+    def log_norm(self, exponent: float) -> tuple[float, FloatArray]:
+        """(1/|p|) log Σ λ^p and its slope: the smooth log λmax for p > 0, the smooth -log λmin for p < 0."""
+        powers = exponent * np.log(self.values)
+        top = powers.max()
+        weights = np.exp(powers - top)
+        total = weights.sum()
+        size = abs(exponent)
+        return float(top + np.log(total)) / size, np.sign(exponent) * weights / total / self.values
+
+
+def condition_number(w: FloatArray) -> tuple[float, FloatArray]:
+    """Logarithm of the smooth condition number, ½ log(‖M‖p ‖M⁻¹‖p); [12.12]."""
+    spectrum = _Spectrum.of(w)
+    large, slope_large = spectrum.log_norm(_SCHATTEN)
+    small, slope_small = spectrum.log_norm(-_SCHATTEN)
+    return 0.5 * (large + small), spectrum.gradient(w, 0.5 * (slope_large + slope_small))
+
+
+def d_optimal(w: FloatArray) -> tuple[float, FloatArray]:
+    """-log det M / b: the volume of the parameters' confidence ellipsoid."""
+    spectrum = _Spectrum.of(w)
+    b = w.shape[1]
+    return -float(np.log(spectrum.values).sum()) / b, spectrum.gradient(w, -1.0 / spectrum.values / b)
+
+
+def a_optimal(w: FloatArray) -> tuple[float, FloatArray]:
+    """Log trace M⁻¹: the sum of the parameters' variances."""
+    spectrum = _Spectrum.of(w)
+    value, slope = spectrum.log_norm(-1.0)
+    return value, spectrum.gradient(w, slope)
+
+
+def e_optimal(w: FloatArray) -> tuple[float, FloatArray]:
+    """Smooth -log σmin: the worst direction among the parameters."""
+    spectrum = _Spectrum.of(w)
+    value, slope = spectrum.log_norm(-_SCHATTEN)
+    return 0.5 * value, spectrum.gradient(w, 0.5 * slope)
+
+
+def condition_plus_inverse_sigma(weight: float) -> Criterion:
+    """Log of [12.14], cond(W) + k2 / σmin."""
+
+    def criterion(w: FloatArray) -> tuple[float, FloatArray]:
+        spectrum = _Spectrum.of(w)
+        large, slope_large = spectrum.log_norm(_SCHATTEN)
+        small, slope_small = spectrum.log_norm(-_SCHATTEN)
+        condition, inverse = np.exp(0.5 * (large + small)), weight * np.exp(0.5 * small)
+        share = condition / (condition + inverse)
+        slope = 0.5 * (share * slope_large + slope_small)
+        return float(np.log(condition + inverse)), spectrum.gradient(w, slope)
+
+    return criterion
+
+
+def equilibrated(weight: float) -> Criterion:
+    """Log of [12.13], cond(W) + k1 max|W| / min|W|, of columns instead of entries.
+
+    Of single entries the smallest one tends to zero wherever a signal crosses zero, so sizes are those of columns:
+    their root mean squares.
+    """
+
+    def criterion(w: FloatArray) -> tuple[float, FloatArray]:
+        log_condition, gradient = condition_number(w)
+        squares = np.einsum("ij,ij->j", w, w) + np.finfo(float).tiny
+        sizes = _Spectrum(squares, np.eye(len(squares)))
+        large, slope_large = sizes.log_norm(_SCHATTEN)
+        small, slope_small = sizes.log_norm(-_SCHATTEN)
+        condition, ratio = np.exp(log_condition), weight * np.exp(0.5 * (large + small))
+        total = condition + ratio
+        of_ratio = w * (slope_large + slope_small)  # ½ · 2 w · slope
+        return float(np.log(total)), (condition / total) * gradient + (ratio / total) * of_ratio
+
+    return criterion
+
+
+def weighted(a_priori: FloatArray) -> Criterion:
+    """Logarithm of the smooth cond(W diag(Z)), [12.15]; a_priori (b,) is |Z|."""
+
+    def criterion(w: FloatArray) -> tuple[float, FloatArray]:
+        value, gradient = condition_number(w * a_priori)
+        return value, gradient * a_priori
+
+    return criterion
+
+
+def criterion_of(choice: CriterionChoice, a_priori: FloatArray, deciding: Deciding | None = None) -> Criterion:
+    """The function behind a choice.
+
+    Parameters
+    ----------
+    a_priori : (b,)
+        |Z| of [12.15].
+    deciding : Deciding, optional
+        Parameters that "parameters" and "separation" are about; all where not given.
+    """
+    check_criterion(choice)
+    whose = deciding or Deciding.all_of(len(a_priori))
+    of_w: Mapping[str, Criterion] = {
+        "condition_number": condition_number,
+        "d_optimal": d_optimal,
+        "a_optimal": a_optimal,
+        "e_optimal": e_optimal,
+        "equilibrated": equilibrated(choice.weight),
+        "condition_plus_inverse_sigma": condition_plus_inverse_sigma(choice.weight),
+        "weighted": weighted(a_priori),
+        "parameters": relative_variances(whose, a_priori),
+        "separation": relative_variances(whose, a_priori),
+    }
+    return of_w[choice.name]

@@ -1,0 +1,82 @@
+"""What a motion is worth by every criterion as the chapter writes it (§12.3.4.1), by singular values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.excitation.criteria.choice import CriterionChoice
+from dynident.excitation.criteria.variances import Deciding, sum_of_variances
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True)
+class CriterionValues:
+    """What a motion is worth, by every yardstick; singular values are those of W / √N.
+
+    `condition_number` is [12.12], infinite where W has no full rank. `criterion` is the chosen criterion's value as
+    the chapter writes it; `log_determinant` and `trace_of_inverse` are of M = WᵀW / N.
+    """
+
+    condition_number: float
+    criterion: float
+    smallest_singular_value: float
+    largest_singular_value: float
+    log_determinant: float
+    trace_of_inverse: float
+
+
+def true_values(
+    choice: CriterionChoice, w: FloatArray, n_samples: int, a_priori: FloatArray, deciding: Deciding | None = None
+) -> CriterionValues:
+    """Values of W (r, b) at N samples without smoothing, by singular values."""
+    scaled = w / np.sqrt(n_samples)
+    sigma = np.linalg.svd(scaled, compute_uv=False)
+    condition = _ratio(float(sigma[0]), float(sigma[-1]))
+    full = np.isfinite(condition)
+    inverse_squares = float(np.sum(sigma**-2)) if full else np.inf
+    whose = deciding or Deciding.all_of(w.shape[1])
+    log_determinant = float(2 * np.sum(np.log(sigma))) if full else -np.inf
+    return CriterionValues(
+        condition_number=condition,
+        criterion=_as_written(choice, scaled, sigma, a_priori, whose, log_determinant, inverse_squares),
+        smallest_singular_value=float(sigma[-1]),
+        largest_singular_value=float(sigma[0]),
+        log_determinant=log_determinant,
+        trace_of_inverse=inverse_squares,
+    )
+
+
+def _as_written(
+    choice: CriterionChoice,
+    w: FloatArray,
+    sigma: FloatArray,
+    a_priori: FloatArray,
+    deciding: Deciding,
+    log_determinant: float,
+    inverse_squares: float,
+) -> float:
+    condition = _ratio(float(sigma[0]), float(sigma[-1]))
+    if choice.name == "equilibrated":
+        sizes = np.linalg.norm(w, axis=0)
+        return condition + choice.weight * _ratio(float(sizes.max()), float(sizes.min()))
+    if choice.name == "condition_plus_inverse_sigma":
+        return condition + (choice.weight / float(sigma[-1]) if np.isfinite(condition) else np.inf)
+    if choice.name == "weighted":
+        of_weighted = np.linalg.svd(w * a_priori, compute_uv=False)
+        return _ratio(float(of_weighted[0]), float(of_weighted[-1]))
+    if choice.name in ("parameters", "separation"):
+        return sum_of_variances(deciding, a_priori, w)
+    if choice.name == "d_optimal":
+        return -log_determinant
+    if choice.name == "a_optimal":
+        return inverse_squares
+    if choice.name == "e_optimal":
+        return 1.0 / float(sigma[-1]) if np.isfinite(condition) else np.inf
+    return condition
+
+
+def _ratio(largest: float, smallest: float) -> float:
+    """First over second, infinite where the second is rounding."""
+    return largest / smallest if smallest > 1e-12 * largest else np.inf

@@ -1,0 +1,55 @@
+"""What earlier runs have told of the parameters already: the next experiment is to complement them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.request import DesignRequest
+from dynident.progress import Progress, silent
+from dynident.recordings import Recording, choose_preprocessing
+from dynident.regressors.stream import reduce_recordings, used_duration
+from dynident.robot.model import FloatArray
+
+
+def earlier_rows(
+    model: DesignModel, recordings: Sequence[Recording], request: DesignRequest, progress: Progress = silent
+) -> FloatArray:
+    """Rows (m n, b) that stand for earlier recordings beside the rows W / √N of one period of a design.
+
+    They have the same WᵀW as all rows of the recordings, in proportion to the length of the new experiment: a minute
+    recorded counts as much as a minute designed. Row j of every sample is joint j's.
+
+    Raises
+    ------
+    DynidentError
+        A recording is another robot's.
+    """
+    for recording in recordings:
+        if recording.joint_names != model.robot.joint_names:
+            raise DynidentError(
+                f"{recording.name} has the joints {', '.join(recording.joint_names)}; the robot has "
+                f"{', '.join(model.robot.joint_names)}",
+                pointer="/earlier_ids",
+                title="Another robot's measurement",
+            )
+    preprocessing = choose_preprocessing(recordings)
+    reduction = reduce_recordings(model.observation, recordings, preprocessing, model.reference, progress)
+    n, b = model.robot.n, model.n_parameters
+    rows = np.zeros((max(equation.factors.shape[-1] for equation in reduction.equations), n, b))
+    for joint, equation in enumerate(reduction.equations):
+        k = len(equation.columns)
+        rows[: k + 1, joint, equation.columns] = equation.joined[:, :k]
+    seconds = sum(used_duration(recording) for recording in recordings)
+    per_second = reduction.n_rows / n / seconds
+    made: FloatArray = rows.reshape(-1, b) / np.sqrt(planned_seconds(request) * per_second)
+    return made
+
+
+def planned_seconds(request: DesignRequest) -> float:
+    """Seconds of the exciting part as they are asked for; what comes out may last otherwise."""
+    wanted = request.trajectory
+    return float(wanted.duration * wanted.periods * sum(1.0 / pace for pace in wanted.paces))

@@ -1,0 +1,136 @@
+"""Experiments that move all joints at once: periodic trajectories, random or optimised, at one pace or at several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.excitation.criteria.baseline import baseline_of
+from dynident.excitation.experiments.task import Made, Task, Valued
+from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.excitation.limits.margins import Margin, broken, keeps
+from dynident.excitation.limits.shrinking import Shrinking
+from dynident.excitation.moves.home import with_moves
+from dynident.excitation.optimising.budget import Budget
+from dynident.excitation.optimising.optimise import optimise
+from dynident.excitation.optimising.problem import DesignProblem
+from dynident.excitation.optimising.random_trajectories import Candidate, Judge, random_candidates
+from dynident.excitation.request import TrajectoryRequest
+from dynident.excitation.trajectories.b_spline import BSplineFamily
+from dynident.excitation.trajectories.family import Family, PeriodicMotion
+from dynident.excitation.trajectories.fourier import FourierFamily
+from dynident.progress import part
+
+_VALUED_SAMPLES = 1000
+_SHRINKS = (0.999,) * 20 + (0.95,) * 30
+"""Fractions of a percent for what happens between the samples; more where shapes come nearer than their capsules."""
+# Of the time: optimising gains more than looking for better random trajectories.
+_RANDOM_SHARE = 0.3
+
+
+def family_of(wanted: TrajectoryRequest, period: float) -> Family:
+    """Fourier series or B-splines of one period (s); `DynidentError` for what is neither."""
+    if wanted.family == "b_spline":
+        return BSplineFamily(wanted.intervals, period)
+    if wanted.family == "fourier":
+        return FourierFamily(wanted.harmonics, period)
+    raise DynidentError(f"a trajectory of the family {wanted.family} has no period", pointer="/trajectory/family")
+
+
+def periodic(task: Task, budget: Budget) -> Made:
+    """Design a trajectory of a linear family, with the moves there and back."""
+    request, model, bounds, rate = task.request, task.model, task.bounds, task.rate
+    wanted = request.trajectory
+    steps = max(round(wanted.duration * rate), 1)
+    family = family_of(wanted, steps / rate)
+    asked = wanted.duration
+    if len(wanted.paces) == 1:
+        family, asked = _at_pace(family, wanted.paces[0], rate), asked / wanted.paces[0]
+    notes = []
+    if abs(family.period - asked) > 1e-9 * asked:
+        notes.append(f"The period is {family.period:.9g} s: a whole number of sampling periods.")
+    notes += task.yardstick.notes
+    judge = Judge(family, model, task.yardstick, rows=request.model)
+    candidates = random_candidates(
+        family,
+        bounds,
+        model,
+        judge,
+        count=request.random_trajectories,
+        seed=request.seed,
+        progress=part(task.progress, 0.0, 0.15),
+        enough=lambda: budget.share_spent > _RANDOM_SHARE,
+    )
+    if not candidates:
+        raise _no_room(bounds)
+    baseline, best = baseline_of([one.values for one in candidates]), candidates[0]
+    if request.kind == "optimized":
+        problem = DesignProblem(family, model, task.yardstick.smooth, bounds, request.model)
+        shrinking = Shrinking(family, bounds, model)
+        result = optimise(problem, shrinking, judge, candidates, budget, part(task.progress, 0.15, 0.95))
+        best = result.best
+        completed = f"{result.starts} start{'' if result.starts == 1 else 's'} completed"
+        notes.append(f"{completed} before the time was over." if result.out_of_time else f"{completed}.")
+    if not np.isfinite(best.values.condition_number):
+        notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
+    fine = Judge(family, model, task.yardstick, n_samples=_VALUED_SAMPLES, rows=request.model)
+    motions, margins = within_limits(task, family, best)
+    placed = with_moves(request.home, motions[0].start, bounds, model, rate)
+    margins = _wider(margins, task.verified((placed.approach, placed.retreat)))
+    if not keeps(margins):
+        raise broken(margins)
+    pieces = (placed.approach, *(replace(motion, periods=wanted.periods) for motion in motions), placed.retreat)
+    exciting = (placed.approach.duration, sum(piece.duration for piece in pieces[:-1]))
+    one_pace = len(motions) == 1
+    return Made(
+        pieces=pieces,
+        exciting=exciting,
+        period=motions[0].family.period if one_pace else None,
+        valued=_valued(task, fine, motions[0]) if one_pace else task.valued(pieces, exciting),
+        baseline=replace(baseline, best=fine.values(candidates[0].x)),
+        margins=margins,
+        notes=(*notes, *placed.notes),
+    )
+
+
+def _valued(task: Task, judge: Judge, motion: PeriodicMotion) -> Valued:
+    n_samples = task.request.trajectory.periods * motion.family.period * task.rate
+    w, dq = judge.observe(motion.x), judge.velocity(motion.x)
+    return Valued(judge.values(motion.x), task.expected(w, dq, judge.row_model, n_samples, task.yardstick.earlier))
+
+
+def within_limits(task: Task, family: Family, best: Candidate) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
+    """One period of the best candidate at every pace, shrunk until the fine grid agrees."""
+    x = best.x.copy()
+    paces = task.request.trajectory.paces
+    families = [family] if len(paces) == 1 else [_at_pace(family, pace, task.rate) for pace in paces]
+    for shrink in _SHRINKS:
+        motions = tuple(PeriodicMotion(each, x) for each in families)
+        margins = task.verified(motions)
+        if keeps(margins):
+            return motions, margins
+        x = x.copy()
+        x[1:] *= shrink
+    raise broken(margins)
+
+
+def _at_pace(family: Family, pace: float, rate: float) -> Family:
+    """The family whose trajectories take the same paths at a share `pace` of the speed."""
+    return family.lasting(float(np.ceil(family.period / pace * rate - 1e-6)) / rate)
+
+
+def _wider(one: Sequence[Margin], other: Sequence[Margin]) -> tuple[Margin, ...]:
+    """Of each limit the margin that is used up more."""
+    return tuple(max(pair, key=lambda margin: margin.share) for pair in zip(one, other, strict=True))
+
+
+def _no_room(bounds: Bounds) -> DynidentError:
+    return ImpossibleLimitsError(
+        "No trajectory fits: the torque limits leave no room to move around any posture that can be held "
+        f"({', '.join(f'{name} {value:.3g}' for name, value in zip(bounds.names, bounds.torque, strict=True))}).",
+        pointer="/limits",
+        title="Impossible limits",
+    )

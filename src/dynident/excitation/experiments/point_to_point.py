@@ -1,0 +1,158 @@
+"""Experiments that go from point to point, at rest in each (§12.3.4.1): random, or with the best points found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.excitation.criteria.baseline import baseline_of
+from dynident.excitation.experiments.task import Made, Task
+from dynident.excitation.limits.bounds import ImpossibleLimitsError
+from dynident.excitation.limits.margins import Margin, broken, keeps, tightest
+from dynident.excitation.limits.postures import holdable_postures
+from dynident.excitation.moves.home import with_moves
+from dynident.excitation.moves.move import move_within_torque
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.optimising.budget import Budget
+from dynident.excitation.points.search import FoundSequence, drawn, improved
+from dynident.excitation.points.sequence import Legs, PointSequence, values_of
+from dynident.excitation.points.spaces import FreePoints
+from dynident.excitation.trajectories.motion import Piece
+from dynident.progress import part
+
+_VARIATIONS_OF_A_POINT = 40
+_RANDOM_SHARE = 0.3
+_SLOWER, _ATTEMPTS = 0.95, 30
+_MOST_SETTLED = 10
+_HOWEVER_SLOW = ("position_min", "position_max", "clearance", "tool_min", "tool_max")
+"""Limits that a slower move breaks as well."""
+
+
+def point_to_point(task: Task, budget: Budget) -> Made:
+    """Design a sequence of moves through points and back to the first, with the moves there and back."""
+    request, bounds, model = task.request, task.bounds, task.model
+    check_no_path(model)
+    rng = np.random.default_rng(request.seed)
+    space = FreePoints(bounds, holdable_postures(bounds, model, rng), request.trajectory.points)
+    legs = Legs(bounds, model, task.rate)
+    candidates = drawn(
+        space,
+        legs,
+        task.yardstick,
+        count=request.random_trajectories,
+        rng=rng,
+        progress=part(task.progress, 0.0, 0.2),
+        enough=lambda: budget.share_spent > _RANDOM_SHARE,
+    )
+    best, notes = candidates[0], [*task.yardstick.notes]
+    if request.kind == "optimized":
+        best, note = _best(task, space, legs, candidates, budget)
+        notes.append(note)
+    chosen, pieces = first_that_fits(task, [best.sequence, *(one.sequence for one in candidates)])
+    placed = with_moves(request.home, chosen.points[-1], bounds, model, task.rate)
+    margins = verified(task, (placed.approach, *pieces, placed.retreat))
+    rounds = pieces * request.trajectory.periods
+    first = placed.approach.duration
+    exciting = (first, first + sum(piece.duration for piece in rounds))
+    course = (placed.approach, *rounds, placed.retreat)
+    valued = task.valued(course, exciting)
+    if not np.isfinite(valued.values.condition_number):
+        notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
+    period = sum(piece.duration for piece in pieces)
+    notes.append(f"One round through {len(pieces)} points takes {period:.9g} s.")
+    return Made(
+        course,
+        exciting,
+        period,
+        valued,
+        baseline_of([one.values for one in candidates]),
+        margins,
+        (*notes, *placed.notes),
+    )
+
+
+def _best(
+    task: Task, space: FreePoints, legs: Legs, candidates: list[FoundSequence], budget: Budget
+) -> tuple[FoundSequence, str]:
+    """The best sequence reached from the best random ones, one after the other."""
+    best, completed = candidates[0], 0
+    wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
+    for start in range(wanted):
+        if budget.spent:
+            break
+
+        def tell(done: float, message: str, start: int = start) -> None:
+            share = 0.2 + 0.75 * budget.fraction(start, done)
+            task.progress(share, f"start {start + 1}, {message}")
+
+        sequence, finished = improved(
+            candidates[start].sequence,
+            space,
+            legs,
+            task.yardstick,
+            variations=_VARIATIONS_OF_A_POINT * space.count,
+            rng=np.random.default_rng((task.request.seed, start)),
+            budget=budget,
+            progress=tell,
+        )
+        completed += finished
+        moves = legs.of(sequence)
+        assert moves is not None
+        reached = FoundSequence(sequence, values_of(moves, task.yardstick))
+        if reached.values.criterion < best.values.criterion:
+            best = reached
+    ended = f"{completed} start{'' if completed == 1 else 's'} completed"
+    return best, f"{ended} before the time was over." if budget.spent else f"{ended}."
+
+
+def first_that_fits(task: Task, found: Sequence[PointSequence]) -> tuple[PointSequence, tuple[Piece, ...]]:
+    """The first sequence whose moves keep the limits on the fine grid as well, and these moves."""
+    for one in found[:_MOST_SETTLED]:
+        try:
+            return one, settled(task, one)
+        except ImpossibleLimitsError as error:
+            reason = error
+    raise reason
+
+
+def settled(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
+    """The moves of one round, slowed down by a few per cent until the fine grid agrees."""
+    for _ in range(_ATTEMPTS):
+        pieces = _planned(task, sequence)
+        margins = task.verified(pieces)
+        if keeps(margins):
+            return pieces
+        if tightest(margins).limit in _HOWEVER_SLOW:
+            break
+        sequence = sequence.slower(_SLOWER)
+    raise broken(margins)
+
+
+def _planned(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
+    pieces = []
+    bounds = task.bounds
+    for start, end, share in zip(np.roll(sequence.points, 1, axis=0), sequence.points, sequence.shares, strict=True):
+        slow = replace(bounds, velocity=share[0] * bounds.velocity, acceleration=share[1] * bounds.acceleration)
+        pieces.append(move_within_torque(start, end, slow, task.model, task.rate))
+    return tuple(pieces)
+
+
+def verified(task: Task, pieces: tuple[Piece, ...]) -> tuple[Margin, ...]:
+    """The margins of pieces; `ImpossibleLimitsError` where a limit is broken."""
+    margins = task.verified(pieces)
+    if not keeps(margins):
+        raise broken(margins)
+    return margins
+
+
+def check_no_path(model: DesignModel) -> None:
+    """Raise where a column depends on the path travelled: moves can then not be looked at one by one."""
+    if model.needs_path:
+        raise DynidentError(
+            "an effect depends on the path since the last reversal (presliding, hysteresis): moves from point to "
+            'point cannot be designed for it; choose the family "fourier" or "b_spline", or the kind "reversals"',
+            pointer="/effects",
+        )

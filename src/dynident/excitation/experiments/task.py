@@ -1,0 +1,105 @@
+"""What the makers of all kinds of experiments share: the wish, the model, the limits, and the verification."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.excitation.criteria.baseline import Baseline
+from dynident.excitation.criteria.deciding import Yardstick, row_weights
+from dynident.excitation.criteria.expected import ExpectedParameter, expected_parameters
+from dynident.excitation.criteria.values import CriterionValues
+from dynident.excitation.experiments.earlier import planned_seconds
+from dynident.excitation.limits.bounds import Bounds
+from dynident.excitation.limits.margins import Margin, margins_of
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.observation.row_models import EVERY_JOINT, RowModel
+from dynident.excitation.request import DesignRequest
+from dynident.excitation.result import Run
+from dynident.excitation.trajectories.motion import Motion, Piece, check_length, in_sequence
+from dynident.progress import Progress, part
+from dynident.robot.model import FloatArray
+
+_CHECKS_PER_SAMPLE = 10
+_CHUNK = 50_000
+_VALUED_SAMPLES = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """`limits` are those that must hold, `bounds` those that are designed for: a hair inside."""
+
+    request: DesignRequest
+    model: DesignModel
+    yardstick: Yardstick
+    limits: Bounds
+    bounds: Bounds
+    progress: Progress
+
+    @property
+    def rate(self) -> float:
+        """Hz."""
+        return self.request.trajectory.sampling_rate
+
+    def verified(self, pieces: Sequence[Piece]) -> tuple[Margin, ...]:
+        """Margins against the limits proper, on a grid finer than the sampling."""
+        check_length(pieces, self.rate)
+        torque = self.model.torque if self.limits.checks_torque else None
+        finely = _finely(pieces, self.rate * _CHECKS_PER_SAMPLE, part(self.progress, 0.95, 1.0))
+        return margins_of(self.limits, finely, torque)
+
+    def valued(self, pieces: Sequence[Piece], exciting: tuple[float, float]) -> Valued:
+        """What the exciting part of pieces one after the other is worth."""
+        motion = in_sequence(pieces, self.rate)
+        inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
+        taken = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
+        w, dq = self.model.observe_along(motion, taken), motion.dq[taken]
+        earlier = self.yardstick.earlier
+        if earlier is not None:
+            # They count in proportion to how long the experiment is, not to how long it was asked for.
+            earlier = earlier * np.sqrt(planned_seconds(self.request) / (exciting[1] - exciting[0]))
+        expected = self.expected(w.reshape(*dq.shape, -1), dq, EVERY_JOINT, len(inside), earlier)
+        return Valued(replace(self.yardstick, earlier=earlier).values(w, len(taken)), expected)
+
+    def expected(
+        self, w: FloatArray, dq: FloatArray, rows: RowModel, n_samples: float, earlier: FloatArray | None
+    ) -> tuple[ExpectedParameter, ...]:
+        """How well the parameters come out of `n_samples` samples like those of W (m, n, b) and q̇ (m, n).
+
+        `earlier` (r, b): rows beside W / √m that stand for earlier runs.
+        """
+        noise = 1.0 / row_weights(self.model, self.request.noise) if self.request.noise else None
+        return expected_parameters(self.model, w, dq, rows, n_samples, noise=noise, earlier=earlier)
+
+
+@dataclass(frozen=True, eq=False)
+class Valued:
+    """A motion's worth by the criteria, and parameter by parameter."""
+
+    values: CriterionValues
+    expected: tuple[ExpectedParameter, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What is left to be put into a `Design`."""
+
+    pieces: tuple[Piece, ...]
+    exciting: tuple[float, float]
+    period: float | None
+    valued: Valued
+    baseline: Baseline | None
+    margins: tuple[Margin, ...]
+    notes: tuple[str, ...]
+    runs: tuple[Run, ...] = ()
+
+
+def _finely(pieces: Sequence[Piece], rate: float, progress: Progress) -> Iterator[Motion]:
+    """Pieces on grids of at least `rate`, ends included, in chunks."""
+    for number, piece in enumerate(pieces):
+        t = np.linspace(0.0, piece.duration, int(np.ceil(piece.duration * rate)) + 1)
+        for first in range(0, len(t), _CHUNK):
+            progress(number / len(pieces), "verifying")
+            yield piece.evaluate(t[first : first + _CHUNK])

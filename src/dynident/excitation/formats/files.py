@@ -1,0 +1,99 @@
+"""A design as a table, a file and a JSON document."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from dynident.errors import DynidentError
+from dynident.excitation.criteria.values import CriterionValues
+from dynident.excitation.result import Design, IntArray
+from dynident.robot.model import FloatArray
+
+FORMATS = ("csv", "parquet", "json")
+"""Formats of a trajectory."""
+
+
+def design_table(design: Design) -> pa.Table:
+    """Columns t, q_<joint>…, dq_<joint>…, ddq_<joint>… of all samples.
+
+    Of a set of test motions also `segment`: the number of the run from 1 on, 0 on the ways between them. A recording
+    that keeps it is cut there.
+    """
+    columns: dict[str, FloatArray | IntArray] = {"t": design.t}
+    if design.runs:
+        columns["segment"] = design.segments
+    for prefix, values in (("q", design.q), ("dq", design.dq), ("ddq", design.ddq)):
+        columns |= {f"{prefix}_{name}": values[:, j] for j, name in enumerate(design.joint_names)}
+    return pa.table(columns)
+
+
+def write_design(design: Design, path: Path) -> None:
+    """Write the trajectory to a file whose ending is .csv or .parquet."""
+    table = design_table(design)
+    if path.suffix == ".parquet":
+        pq.write_table(table, path)
+    elif path.suffix == ".csv":
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            csv.writer(stream).writerow(table.column_names)
+            values = np.column_stack([column.to_numpy() for column in table.columns])
+            # Times are decimal fractions; twelve digits keep positions far below any encoder's step.
+            np.savetxt(stream, values, fmt="%.12g", delimiter=",")
+    else:
+        raise DynidentError(f"cannot write a trajectory to {path.name}; use .csv or .parquet", pointer="format")
+
+
+def trajectory_document(design: Design) -> dict[str, object]:
+    """The trajectory as JSON: t, and q, dq, ddq as [sample][joint]."""
+    return {
+        "joints": list(design.joint_names),
+        "sampling_rate": design.sampling_rate,
+        "t": design.t.tolist(),
+        "q": design.q.tolist(),
+        "dq": design.dq.tolist(),
+        "ddq": design.ddq.tolist(),
+    }
+
+
+def design_document(design: Design) -> dict[str, object]:
+    """What a design achieves, as JSON. Numbers that are infinite (W without full rank) are null."""
+    baseline = design.baseline
+    return {
+        "criterion_values": _values(design.criterion_values),
+        "baseline_values": None
+        if baseline is None
+        else {
+            **_values(baseline.best),
+            "median_condition_number": _finite(baseline.median_condition_number),
+            "count": baseline.count,
+        },
+        "margins": [asdict(margin) for margin in design.margins],
+        "n_samples": design.n_samples,
+        "duration": design.duration,
+        "sampling_rate": design.sampling_rate,
+        "exciting": {"from": design.exciting[0], "to": design.exciting[1], "period": design.period},
+        "parameters": list(design.parameter_names),
+        "expected_parameters": [
+            {
+                **asdict(one),
+                "standard_deviation": None if one.standard_deviation is None else _finite(one.standard_deviation),
+            }
+            for one in design.expected
+        ],
+        "runs": [asdict(run) for run in design.runs],
+        "notes": list(design.notes),
+    }
+
+
+def _values(values: CriterionValues) -> dict[str, object]:
+    return {name: _finite(value) for name, value in asdict(values).items()}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

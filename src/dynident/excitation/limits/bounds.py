@@ -1,0 +1,234 @@
+"""Limits that a motion must keep: which they are, and what was assumed where none is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.excitation.surroundings.free_space import FreeSpace, free_space_of
+from dynident.excitation.surroundings.obstacles import Surroundings, check_surroundings
+from dynident.robot import Limits, Robot
+from dynident.robot.model import FloatArray, Joint
+from dynident.robot.pointers import listed, pointer
+from dynident.robot.settings import check_limits
+
+# Where nothing is known: slow enough for any arm of that kind.
+_REVOLUTE_VELOCITY, _PRISMATIC_VELOCITY = 1.0, 0.25
+_ACCELERATION_PER_VELOCITY = 4.0
+"""1/s: the velocity limit is reached from rest within a quarter of a second."""
+_JERK_PER_ACCELERATION = 20.0
+"""1/s: full acceleration is reached within 50 ms."""
+_HAIR = 1e-6
+
+
+class ImpossibleLimitsError(DynidentError):
+    """No motion keeps the limits; the message names the one that makes it impossible."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Limits of all joints (n,), infinite where there is none; `notes` say what was assumed or is not checked.
+
+    `space` is what the whole robot must stay clear of, `None` for nothing.
+    """
+
+    names: tuple[str, ...]
+    position_low: FloatArray
+    position_high: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+    torque: FloatArray
+    power: FloatArray
+    notes: tuple[str, ...]
+    space: FreeSpace | None = None
+
+    @property
+    def middle(self) -> FloatArray:
+        """Middle of the position ranges (n,)."""
+        return 0.5 * (self.position_low + self.position_high)
+
+    @property
+    def half_range(self) -> FloatArray:
+        """Half the position ranges (n,)."""
+        return 0.5 * (self.position_high - self.position_low)
+
+    def tightened(self) -> Bounds:
+        """The same a hair inside, so that rounding never carries a motion beyond a limit."""
+        room = 1.0 - _HAIR
+        return replace(
+            self,
+            position_low=self.middle - room * self.half_range,
+            position_high=self.middle + room * self.half_range,
+            velocity=room * self.velocity,
+            acceleration=room * self.acceleration,
+            jerk=room * self.jerk,
+            torque=room * self.torque,
+            power=room * self.power,
+        )
+
+    @property
+    def checks_torque(self) -> bool:
+        """Whether the torque or the power of any joint is limited."""
+        return bool(np.isfinite(self.torque).any() or np.isfinite(self.power).any())
+
+
+def bounds_of(
+    robot: Robot,
+    overrides: Mapping[str, Limits],
+    *,
+    torque_margin: float = 0.0,
+    surroundings: Surroundings | None = None,
+    at: str = "/limits",
+) -> Bounds:
+    """Limits for a design: the robot's, tightened by those stated for this experiment, completed by careful defaults.
+
+    Parameters
+    ----------
+    robot : Robot
+    overrides : mapping of joint name to Limits
+    torque_margin : float
+        By what share the torque may be larger than predicted.
+    surroundings : Surroundings, optional
+        What the robot must stay clear of; nothing, and not itself, where not given.
+    at : str
+        Pointer to the overrides in the request.
+
+    Raises
+    ------
+    DynidentError
+        A stated limit is for an unknown joint or not a limit, a prismatic joint's range is unknown, or there are
+        surroundings but no shape of the robot is known.
+    ImpossibleLimitsError
+        A stated range lies outside the robot's own.
+    """
+    for name, stated in overrides.items():
+        if name not in robot.joint_names:
+            raise DynidentError(
+                f"There is no joint '{name}'; joints: {listed(robot.joint_names)}.",
+                pointer=pointer(name, within=at),
+                title="Unknown joint",
+            )
+        check_limits(stated, name, pointer(name, within=at))
+    assumed = _Assumed()
+    completed = [_completed(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
+    notes = assumed.notes()
+    torque = np.array([np.inf if item.effort is None else item.effort for item in completed])
+    unlimited = [name for name, bound in zip(robot.joint_names, torque, strict=True) if not np.isfinite(bound)]
+    power = np.array([np.inf if item.power is None else item.power for item in completed])
+    if robot.inertias is None:
+        torque[:] = power[:] = np.inf
+        notes.append("Torque is not checked: the robot's description gives no inertias to predict it with.")
+    elif unlimited:
+        notes.append(f"Torque is not checked for {listed(unlimited)}: no limit is known.")
+    if np.isfinite(torque).any() or np.isfinite(power).any():
+        notes.append(
+            "Torque is that of the inertias in the robot's description, without rotor inertia and friction; "
+            + (
+                f"it may be {100 * torque_margin:g} % larger than predicted: limits of torque and power are divided by "
+                f"{1 + torque_margin:g}."
+                if torque_margin
+                else "leave some room in the torque limits for them."
+            )
+        )
+    low, high = (np.array([_range(item)[end] for item in completed]) for end in (0, 1))
+    space = None
+    if surroundings is not None:
+        check_surroundings(surroundings, robot.joint_names)
+        space = free_space_of(robot, surroundings, low, high)
+        notes += [] if space is None else space.notes
+    return Bounds(
+        names=robot.joint_names,
+        position_low=low,
+        position_high=high,
+        velocity=np.array([item.velocity for item in completed], dtype=np.float64),
+        acceleration=np.array([item.acceleration for item in completed], dtype=np.float64),
+        jerk=np.array([item.jerk for item in completed], dtype=np.float64),
+        torque=torque / (1 + torque_margin),
+        power=power / (1 + torque_margin),
+        notes=tuple(notes),
+        space=space,
+    )
+
+
+def _range(limits: Limits) -> tuple[float, float]:
+    assert limits.position is not None
+    return limits.position
+
+
+def _completed(joint: Joint, stated: Limits, assumed: _Assumed, at: str) -> Limits:
+    """The tighter of the robot's and the stated limits of one joint, with defaults where neither is known."""
+    own = joint.limits
+    position = _tighter_range(joint, stated, at)
+    if position is None:
+        if joint.kind == "prismatic":
+            raise DynidentError(
+                f"Joint '{joint.name}' slides, and its range is not known; state its position limits.",
+                pointer=pointer(joint.name, "position", within=at),
+                title="Missing limit",
+            )
+        position = (-np.pi, np.pi)
+        assumed.position.append(joint.name)
+    velocity = _tighter(own.velocity, stated.velocity)
+    if velocity is None:
+        velocity = _REVOLUTE_VELOCITY if joint.kind == "revolute" else _PRISMATIC_VELOCITY
+        assumed.velocity.append(joint.name)
+    acceleration = _tighter(own.acceleration, stated.acceleration)
+    if acceleration is None:
+        acceleration = _ACCELERATION_PER_VELOCITY * velocity
+        assumed.acceleration.append(joint.name)
+    jerk = _tighter(own.jerk, stated.jerk)
+    if jerk is None:
+        jerk = _JERK_PER_ACCELERATION * acceleration
+        assumed.jerk.append(joint.name)
+    effort, power = _tighter(own.effort, stated.effort), _tighter(own.power, stated.power)
+    return Limits(position, velocity, acceleration, jerk, effort, power)
+
+
+@dataclass
+class _Assumed:
+    """Joints whose limits are guessed, for the notes."""
+
+    position: list[str] = field(default_factory=list)
+    velocity: list[str] = field(default_factory=list)
+    acceleration: list[str] = field(default_factory=list)
+    jerk: list[str] = field(default_factory=list)
+
+    def notes(self) -> list[str]:
+        written = (
+            (self.position, "position", "the motion stays within ±π rad"),
+            (
+                self.velocity,
+                "velocity",
+                f"{_REVOLUTE_VELOCITY:g} rad/s ({_PRISMATIC_VELOCITY:g} m/s where it slides) was assumed",
+            ),
+            (
+                self.acceleration,
+                "acceleration",
+                f"{_ACCELERATION_PER_VELOCITY:g}/s x the velocity limit was assumed",
+            ),
+            (self.jerk, "jerk", f"{_JERK_PER_ACCELERATION:g}/s x the acceleration limit was assumed"),
+        )
+        return [f"No {kind} limit is known for {listed(names)}: {what}." for names, kind, what in written if names]
+
+
+def _tighter(own: float | None, stated: float | None) -> float | None:
+    known = [value for value in (own, stated) if value is not None]
+    return min(known) if known else None
+
+
+def _tighter_range(joint: Joint, stated: Limits, at: str) -> tuple[float, float] | None:
+    own = joint.limits.position
+    if own is None or stated.position is None:
+        return own if stated.position is None else stated.position
+    low, high = max(own[0], stated.position[0]), min(own[1], stated.position[1])
+    if low >= high:
+        raise ImpossibleLimitsError(
+            f"The position limits {list(stated.position)} of joint '{joint.name}' lie outside of its own {list(own)}.",
+            pointer=pointer(joint.name, "position", within=at),
+            title="Impossible limits",
+        )
+    return low, high

@@ -1,0 +1,112 @@
+"""Motions in which some joints move while the others are locked (§12.3.4.2): their limits, and what they can show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import DynidentError
+from dynident.excitation.limits.bounds import Bounds
+from dynident.excitation.observation.model import JUMP_TIME, DesignModel
+from dynident.regressors.base_parameters import select_base
+from dynident.regressors.observation import Observation
+from dynident.robot.model import FloatArray
+from dynident.robot.pointers import listed
+
+BoolArray = NDArray[np.bool_]
+
+_STATES_PER_COLUMN = 2
+_VELOCITY, _ACCELERATION, _JERK, _SNAP = 2.0, 5.0, 20.0, 80.0
+
+
+def moving_joints(wanted: Sequence[str], names: Sequence[str]) -> BoolArray:
+    """Which of the joints `names` (n,) move: the wanted ones, or all where none is named.
+
+    Raises
+    ------
+    DynidentError
+        There is no such joint.
+    """
+    unknown = [name for name in wanted if name not in names]
+    if unknown:
+        raise DynidentError(
+            f"There is no joint {listed(unknown)}; joints: {listed(names)}.",
+            pointer="/trajectory/joints",
+            title="Unknown joint",
+        )
+    return np.array([not wanted or name in wanted for name in names])
+
+
+def locked_bounds(bounds: Bounds, posture: FloatArray, moving: BoolArray) -> Bounds:
+    """Bounds in which the joints that do not move have no range but their place in a posture (n,)."""
+    return replace(
+        bounds,
+        position_low=np.where(moving, bounds.position_low, posture),
+        position_high=np.where(moving, bounds.position_high, posture),
+    )
+
+
+def locked_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> DesignModel:
+    """The model of the arm whose other joints are locked at a posture (n,): fewer parameters, fewer equations.
+
+    The base parameters are those that the equations of the moving joints show. The torque of a locked joint is held by
+    its brake or against an unknown stiction: its equations do not count.
+
+    Raises
+    ------
+    DynidentError
+        The moving joints show none of the parameters.
+    """
+    w = _observation(model, posture, moving)
+    names = [column.name for column in model.columns]
+    shown = select_base(w[:, moving, : model.n_chosen].reshape(-1, model.n_chosen), tuple(names[: model.n_chosen])).kept
+    if not shown:
+        raise DynidentError(
+            "the joints that move show none of the parameters; choose other joints or effects",
+            pointer="/trajectory/joints",
+        )
+    order = [*shown, *(k for k in range(len(names)) if k not in shown)]
+    base = select_base(w[:, :, order].reshape(-1, len(order)), tuple(names[k] for k in order))
+    columns = tuple(model.columns[k] for k in order)
+    return replace(model, columns=columns, n_chosen=len(shown), base=base, counted=moving)
+
+
+def locked_note(names: Sequence[str], moving: BoolArray) -> str:
+    """What is locked, for the notes."""
+    still = [name for name, moves in zip(names, moving, strict=True) if not moves]
+    return (
+        f"Locked at home: {listed(still)}. W has the equations of the joints that move, and the parameters that these "
+        "show."
+    )
+
+
+def _observation(model: DesignModel, posture: FloatArray, moving: BoolArray) -> FloatArray:
+    """W (m, n, c) of all columns at random states of the moving joints."""
+    rng = np.random.default_rng(0)
+    robot = model.robot
+    m = _STATES_PER_COLUMN * len(model.columns) + 20
+    low = [-np.pi if joint.kind == "revolute" else (joint.limits.position or (-1.0, 1.0))[0] for joint in robot.joints]
+    high = [np.pi if joint.kind == "revolute" else (joint.limits.position or (-1.0, 1.0))[1] for joint in robot.joints]
+    q = np.where(moving, rng.uniform(low, high, (m, robot.n)), posture)
+    largest = np.array([_VELOCITY, _ACCELERATION, _JERK, _SNAP])[:, None, None]
+    dq, ddq, dddq, ddddq = moving * largest * rng.uniform(-1, 1, (4, m, robot.n))
+    # Some states at rest: what depends on position alone must not hide behind large accelerations.
+    dq[::4] *= 0.05
+    ddq[::4] = 0.0
+    observation = Observation.of(robot, model.columns, model.signals)
+    entries = observation.evaluate(
+        q,
+        dq,
+        ddq,
+        dddq=dddq,
+        ddddq=ddddq,
+        reference=model.reference,
+        memory=rng.uniform(-1, 1, (m, observation.n_memory)),
+        period=JUMP_TIME,
+    )
+    w = np.zeros((m, robot.n, len(model.columns)))
+    w[:, observation.entry_rows, observation.entry_columns] = entries
+    return w

@@ -1,0 +1,169 @@
+"""How near a motion comes to every limit: the verdict on what leaves the room."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.excitation.surroundings.contacts import Approach
+from dynident.excitation.surroundings.free_space import FreeSpace, contact_complaint
+from dynident.excitation.trajectories.motion import Motion
+from dynident.robot.model import FloatArray
+
+LimitName = Literal[
+    "position_min",
+    "position_max",
+    "velocity",
+    "acceleration",
+    "jerk",
+    "torque",
+    "power",
+    "clearance",
+    "tool_min",
+    "tool_max",
+]
+
+
+@dataclass(frozen=True)
+class Margin:
+    """How near a motion comes to one limit: `value` is the extreme one, `share` the part of the room it uses.
+
+    A share of 1 touches the limit. Of a position it is counted from the middle of the range. Of a clearance `joint`
+    names what comes near each other, and of the tool's range the axis.
+    """
+
+    joint: str
+    limit: LimitName
+    value: float
+    bound: float
+    share: float
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong where the limit is broken."""
+        if self.limit == "clearance":
+            return contact_complaint(self.joint, self.value, self.bound)
+        if self.limit in ("tool_min", "tool_max"):
+            return f"The {self.joint} would go to {self.value:.4g} m, beyond the end {self.bound:g} m of its range."
+        return f"The {self.limit} limit {self.bound:g} of joint '{self.joint}' would be broken: {self.value:.4g}."
+
+
+TorqueFunction = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+"""Nominal torque (m, n) at q, q̇, q̈ (m, n)."""
+
+
+def margins_of(bounds: Bounds, motions: Iterable[Motion], torque: TorqueFunction | None) -> tuple[Margin, ...]:
+    """The nearest approach of motions to every limit there is, joint by joint; they are looked at one after another."""
+    n = len(bounds.names)
+    low, high = np.full(n, np.inf), np.full(n, -np.inf)
+    largest = np.zeros((5, n))
+    around = _Around(bounds.space)
+    for motion in motions:
+        low, high = np.minimum(low, motion.q.min(axis=0)), np.maximum(high, motion.q.max(axis=0))
+        signals = [motion.dq, motion.ddq, motion.dddq]
+        if torque is not None and bounds.checks_torque:
+            load = torque(motion.q, motion.dq, motion.ddq)
+            signals += [load, load * motion.dq]
+        for row, values in enumerate(signals):
+            largest[row] = np.maximum(largest[row], np.abs(values).max(axis=0))
+        around.look(motion.q)
+    columns = _position_columns(bounds, low, high)
+    names: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk", "torque", "power")
+    known = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
+    for name, value, bound in zip(names, largest, known, strict=True):
+        columns.append((name, value, bound, _share(value / bound, value <= bound)))
+    of_joints = tuple(
+        Margin(name, limit, float(values[j]), float(bound[j]), float(shares[j]))
+        for j, name in enumerate(bounds.names)
+        for limit, values, bound, shares in columns
+        if np.isfinite(bound[j])
+    )
+    return of_joints + around.margins()
+
+
+_Column = tuple[LimitName, FloatArray, FloatArray, FloatArray]
+
+
+def _position_columns(bounds: Bounds, low: FloatArray, high: FloatArray) -> list[_Column]:
+    middle, half = bounds.middle, bounds.half_range
+    low_share = _share((middle - low) / half, low >= bounds.position_low)
+    high_share = _share((high - middle) / half, high <= bounds.position_high)
+    return [
+        ("position_min", low, bounds.position_low, low_share),
+        ("position_max", high, bounds.position_high, high_share),
+    ]
+
+
+def _share(share: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+    """Shares of which none is above 1 by rounding alone."""
+    return np.where(kept, np.minimum(share, 1.0), np.maximum(share, np.nextafter(1.0, 2.0)))
+
+
+class _Around:
+    """The nearest approaches to the surroundings, and the ends of the tool's way, over several looks."""
+
+    def __init__(self, space: FreeSpace | None) -> None:
+        self._space = space
+        self._approaches: list[Approach] = []
+        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+
+    def look(self, q: FloatArray) -> None:
+        """Along a path q (m, n)."""
+        if self._space is None:
+            return
+        if self._space.contacts is not None:
+            seen = self._space.contacts.approaches(q)
+            before = self._approaches or seen
+            self._approaches = [min(pair, key=lambda one: one.room) for pair in zip(before, seen, strict=True)]
+        if self._space.tool is not None:
+            tool = self._space.tool_at(q)
+            self._low, self._high = np.minimum(self._low, tool.min(axis=0)), np.maximum(self._high, tool.max(axis=0))
+
+    def margins(self) -> tuple[Margin, ...]:
+        """Of every body, and of every end of the tool's range that is stated."""
+        if self._space is None:
+            return ()
+        made = [
+            Margin(
+                one.name,
+                "clearance",
+                one.distance,
+                one.wanted,
+                one.wanted / one.distance if one.distance > 0 else np.inf,
+            )
+            for one in self._approaches
+        ]
+        tool = self._space.tool
+        if tool is not None:
+            reached_ends = zip(self._low, self._high, strict=True)
+            for axis, low, high, reached in zip("xyz", tool.low, tool.high, reached_ends, strict=True):
+                size = 1.0 if low is None or high is None else 0.5 * (high - low)
+                if low is not None:
+                    share = max(0.0, 1.0 - (reached[0] - low) / size)
+                    made.append(Margin(f"tool {axis}", "tool_min", float(reached[0]), low, share))
+                if high is not None:
+                    share = max(0.0, 1.0 - (high - reached[1]) / size)
+                    made.append(Margin(f"tool {axis}", "tool_max", float(reached[1]), high, share))
+        return tuple(made)
+
+
+def tightest(margins: Sequence[Margin]) -> Margin:
+    """The margin with the largest share."""
+    return max(margins, key=lambda margin: margin.share)
+
+
+def keeps(margins: Sequence[Margin]) -> bool:
+    """Whether no limit is broken."""
+    return tightest(margins).share <= 1.0
+
+
+def broken(margins: Sequence[Margin]) -> ImpossibleLimitsError:
+    """The error that names the limit which is broken most."""
+    worst = tightest(margins)
+    place = "/limits" if worst.limit not in ("clearance", "tool_min", "tool_max") else "/surroundings"
+    return ImpossibleLimitsError(worst.trouble, pointer=place, title="Impossible limits")

@@ -1,0 +1,1 @@
+"""Moves from rest to rest, ways around what is in between, and home."""

@@ -1,0 +1,116 @@
+"""Where an experiment begins and ends, and the moves between there and the exciting part."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.excitation.limits.postures import holdable_postures, static_torque, usual_homes
+from dynident.excitation.moves.ways import moves_through, stations_between
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.trajectories.motion import Piece, Rest
+from dynident.robot.model import FloatArray
+
+_OTHER_HOMES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """The moves to the start of the exciting part and back."""
+
+    approach: Piece
+    retreat: Piece
+    notes: tuple[str, ...]
+
+
+def check_home(stated: Sequence[float], limits: Bounds) -> None:
+    """Raise where a posture has not one position (rad, m) for each joint, or is outside of its limits."""
+    home = np.asarray(stated, dtype=np.float64)
+    n = len(limits.names)
+    if home.shape != (n,) or not np.isfinite(home).all():
+        raise DynidentError(f"home must have one position for each of the {n} joints", pointer="/home")
+    for name, value, low, high in zip(limits.names, home, limits.position_low, limits.position_high, strict=True):
+        if not low <= value <= high:
+            raise ImpossibleLimitsError(
+                f"home has joint '{name}' at {value:.4g}, outside of its position limits [{low:.4g}, {high:.4g}]",
+                pointer="/home",
+                title="Impossible limits",
+            )
+
+
+def home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: DesignModel) -> list[FloatArray]:
+    """Postures (n,) to begin at, in the order of preference, at least one.
+
+    The stated one alone; else zero where the ranges have it (their middle where not), then the middle everywhere;
+    where neither is clear of everything, others that are.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        None of them can be held within the torque limits, or something is in the way of all of them.
+    """
+    if stated is not None:
+        return [_clear(np.asarray(stated, dtype=np.float64), bounds)]
+    offered = usual_homes(bounds)
+    if bounds.checks_torque:
+        shares = np.abs(static_torque(model, np.array(offered))) / bounds.torque
+        offered = [offered[k] for k in np.flatnonzero(shares.max(axis=1) <= 1)]
+        if not offered:
+            j = int(np.argmax(shares.min(axis=0)))
+            raise ImpossibleLimitsError(
+                f"Neither at zero nor in the middle of the ranges can joint '{bounds.names[j]}' hold the arm within "
+                f"its torque limit {bounds.torque[j]:.4g}; state a home posture.",
+                pointer="/home",
+                title="Impossible limits",
+            )
+    if bounds.space is None:
+        return offered
+    clear = [posture for posture in offered if bounds.space.complaint(posture[None]) is None]
+    return clear or list(holdable_postures(bounds, model, np.random.default_rng(0))[:_OTHER_HOMES])
+
+
+def _clear(home: FloatArray, bounds: Bounds) -> FloatArray:
+    complaint = None if bounds.space is None else bounds.space.complaint(home[None])
+    if complaint is not None:
+        raise ImpossibleLimitsError(f"At home, {complaint}", pointer="/home", title="Impossible limits")
+    return home
+
+
+def posture_note(home: FloatArray) -> str:
+    """Home, for the notes."""
+    return "Home is " + ", ".join(f"{value:.4g}" for value in home) + "."
+
+
+def with_moves(
+    stated: Sequence[float] | None, start: FloatArray, bounds: Bounds, model: DesignModel, rate: float
+) -> Placed:
+    """Moves from home to the posture (n,) at which the exciting part starts and ends, and back, within all limits.
+
+    Where no home is stated and none of the usual ones can be reached within the limits, the experiment begins
+    there, and a note says so.
+    """
+    try:
+        homes = home_candidates(stated, bounds, model)
+    except ImpossibleLimitsError:
+        if stated is not None:
+            raise
+        homes = []
+    for home in homes:
+        try:
+            stations = stations_between(home, start, bounds, model)
+            there = moves_through(stations, bounds, model, rate)
+            back = moves_through(stations[::-1], bounds, model, rate)
+        except ImpossibleLimitsError:
+            if stated is not None:
+                raise
+        else:
+            return Placed(there, back, (posture_note(home),))
+    note = (
+        "It begins and ends where the exciting part does: no way from zero or from the middle of the ranges was found "
+        "that keeps the limits."
+    )
+    return Placed(Rest(start), Rest(start), (note,))

@@ -1,0 +1,162 @@
+"""Jerk-limited moves from rest to rest, by Ruckig (Berscheid and Kröger 2021), as polynomials evaluated in numpy.
+
+Ruckig plans the share of the straight way that is covered, from state to state alone: its intermediate positions are
+computed by a service on the network, and its position limits are silently ignored, so extreme positions are checked
+here. It knows no torque limits: a move that breaks one is planned again, slower.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import ruckig
+
+from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.excitation.limits.postures import static_torque
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.trajectories.motion import Motion, Piece, Rest, check_length
+from dynident.robot.model import FloatArray
+
+_SLOWER = 0.75
+_ATTEMPTS = 16
+_CHECKS = 400
+_CHECKS_PER_SAMPLE = 10
+_SAME_POSTURE = 1e-9
+_OVERSHOOT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """q(t) = start + s(t) (end - start), s from 0 to 1 piecewise cubic, then standing still up to `duration`.
+
+    Section i begins at `times[i]` with s and its derivatives `place[i]` (section, 4); start and end are (n,).
+    """
+
+    start: FloatArray
+    end: FloatArray
+    duration: float
+    times: FloatArray
+    place: FloatArray
+
+    def evaluate(self, t: FloatArray) -> Motion:
+        """The motion at times t (m,)."""
+        section = np.searchsorted(self.times, t, side="right") - 1
+        since = t - self.times[section]
+        s, v, a, j = self.place[section].T
+        way = self.end - self.start
+        # Rounding must not carry the arm beyond its ends, which may touch a limit.
+        share = np.clip(s + since * (v + since * (a / 2 + since * j / 6)), 0.0, 1.0)
+        return Motion(
+            t=t,
+            q=np.where(share[:, None] < 1.0, self.start + np.outer(share, way), self.end),
+            dq=np.outer(v + since * (a + since * j / 2), way),
+            ddq=np.outer(a + since * j, way),
+            dddq=np.outer(j, way),
+        )
+
+
+def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *, slowness: float = 1.0) -> Move | Rest:
+    """The fastest straight move between two postures (n,) at rest, drawn out to a whole number of sampling periods.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        Velocity, acceleration and jerk are kept; a straight move between postures inside the position limits keeps
+        those as well.
+    rate : float
+        Sampling rate in Hz.
+    slowness : float
+        The move is planned for a time this much longer.
+    """
+    way = np.abs(end - start)
+    if way.max() < _SAME_POSTURE:
+        return Rest(start)
+    wanted = ruckig.InputParameter(1)
+    wanted.current_position, wanted.target_position = [0.0], [1.0]
+    with np.errstate(divide="ignore"):
+        wanted.max_velocity = [float((bounds.velocity / way).min()) / slowness]
+        wanted.max_acceleration = [float((bounds.acceleration / way).min()) / slowness**2]
+        wanted.max_jerk = [float((bounds.jerk / way).min()) / slowness**3]
+    planned = ruckig.Trajectory(1)
+    result = ruckig.Ruckig(1).calculate(wanted, planned)
+    if result != ruckig.Result.Working:
+        raise ImpossibleLimitsError(f"no jerk-limited move between two postures was found ({result})")
+    extrema = planned.position_extrema[0]
+    if extrema.min < -_OVERSHOOT or extrema.max > 1 + _OVERSHOOT:
+        raise ImpossibleLimitsError("the move between two postures would swing beyond its ends")
+    profile = planned.profiles[0][0]
+    sections = np.column_stack([profile.p, profile.v, profile.a, [*profile.j, 0.0]])
+    sections[-1] = (1.0, 0.0, 0.0, 0.0)
+    return Move(
+        start=start,
+        end=end,
+        duration=math.ceil(planned.duration * rate - 1e-9) / rate,
+        times=np.concatenate([[0.0], np.cumsum(profile.t)]),
+        place=sections,
+    )
+
+
+def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel, rate: float) -> Piece:
+    """A move as by `plan_move`, slowed down until the limits of torque and power hold.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        Something is in the straight way, or the arm cannot be held somewhere on it, however slow it goes.
+    """
+    complaint = straight_complaint(start, end, bounds)
+    if complaint is not None:
+        raise complaint
+    move = plan_move(start, end, bounds, rate)
+    if not bounds.checks_torque:
+        return move
+    _check_holding(start, end, bounds, model)
+    for attempt in range(_ATTEMPTS):
+        move = plan_move(start, end, bounds, rate, slowness=_SLOWER**-attempt)
+        check_length([move], rate)
+        checks = max(_CHECKS, int(np.ceil(_CHECKS_PER_SAMPLE * rate * move.duration)) + 1)
+        motion = move.evaluate(np.linspace(0.0, move.duration, checks))
+        torque = model.torque(motion.q, motion.dq, motion.ddq)
+        if (np.abs(torque) <= bounds.torque).all() and (np.abs(torque * motion.dq) <= bounds.power).all():
+            return move
+    raise _too_heavy(np.abs(torque), bounds, "moving slowly")
+
+
+def straight_complaint(start: FloatArray, end: FloatArray, bounds: Bounds) -> ImpossibleLimitsError | None:
+    """What is in the straight way between two postures (n,)."""
+    if bounds.space is None:
+        return None
+    way = start + np.linspace(0.0, 1.0, _CHECKS)[:, None] * (end - start)
+    complaint = bounds.space.complaint(way)
+    if complaint is None:
+        return None
+    return ImpossibleLimitsError(
+        f"On the straight way from [{_listed(start)}] to [{_listed(end)}], {complaint}",
+        pointer="/home",
+        title="Impossible limits",
+    )
+
+
+def _listed(posture: FloatArray) -> str:
+    return ", ".join(f"{value:.4g}" for value in posture)
+
+
+def _check_holding(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel) -> None:
+    way = start + np.linspace(0.0, 1.0, _CHECKS)[:, None] * (end - start)
+    torque = np.abs(static_torque(model, way))
+    if not (torque <= bounds.torque).all():
+        raise _too_heavy(torque, bounds, "holding the arm")
+
+
+def _too_heavy(torque: FloatArray, bounds: Bounds, doing: str) -> ImpossibleLimitsError:
+    shares = torque / bounds.torque
+    sample, j = np.unravel_index(int(shares.argmax()), shares.shape)
+    name = bounds.names[int(j)]
+    return ImpossibleLimitsError(
+        f"On the straight way between home and start, {doing} asks {torque[sample, j]:.4g} of joint '{name}', whose "
+        f"torque limit is {bounds.torque[j]:.4g}; choose another home posture, or raise the limit.",
+        pointer="/home",
+        title="Impossible limits",
+    )

@@ -1,0 +1,106 @@
+"""Ways between postures that touch nothing: straight, or through a few postures on the way around."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.excitation.limits.postures import holdable_postures
+from dynident.excitation.moves.move import move_within_torque, straight_complaint
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.trajectories.motion import Motion, Piece, joined
+from dynident.robot.model import FloatArray
+
+# Postures on the way around: a few at first, then more.
+_VIA_POSTURES = (60, 300)
+_NEIGHBOURS = 12
+_LOOKS = np.linspace(0.0, 1.0, 25)
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Pieces one after the other, as one."""
+
+    pieces: tuple[Piece, ...]
+
+    @property
+    def duration(self) -> float:
+        """Seconds of all pieces."""
+        return sum(piece.duration for piece in self.pieces)
+
+    def evaluate(self, t: FloatArray) -> Motion:
+        """The motion at times t (m,), which ascend."""
+        ends = np.cumsum([piece.duration for piece in self.pieces])
+        number = np.minimum(np.searchsorted(ends, t, side="right"), len(self.pieces) - 1)
+        parts = []
+        for k, piece in enumerate(self.pieces):
+            if (number == k).any():
+                since = t[number == k] - (ends[k] - piece.duration)
+                part = piece.evaluate(np.clip(since, 0.0, piece.duration))
+                parts.append(Motion(t[number == k], part.q, part.dq, part.ddq, part.dddq))
+        return joined(parts)
+
+
+def way_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel, rate: float) -> Piece:
+    """A motion between two postures (n,) at rest within all limits: straight, or around what is in the way.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        There is no straight way, and none was found around; the message tells what is in the straight one.
+    """
+    return moves_through(stations_between(start, end, bounds, model), bounds, model, rate)
+
+
+def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel) -> list[FloatArray]:
+    """Postures (n,), both ends among them, between which the straight ways are clear; raises as `way_between`."""
+    complaint = straight_complaint(start, end, bounds)
+    if complaint is None:
+        return [start, end]
+    try:
+        postures = holdable_postures(bounds, model, np.random.default_rng(0))
+    except ImpossibleLimitsError:
+        raise complaint from None
+    detours = (np.abs(postures - start) + np.abs(postures - end)) / bounds.velocity
+    shortest = postures[np.argsort(detours.max(axis=1))]
+    for count in _VIA_POSTURES:
+        # Half of them near the straight way, the others from everywhere.
+        near = count // 2
+        via = np.concatenate([shortest[:near], shortest[near :: max(1, len(shortest) // near)]])
+        found = _shortest_way(np.concatenate([[start, end], via]), bounds)
+        if found is not None:
+            return found
+    raise complaint
+
+
+def moves_through(stations: Sequence[FloatArray], bounds: Bounds, model: DesignModel, rate: float) -> Piece:
+    """Moves from posture to posture, at rest in each, within all limits."""
+    moves = tuple(move_within_torque(a, b, bounds, model, rate) for a, b in pairwise(stations))
+    return moves[0] if len(moves) == 1 else Chain(moves)
+
+
+def _shortest_way(postures: FloatArray, bounds: Bounds) -> list[FloatArray] | None:
+    """The shortest way from the first posture (m, n) to the second through others, in clear legs between neighbours."""
+    assert bounds.space is not None
+    # As long as the slowest joint takes.
+    lengths = (np.abs(postures[:, None] - postures) / bounds.velocity).max(axis=2)
+    neighbours = np.argsort(lengths, axis=1)[:, 1 : 1 + _NEIGHBOURS]
+    legs = np.unique(np.sort([(a, b) for a, row in enumerate(neighbours) for b in row], axis=1), axis=0)
+    first, last = postures[legs[:, 0]], postures[legs[:, 1]]
+    looks = first + _LOOKS[:, None, None] * (last - first)
+    room = bounds.space.least_room(looks.reshape(-1, postures.shape[1])).reshape(len(_LOOKS), -1).min(axis=0)
+    clear = legs[room >= 0]
+    graph = csr_array((lengths[clear[:, 0], clear[:, 1]], (clear[:, 0], clear[:, 1])), shape=lengths.shape)
+    distances, before = dijkstra(graph, directed=False, indices=[0], return_predecessors=True)
+    if not np.isfinite(distances[0, 1]):
+        return None
+    stations = [1]
+    while stations[0] != 0:
+        stations.insert(0, int(before[0, stations[0]]))
+    return [postures[k] for k in stations]

@@ -1,0 +1,108 @@
+"""W at a fixed number of samples, and the reverse sweep: from ∂/∂W back to ∂/∂(q, q̇, q̈).
+
+Both run in CasADi's virtual machine without copies. For the hundred samples of a design it is twice as fast as one
+ufunc an instruction (a 7-joint arm with 57 columns: 0.9 and 1.8 ms against 1.8 and 4.5 ms).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynident.effects import Column, Signals, columns_of
+from dynident.excitation.observation.model import JUMP_TIME, DesignModel
+from dynident.excitation.observation.path_memory import PathMemory
+from dynident.robot.model import FloatArray
+
+
+class ObservationGradient:
+    """W (N, n, c) of all base parameters of a design model at N samples of a period, and its transposed derivative.
+
+    Parameters
+    ----------
+    model : DesignModel
+    n_samples : int
+        N.
+    smooth_sign : float
+        Velocity (rad/s, m/s) over which sign(q̇) is rounded: W then changes without jumps, which a line search needs.
+    """
+
+    def __init__(self, model: DesignModel, n_samples: int, smooth_sign: float) -> None:
+        self.n, self.n_samples = model.robot.n, n_samples
+        signals = Signals(model.robot, smooth_sign=smooth_sign)
+        columns = _same_columns(model, signals)
+        self.n_columns = len(columns)
+        matrix = ca.horzcat(*(column.torque for column in columns))
+        rows, at = matrix.sparsity().get_triplet()
+        self._places = np.array(rows, dtype=np.intp) * self.n_columns + np.array(at, dtype=np.intp)
+        memory = signals.memory_in(matrix)
+        states = ca.vertcat(*(signals.memory(item) for item in memory))
+        derivatives = [signals.q, signals.dq, signals.ddq]
+        if ca.depends_on(matrix, ca.vertcat(signals.dddq, signals.ddddq)):
+            derivatives += [signals.dddq, signals.ddddq]
+        self._n_derivatives = len(derivatives)
+        state = ca.vertcat(*derivatives, states)
+        entries = ca.substitute(matrix.nz[:], signals.reference, ca.DM(model.reference))
+        entries = ca.substitute(entries, signals.period, JUMP_TIME)
+        runs = signals.run_symbols
+        entries = ca.substitute(entries, runs, ca.DM.ones(runs.numel())) if runs.numel() else entries
+        seeds = ca.SX.sym("seeds", entries.numel())
+        swept = ca.densify(ca.jtimes(entries, state, seeds, True))
+        self._memory = PathMemory(memory)
+        self._state = np.zeros((n_samples, self._n_derivatives * self.n + len(memory)))
+        self._seeds = np.zeros((n_samples, entries.numel()))
+        self._entries = np.zeros_like(self._seeds)
+        self._swept = np.zeros_like(self._state)
+        self._w = np.zeros((n_samples, self.n * self.n_columns))
+        self._forward = _Mapped(ca.Function("W", [state], [ca.cse(entries)]), [self._state], self._entries)
+        self._reverse = _Mapped(
+            ca.Function("sweep", [state, seeds], [ca.cse(swept)]), [self._state, self._seeds], self._swept
+        )
+
+    def evaluate(self, *derivatives: FloatArray) -> FloatArray:
+        """W (N, n, c) at q and its derivatives (N, n), as many as the columns need; its memory is reused next time."""
+        for part, values in enumerate(derivatives[: self._n_derivatives]):
+            self._state[:, part * self.n : (part + 1) * self.n] = values
+        if self._memory.signals:
+            self._state[:, self._n_derivatives * self.n :] = self._memory.along(derivatives[0], periodic=True)
+        self._forward.run()
+        self._w[:, self._places] = self._entries
+        return self._w.reshape(self.n_samples, self.n, self.n_columns)
+
+    def pull_back(self, gradient: FloatArray) -> list[FloatArray]:
+        """∂/∂q, ∂/∂q̇, ∂/∂q̈, … (N, n) from ∂/∂W (N, n, c), at the states of the last `evaluate`."""
+        np.take(gradient.reshape(self.n_samples, -1), self._places, axis=1, out=self._seeds)
+        self._reverse.run()
+        n = self.n
+        end = self._n_derivatives * n
+        made = [self._swept[:, part * n : (part + 1) * n] for part in range(self._n_derivatives)]
+        if self._memory.signals:
+            of_path = self._memory.pull_back(self._state[:, :n], self._state[:, end:], self._swept[:, end:])
+            made[0] = made[0] + of_path
+        return made
+
+
+class _Mapped:
+    """A function mapped over samples, on arrays that it reads and writes in place (one row a sample)."""
+
+    def __init__(self, function: ca.Function, inputs: list[FloatArray], output: FloatArray) -> None:
+        # The buffer borrows the function and the arrays: they must live as long as it does.
+        self._mapped = function.map(len(output))
+        self._arrays = [*inputs, output]
+        # CasADi's type hints give its C++ signatures, which the Python ones are not.
+        buffer: Any
+        self.run: Callable[[], None]
+        buffer, self.run = self._mapped.buffer()
+        for index, array in enumerate(inputs):
+            buffer.set_arg(index, array.data)
+        buffer.set_res(0, output.data)
+        self._buffer = buffer
+
+
+def _same_columns(model: DesignModel, signals: Signals) -> list[Column]:
+    """The model's kept columns, made anew from other symbols."""
+    made = {column.key: column for column in columns_of(model.choices, signals)}
+    return [made[column.key] for column in model.kept]

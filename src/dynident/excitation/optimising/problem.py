@@ -1,0 +1,151 @@
+"""The optimisation problem of a design: criterion and limits as one smooth function of the coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.excitation.criteria.smooth import Criterion
+from dynident.excitation.limits.bounds import Bounds
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.observation.row_models import RowModelName, row_model
+from dynident.excitation.observation.sensitivity import ObservationGradient
+from dynident.excitation.optimising.sampling import samples_of_a_period, smooth_sign
+from dynident.excitation.trajectories.family import Family
+from dynident.robot.model import FloatArray
+
+# Between the samples a motion swings out a little further than on them.
+_SHARE_OF_LIMITS = 0.99
+ROOM_UNIT = 0.5
+"""m: a lack of room of so much weighs as much as a limit that is broken twofold."""
+
+
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """Of the augmented Lagrangian, and the penalty's weight.
+
+    `values` (6, N, n) is one for each limit and sample, `crowding` (N, K) for each distance that is kept.
+    """
+
+    values: FloatArray
+    crowding: FloatArray
+    penalty: float
+
+    def raised(self, at: Evaluation, penalty: float) -> Multipliers:
+        """Those of the next round, after an evaluation at the end of this one."""
+        return Multipliers(
+            np.maximum(0.0, self.values + self.penalty * at.excess),
+            np.maximum(0.0, self.crowding + self.penalty * at.crowding),
+            penalty,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """At one x: the augmented Lagrangian and its gradient (m n,), the criterion, the limits' excess (6, N, n).
+
+    An excess of 0 touches a limit, above 0 breaks it: |value| / bound - 1. The `crowding` (N, K) tells the same of the
+    distances that are kept, in units of `ROOM_UNIT`.
+    """
+
+    lagrangian: float
+    gradient: FloatArray
+    criterion: float
+    excess: FloatArray
+    crowding: FloatArray
+
+    @property
+    def worst(self) -> float:
+        """The largest excess."""
+        return max(float(self.excess.max()), float(self.crowding.max(initial=-np.inf)))
+
+
+class DesignProblem:
+    """Criterion and limits over the coefficients x (m, n) of a family; those of joints without range stay as they are.
+
+    Parameters
+    ----------
+    family : Family
+    model : DesignModel
+    criterion : Criterion
+    bounds : Bounds
+    rows : str
+        The identification model whose rows the criterion is computed from.
+    """
+
+    def __init__(
+        self,
+        family: Family,
+        model: DesignModel,
+        criterion: Criterion,
+        bounds: Bounds,
+        rows: RowModelName = "dynamic",
+    ) -> None:
+        self.family, self.bounds = family, bounds
+        self.n = model.robot.n
+        self.n_samples = samples_of_a_period(model, family)
+        self._model = model
+        self._criterion = criterion
+        self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
+        self._row_model = row_model(rows, self.n_samples, family.period, family.highest_frequency)
+        self._rows = ObservationGradient(model, self.n_samples, smooth_sign(model, bounds))
+        b = model.n_parameters
+        self._n_parameters = b
+        self._nominal = model.nominal
+        self._counted = model.counted[:, None]
+        self._middle = np.zeros((6, 1, self.n))
+        self._middle[0, 0] = bounds.middle
+        self._clearances = None if bounds.space is None else bounds.space.clearances
+        of_rates = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
+        room = np.stack([bounds.half_range, *of_rates])
+        self._moving = bounds.half_range > 0
+        room[0, ~self._moving] = np.inf
+        # An absent limit has infinite room: its share is zero, and it never acts.
+        self._per_room = 1.0 / (_SHARE_OF_LIMITS * room[:, None, :])
+
+    def no_multipliers(self, penalty: float) -> Multipliers:
+        """Where the augmented Lagrangian begins."""
+        count = 0 if self._clearances is None else self._clearances.hindrances.count
+        return Multipliers(np.zeros((6, self.n_samples, self.n)), np.zeros((self.n_samples, count)), penalty)
+
+    def evaluate(self, flat: FloatArray, multipliers: Multipliers) -> Evaluation:
+        """The augmented Lagrangian at coefficients (m n,), exact gradient included.
+
+        F(W(x)) + 1/(2 μ) Σ max(0, λ + μ c(x))² - λ² with c the excess (Rockafellar 1973).
+        """
+        x = flat.reshape(self.family.n_coefficients, self.n)
+        q, dq, ddq, dddq, ddddq = self._basis @ x
+        w = self._rows.evaluate(q, dq, ddq, dddq, ddddq)
+        torque = w @ self._nominal
+        b = self._n_parameters
+        scale = 1.0 / np.sqrt(self.n_samples)
+        chosen = w[:, :, :b] * self._counted
+        criterion, of_rows = self._criterion(scale * self._row_model.rows(chosen, dq))
+        of_chosen, of_velocity = self._row_model.pull_back(chosen, dq, scale * of_rows)
+        shares = (np.stack([q, dq, ddq, dddq, torque, torque * dq]) - self._middle) * self._per_room
+        excess = np.abs(shares) - 1.0
+        active = np.maximum(0.0, multipliers.values + multipliers.penalty * excess)
+        crowding, of_crowding, of_posture = self._crowding(q, multipliers)
+        penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty) + of_crowding
+        of_signals = active * np.sign(shares) * self._per_room
+        of_torque = of_signals[4] + of_signals[5] * dq
+        of_w = of_torque[:, :, None] * self._nominal
+        of_w[:, :, :b] += of_chosen * self._counted
+        gradient = self._basis[1].T @ (of_velocity + of_signals[5] * torque) + self._basis[0].T @ of_posture
+        for basis, of_derivative in zip(self._basis, of_signals[:4], strict=False):
+            gradient += basis.T @ of_derivative
+        for basis, of_derivative in zip(self._basis, self._rows.pull_back(of_w), strict=False):
+            gradient += basis.T @ of_derivative
+        gradient[:, ~self._moving] = 0.0
+        return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess, crowding)
+
+    def _crowding(self, q: FloatArray, multipliers: Multipliers) -> tuple[FloatArray, float, FloatArray]:
+        """The crowding (N, K), its part of the augmented Lagrangian, and the gradient of that over q (N, n)."""
+        if self._clearances is None:
+            return multipliers.crowding, 0.0, np.zeros_like(q)
+        rooms = self._clearances.evaluate(q)
+        crowding = rooms.values / -ROOM_UNIT
+        active = np.maximum(0.0, multipliers.crowding + multipliers.penalty * crowding)
+        penalty = float(np.sum(active**2) - np.sum(multipliers.crowding**2)) / (2 * multipliers.penalty)
+        return crowding, penalty, rooms.pull_back(active / -ROOM_UNIT) if active.any() else np.zeros_like(q)

@@ -1,0 +1,117 @@
+"""Random trajectories inside the limits, and what coefficients are worth: where the optimisation starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.excitation.criteria.deciding import Yardstick
+from dynident.excitation.criteria.values import CriterionValues
+from dynident.excitation.limits.bounds import Bounds
+from dynident.excitation.limits.postures import holdable_postures
+from dynident.excitation.limits.shrinking import Shrinking
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.observation.row_models import RowModelName, row_model
+from dynident.excitation.optimising.sampling import samples_of_a_period
+from dynident.excitation.trajectories.family import Family
+from dynident.progress import Progress, silent
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Coefficients x (m, n) that keep the limits, and what they are worth."""
+
+    x: FloatArray
+    values: CriterionValues
+
+
+class Judge:
+    """Values of coefficients by the true criteria, on samples of one period."""
+
+    def __init__(
+        self,
+        family: Family,
+        model: DesignModel,
+        yardstick: Yardstick,
+        *,
+        n_samples: int = 0,
+        rows: RowModelName = "dynamic",
+    ) -> None:
+        self._model, self._yardstick = model, yardstick
+        self.n_samples = max(n_samples, samples_of_a_period(model, family))
+        self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
+        self.row_model = row_model(rows, self.n_samples, family.period, family.highest_frequency)
+
+    def values(self, x: FloatArray) -> CriterionValues:
+        """What coefficients (m, n) are worth."""
+        return self._yardstick.values(self.row_model.rows(self.observe(x), self.velocity(x)), self.n_samples)
+
+    def observe(self, x: FloatArray) -> FloatArray:
+        """W (N, n, b) of the dynamic model, of coefficients (m, n)."""
+        q, dq, ddq, dddq, ddddq = self._basis @ x
+        memory = self._model.memory_along(q, periodic=True)
+        w = self._model.observe(q, dq, ddq, dddq=dddq, ddddq=ddddq, memory=memory)
+        return w.reshape(*q.shape, -1)
+
+    def velocity(self, x: FloatArray) -> FloatArray:
+        """q̇ (N, n) of coefficients (m, n)."""
+        made: FloatArray = self._basis[1] @ x
+        return made
+
+
+def random_candidates(
+    family: Family,
+    bounds: Bounds,
+    model: DesignModel,
+    judge: Judge,
+    *,
+    count: int,
+    seed: int,
+    progress: Progress = silent,
+    enough: Callable[[], bool] = lambda: False,
+) -> list[Candidate]:
+    """Random trajectories of the family, each joint scaled into its limits, best first.
+
+    `count` of them, or fewer where `enough` says so once there is one.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        No posture can be held within the torque limits.
+    """
+    rng = np.random.default_rng(seed)
+    postures = holdable_postures(bounds, model, rng)
+    shrinking = Shrinking(family, bounds, model, fine=False)
+    basis = family.basis(np.arange(judge.n_samples) * family.period / judge.n_samples)[:4, :, 1:]
+    found: list[Candidate] = []
+    for index in range(count):
+        if found and enough():
+            break
+        progress(index / count, f"random trajectory {index + 1} of {count}")
+        x = np.empty((family.n_coefficients, model.robot.n))
+        x[0] = postures[rng.integers(len(postures))]
+        x[1:] = rng.standard_normal((family.n_coefficients - 1, model.robot.n))
+        x[1:] *= _largest_scale(basis @ x[1:], x[0], bounds)
+        fitting = shrinking.shrink(x)
+        if fitting is not None:
+            found.append(Candidate(fitting, judge.values(fitting)))
+    return sorted(found, key=lambda candidate: candidate.values.criterion)
+
+
+def _largest_scale(motion: FloatArray, centre: FloatArray, bounds: Bounds) -> FloatArray:
+    """Per joint (n,), the amplitude of motion (4, N, n) about its centre that fills the limits on q to the jerk."""
+    q, dq, ddq, dddq = motion
+    scale: FloatArray = np.min(
+        [
+            (bounds.position_high - centre) / q.max(axis=0),
+            (centre - bounds.position_low) / -q.min(axis=0),
+            bounds.velocity / np.abs(dq).max(axis=0),
+            bounds.acceleration / np.abs(ddq).max(axis=0),
+            bounds.jerk / np.abs(dddq).max(axis=0),
+        ],
+        axis=0,
+    )
+    return scale

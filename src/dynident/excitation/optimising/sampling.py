@@ -1,0 +1,38 @@
+"""How closely a period is sampled while it is designed, and how much the sign of the velocity is rounded."""
+
+from __future__ import annotations
+
+from dynident.effects import effect_by_id
+from dynident.excitation.limits.bounds import Bounds
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.trajectories.family import Family
+
+_N_SAMPLES = 100
+_SAMPLES_PER_WAVE = 16
+# Hysteresis and low-speed friction happen within a few per cent of a period.
+_N_CLOSE_SAMPLES = 600
+# Share of the velocity limit over which sign(q̇) is rounded while optimising, and at most so much of a shape constant.
+_SMOOTH_SIGN = 0.01
+_SHARE_OF_SHAPE = 0.25
+
+
+def samples_of_a_period(model: DesignModel, family: Family) -> int:
+    """Number of samples N of one period that the criterion is computed from."""
+    close = model.needs_path or bool(_narrow_speeds(model))
+    return max(_N_CLOSE_SAMPLES if close else _N_SAMPLES, _SAMPLES_PER_WAVE * family.waves)
+
+
+def smooth_sign(model: DesignModel, bounds: Bounds) -> float:
+    """Velocity (rad/s, m/s) over which sign(q̇) is rounded: small beside the limits and beside friction's peaks."""
+    narrow = [_SHARE_OF_SHAPE * speed for speed in _narrow_speeds(model)]
+    return min([_SMOOTH_SIGN * float(bounds.velocity.min()), *narrow])
+
+
+def _narrow_speeds(model: DesignModel) -> list[float]:
+    """Shape constants of the model that are a speed near rest."""
+    return [
+        dict(column.shape)[spec.name]
+        for column in model.kept[: model.n_parameters]
+        for spec in effect_by_id(column.effect).shapes
+        if spec.resolved_by == "speed" and spec.name in dict(column.shape)
+    ]

@@ -1,0 +1,112 @@
+"""The best sequence of points: random ones, then the best of them improved by accepted variations.
+
+The criterion is not smooth in the points: a move's course changes where another joint or limit becomes the slowest.
+A move depends on its two ends alone, so a varied point costs two moves, as in exchange algorithms of optimal design
+(Fedorov 1972); the size of the variations follows the share of those that succeed (Rechenberg's one-fifth rule).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.excitation.criteria.deciding import Yardstick
+from dynident.excitation.criteria.values import CriterionValues
+from dynident.excitation.limits.bounds import ImpossibleLimitsError
+from dynident.excitation.optimising.budget import Budget
+from dynident.excitation.points.sequence import Legs, PointSequence, rows_of, values_of
+from dynident.excitation.points.spaces import PointSpace
+from dynident.progress import Progress
+
+_REDRAWN = 20
+"""How often a point may be drawn again."""
+_FIRST_SIZE, _SMALLEST_SIZE, _LARGEST_SIZE = 0.2, 0.005, 0.5
+_GROWTH = 1.3
+"""Of a success; four failures undo it."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundSequence:
+    """A sequence that keeps the limits, and what it is worth."""
+
+    sequence: PointSequence
+    values: CriterionValues
+
+
+def drawn(
+    space: PointSpace,
+    legs: Legs,
+    yardstick: Yardstick,
+    *,
+    count: int,
+    rng: np.random.Generator,
+    progress: Progress,
+    enough: Callable[[], bool] = lambda: False,
+) -> list[FoundSequence]:
+    """`count` random sequences that keep the limits, best first; fewer where `enough` says so once there is one.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        None of many keeps the limits.
+    """
+    found: list[FoundSequence] = []
+    for index in range(count):
+        if found and enough():
+            break
+        progress(index / count, f"random sequence {index + 1} of {count}")
+        sequence = _drawn_within(space, legs, rng)
+        moves = legs.of(sequence)
+        if moves is not None:
+            found.append(FoundSequence(sequence, values_of(moves, yardstick)))
+    if not found:
+        raise ImpossibleLimitsError(
+            f"None of {count} random sequences of moves, each point drawn up to {_REDRAWN} times, keeps the limits of "
+            "torque and clearance; raise them, or let fewer points do.",
+            pointer="/limits",
+            title="Impossible limits",
+        )
+    return sorted(found, key=lambda one: one.values.criterion)
+
+
+def _drawn_within(space: PointSpace, legs: Legs, rng: np.random.Generator) -> PointSequence:
+    """A random sequence, point after point drawn again until the moves keep the limits, or many times."""
+    sequence = space.draw(rng)
+    for _ in range(_REDRAWN * len(sequence.points)):
+        k = legs.first_broken(sequence)
+        if k is None:
+            break
+        sequence = space.redrawn(sequence, k, rng)
+    return sequence
+
+
+def improved(
+    first: PointSequence,
+    space: PointSpace,
+    legs: Legs,
+    yardstick: Yardstick,
+    *,
+    variations: int,
+    rng: np.random.Generator,
+    budget: Budget,
+    progress: Progress,
+) -> tuple[PointSequence, bool]:
+    """The sequence after so many variations, and whether the time allowed all of them."""
+    criterion = yardstick.smooth
+    moves = legs.of(first)
+    assert moves is not None
+    best, value, size = first, criterion(rows_of(moves))[0], _FIRST_SIZE
+    for index in range(variations):
+        if budget.spent:
+            return best, False
+        progress(index / variations, f"variation {index + 1}: criterion {np.exp(value):.4g}")
+        neighbour = space.varied(best, rng, size)
+        moves = legs.of(neighbour)
+        reached = np.inf if moves is None else criterion(rows_of(moves))[0]
+        if reached < value:
+            best, value, size = neighbour, reached, min(_GROWTH * size, _LARGEST_SIZE)
+        else:
+            size = max(size * _GROWTH**-0.25, _SMALLEST_SIZE)
+    return best, True

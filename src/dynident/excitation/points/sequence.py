@@ -1,0 +1,142 @@
+"""Sequences of rest-to-rest moves through intermediate points (§12.3.4.1), and what they are worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.excitation.criteria.deciding import Yardstick
+from dynident.excitation.criteria.values import CriterionValues
+from dynident.excitation.limits.bounds import Bounds
+from dynident.excitation.limits.locked import BoolArray
+from dynident.excitation.moves.move import plan_move
+from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.observation.sensitivity import ObservationGradient
+from dynident.excitation.optimising.sampling import smooth_sign
+from dynident.excitation.surroundings.free_space import FreeSpace
+from dynident.excitation.trajectories.motion import Piece
+from dynident.robot.model import FloatArray
+
+_SAMPLES_OF_A_MOVE = 16
+_FIRST_LOOKS, _LOOK_EVERY = 9, 0.08
+"""Along a straight way, for what the robot must stay clear of: so many, then so close (rad, m)."""
+_REMEMBERED = 4096
+_SLOWER, _ATTEMPTS = 1.25, 8
+
+
+@dataclass(frozen=True, eq=False)
+class PointSequence:
+    """Postures `points` (P, n), visited one after the other and round again, at rest in each of them.
+
+    `shares` (P, 2): of the velocity and of the acceleration limits, that the move to each point may use.
+    """
+
+    points: FloatArray
+    shares: FloatArray
+
+    def slower(self, factor: float) -> PointSequence:
+        """The same points at smaller shares of the limits."""
+        return replace(self, shares=factor * self.shares)
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """The move to a point; `rows` (m n, b) have the WᵀW of its whole time: ∫ WᵀW dt."""
+
+    piece: Piece
+    rows: FloatArray
+
+
+class Legs:
+    """Plans the moves of sequences within all limits, each of them once.
+
+    Torque and clearance are looked at on few samples: what is chosen in the end is verified closely.
+
+    Parameters
+    ----------
+    bounds : Bounds
+    model : DesignModel
+        Its columns must not depend on the path travelled: each move is looked at by itself.
+    rate : float
+        Hz.
+    """
+
+    def __init__(self, bounds: Bounds, model: DesignModel, rate: float) -> None:
+        self._bounds, self._rate = bounds, rate
+        self._observed = ObservationGradient(model, _SAMPLES_OF_A_MOVE, smooth_sign(model, bounds))
+        self._nominal, self._n_parameters = model.nominal, model.n_parameters
+        self._counted = model.counted[:, None]
+        self._known: dict[bytes, Leg | None] = {}
+
+    def counting(self, moving: BoolArray) -> Legs:
+        """The same where only the equations of some joints (n,) count."""
+        made = copy(self)
+        made._counted, made._known = moving[:, None], {}
+        return made
+
+    def of(self, sequence: PointSequence) -> tuple[Leg, ...] | None:
+        """The moves to each point, the one to the first from the last; `None` where one breaks a limit."""
+        found: list[Leg] = []
+        for k in range(len(sequence.points)):
+            leg = self._to(sequence, k)
+            if leg is None:
+                return None
+            found.append(leg)
+        return tuple(found)
+
+    def first_broken(self, sequence: PointSequence) -> int | None:
+        """The first point to which no move keeps the limits; `None` where all do."""
+        ways = range(1, len(sequence.points) + 1)
+        return next((k % len(ways) for k in ways if self._to(sequence, k % len(ways)) is None), None)
+
+    def _to(self, sequence: PointSequence, k: int) -> Leg | None:
+        return self._leg(sequence.points[k - 1], sequence.points[k], sequence.shares[k])
+
+    def _leg(self, start: FloatArray, end: FloatArray, share: FloatArray) -> Leg | None:
+        key = start.tobytes() + end.tobytes() + share.tobytes()
+        if key not in self._known:
+            if len(self._known) >= _REMEMBERED:
+                self._known.clear()
+            self._known[key] = self._planned(start, end, share)
+        return self._known[key]
+
+    def _planned(self, start: FloatArray, end: FloatArray, share: FloatArray) -> Leg | None:
+        limits = self._bounds
+        if limits.space is not None and not _is_clear(start, end, limits.space):
+            return None
+        slow = replace(limits, velocity=share[0] * limits.velocity, acceleration=share[1] * limits.acceleration)
+        for attempt in range(_ATTEMPTS):
+            piece = plan_move(start, end, slow, self._rate, slowness=_SLOWER**attempt)
+            step = piece.duration / _SAMPLES_OF_A_MOVE
+            motion = piece.evaluate(step * np.arange(0.5, _SAMPLES_OF_A_MOVE))
+            w = self._observed.evaluate(motion.q, motion.dq, motion.ddq, motion.dddq, np.zeros_like(motion.q))
+            torque = np.abs(w @ self._nominal)
+            if (torque <= limits.torque).all() and (torque * np.abs(motion.dq) <= limits.power).all():
+                rows = np.sqrt(step) * w[:, :, : self._n_parameters] * self._counted
+                return Leg(piece, rows.reshape(-1, self._n_parameters))
+        return None
+
+
+def _is_clear(start: FloatArray, end: FloatArray, space: FreeSpace) -> bool:
+    """Whether a straight way stays clear of everything, at close looks: coarse ones first, which most ways fail."""
+    way = end - start
+    closely = max(_FIRST_LOOKS, int(np.ceil(np.abs(way).max() / _LOOK_EVERY)) + 1)
+    return all(
+        bool((space.least_room(start + np.linspace(0.0, 1.0, looks)[:, None] * way) >= 0).all())
+        for looks in (_FIRST_LOOKS, closely)
+    )
+
+
+def rows_of(legs: Sequence[Leg]) -> FloatArray:
+    """Rows (m n, b) that stand for W / √N of moves one after the other."""
+    total = sum(leg.piece.duration for leg in legs)
+    made: FloatArray = np.concatenate([leg.rows for leg in legs]) / np.sqrt(total)
+    return made
+
+
+def values_of(legs: Sequence[Leg], yardstick: Yardstick) -> CriterionValues:
+    """What moves are worth by the true criteria."""
+    return yardstick.values(rows_of(legs), 1)

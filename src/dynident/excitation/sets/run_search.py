@@ -1,0 +1,227 @@
+"""The motion of one run of a set: searched to add the most to what the runs before it have told.
+
+With locked joints a run shows only some parameters, and no criterion of its W alone would be finite. What counts at
+first is log det of the information of all runs up to this one, D-optimality, beginning with a little information about
+every parameter: a direction that the run cannot show then neither helps nor hurts it. Once all runs are there, each can
+be searched again beside all others by the criterion that was asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.excitation.criteria.choice import CriterionChoice
+from dynident.excitation.criteria.deciding import Yardstick
+from dynident.excitation.criteria.variances import Deciding
+from dynident.excitation.experiments.periodic import family_of, within_limits
+from dynident.excitation.experiments.point_to_point import first_that_fits
+from dynident.excitation.experiments.task import Task
+from dynident.excitation.limits.bounds import ImpossibleLimitsError
+from dynident.excitation.limits.locked import BoolArray, locked_bounds
+from dynident.excitation.limits.postures import holdable_postures
+from dynident.excitation.limits.shrinking import Shrinking
+from dynident.excitation.optimising.budget import Budget
+from dynident.excitation.optimising.optimise import optimise
+from dynident.excitation.optimising.problem import DesignProblem
+from dynident.excitation.optimising.random_trajectories import Judge, random_candidates
+from dynident.excitation.points.search import drawn, improved
+from dynident.excitation.points.sequence import Legs, PointSequence, rows_of
+from dynident.excitation.points.spaces import FreePoints, PointSpace, TwoPoints
+from dynident.excitation.sets.planned import BetweenTwoPoints, Freely, PlannedRun
+from dynident.excitation.trajectories.motion import Piece
+from dynident.progress import Progress, part
+from dynident.robot.model import FloatArray
+
+_KNOWN_BEFORE = 0.02
+"""Standard deviation of what is known of each parameter before, as a share of its column: too little to rule."""
+_STATES = 200
+_CANDIDATES, _LOCKED_POSTURES = 12, 2
+_VARIATIONS_OF_TWO_POINTS, _VARIATIONS_OF_A_POINT = 60, 20
+_SLOW = 0.25
+"""Share of the limits in the run that shows gravity."""
+_MOST_OF_A_RANGE, _HALF_A_RANGE = 0.8, 0.5
+_SHORTEST, _LONG, _LONGEST = 0.3, 2.0, 6.0
+"""Strokes, as shares of the way that speeding up to the limit and slowing down again takes."""
+_LITTLE_WAY = (0.02, 0.1)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundRun:
+    """Rounds of a motion that starts and ends at rest in `start` (n,), `duration` s each.
+
+    `random` are the informations ∫ WᵀW dt (b, b) that random motions of its kind would have given.
+    """
+
+    round: tuple[Piece, ...]
+    rounds: int
+    start: FloatArray
+    random: tuple[FloatArray, ...]
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """All rounds."""
+        return self.round * self.rounds
+
+
+class RunSearch:
+    """Searches runs one after the other.
+
+    Parameters
+    ----------
+    task : Task
+        `duration` of its trajectory is about how long each run lasts.
+    rng : Generator
+    """
+
+    def __init__(self, task: Task, rng: np.random.Generator) -> None:
+        self._task, self._rng = task, rng
+        self._postures = holdable_postures(task.bounds, task.model, rng)
+        self._legs: Legs | None = None
+
+    def nothing_told(self) -> FloatArray:
+        """Information (b, b) to begin with: a little about every parameter."""
+        bounds, n = self._task.bounds, len(self._task.bounds.names)
+        q = self._postures[self._rng.integers(len(self._postures), size=_STATES)]
+        dq = bounds.velocity * self._rng.uniform(-1, 1, (_STATES, n))
+        ddq = bounds.acceleration * self._rng.uniform(-1, 1, (_STATES, n))
+        w = self._task.model.observe(q, dq, ddq, dddq=np.zeros_like(q), ddddq=np.zeros_like(q))
+        squares = np.einsum("ij,ij->j", w, w) / _STATES
+        return np.diag(_KNOWN_BEFORE**2 * np.where(squares > 0, squares, 1.0))
+
+    def first(self, run: PlannedRun, told: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
+        """The motion of a run that adds the most to the information `told` (b, b) by those before.
+
+        Raises
+        ------
+        ImpossibleLimitsError
+            No motion of the kind was found that keeps the limits.
+        """
+        b = len(told)
+        yardstick = Yardstick(CriterionChoice("d_optimal"), np.ones(b), Deciding.all_of(b))
+        return self._find(run, yardstick, told, budget, progress)
+
+    def again(self, run: PlannedRun, told: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
+        """The motion of a run that is the best by the criterion asked for, beside what all others have told (b, b).
+
+        Raises
+        ------
+        ImpossibleLimitsError
+            No motion of the kind was found that keeps the limits.
+        """
+        return self._find(run, self._task.yardstick, told, budget, progress)
+
+    def _find(self, run: PlannedRun, by: Yardstick, told: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
+        task = self._task
+        moving = np.isin(np.arange(len(task.bounds.names)), run.moving)
+        within = replace(task, model=replace(task.model, counted=moving), progress=progress)
+        yardstick = replace(by, earlier=rows_like(told / task.request.trajectory.duration))
+        if isinstance(run.how, Freely) and task.request.trajectory.family != "point_to_point":
+            return self._periodic(within, moving, yardstick, budget)
+        return self._through_points(within, run, moving, yardstick, budget)
+
+    def _periodic(self, task: Task, moving: BoolArray, yardstick: Yardstick, budget: Budget) -> FoundRun:
+        """A periodic trajectory with the other joints locked in the best of some postures."""
+        wanted, model = task.request.trajectory, task.model
+        family = family_of(wanted, max(round(wanted.duration * task.rate), 1) / task.rate)
+        judge = Judge(family, model, yardstick)
+        found = []
+        for _ in range(_LOCKED_POSTURES):
+            posture = self._postures[self._rng.integers(len(self._postures))]
+            bounds = locked_bounds(task.bounds, posture, moving)
+            seed = int(self._rng.integers(2**31))
+            candidates = random_candidates(
+                family, bounds, model, judge, count=_CANDIDATES, seed=seed, progress=part(task.progress, 0.0, 0.2)
+            )
+            found += [(one, bounds) for one in candidates]
+        if not found:
+            raise ImpossibleLimitsError(
+                "no motion with locked joints was found that keeps the limits", pointer="/limits"
+            )
+        best, bounds = min(found, key=lambda pair: pair[0].values.criterion)
+        problem = DesignProblem(family, model, yardstick.smooth, bounds)
+        shrinking = Shrinking(family, bounds, model)
+        best = optimise(problem, shrinking, judge, [best], budget, part(task.progress, 0.2, 0.9)).best
+        (motion, *_), _ = within_limits(task, family, best)
+        random = tuple(_information(judge, one.x, family.period) for one, _ in found)
+        return FoundRun((motion,), wanted.periods, motion.start, random)
+
+    def _through_points(
+        self, task: Task, run: PlannedRun, moving: BoolArray, yardstick: Yardstick, budget: Budget
+    ) -> FoundRun:
+        """Moves between points, the best of some random ones improved."""
+        wanted, rng = task.request.trajectory, self._rng
+        if self._legs is None:
+            self._legs = Legs(task.bounds, task.model, task.rate)
+        legs = self._legs.counting(moving)
+        space = self._space(task, run, moving)
+        candidates = drawn(space, legs, yardstick, count=_CANDIDATES, rng=rng, progress=part(task.progress, 0.0, 0.2))
+        of_points = (
+            _VARIATIONS_OF_TWO_POINTS if isinstance(space, TwoPoints) else _VARIATIONS_OF_A_POINT * wanted.points
+        )
+        best, _ = improved(
+            candidates[0].sequence,
+            space,
+            legs,
+            yardstick,
+            variations=of_points,
+            rng=rng,
+            budget=budget,
+            progress=part(task.progress, 0.2, 0.9),
+        )
+        sequence, pieces = first_that_fits(task, [best, *(one.sequence for one in candidates)])
+        length = sum(piece.duration for piece in pieces)
+        rounds = wanted.periods * max(1, round(wanted.duration / length))
+        random = tuple(_of_sequence(legs, one.sequence, length * rounds) for one in candidates)
+        return FoundRun(pieces, rounds, sequence.points[-1], random)
+
+    def _space(self, task: Task, run: PlannedRun, moving: BoolArray) -> PointSpace:
+        bounds, wanted = task.bounds, task.request.trajectory
+        if isinstance(run.how, BetweenTwoPoints):
+            shortest, longest = _strokes(task, run.how, moving)
+            return TwoPoints(bounds, self._postures, shortest, longest)
+        if isinstance(run.how, Freely):
+            posture = self._postures[self._rng.integers(len(self._postures))]
+            bounds = locked_bounds(bounds, posture, moving)
+            postures = holdable_postures(bounds, task.model, self._rng)
+            return FreePoints(bounds, postures, wanted.points)
+        return FreePoints(bounds, self._postures, wanted.points, fastest=_SLOW)
+
+
+def rows_like(information: FloatArray) -> FloatArray:
+    """Rows (b, b) that have the WᵀW of an information matrix (b, b)."""
+    sizes = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    eigenvalues, vectors = np.linalg.eigh(information / np.outer(sizes, sizes))
+    made: FloatArray = (np.sqrt(np.maximum(eigenvalues, 0.0)) * vectors).T * sizes
+    return made
+
+
+def _strokes(task: Task, how: BetweenTwoPoints, moving: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """The shortest and the longest way (n,) of every joint between two points."""
+    bounds = task.bounds
+    span = 2 * bounds.half_range
+    shortest, longest = (np.where(moving, share * span, 0.0) for share in _LITTLE_WAY)
+    # As far as the joint gets while it speeds up to its limit and slows down at once.
+    corner = np.minimum(bounds.velocity**2 / bounds.acceleration, _MOST_OF_A_RANGE * span)
+    for j in how.short:
+        shortest[j], longest[j] = _SHORTEST * corner[j], corner[j]
+    for j in how.long:
+        shortest[j] = min(_LONG * corner[j], _HALF_A_RANGE * span[j])
+        longest[j] = max(shortest[j], min(_LONGEST * corner[j], _MOST_OF_A_RANGE * span[j]))
+    return shortest, longest
+
+
+def _information(judge: Judge, x: FloatArray, period: float) -> FloatArray:
+    w = judge.observe(x)
+    rows = w.reshape(-1, w.shape[-1])
+    made: FloatArray = rows.T @ rows * (period / judge.n_samples)
+    return made
+
+
+def _of_sequence(legs: Legs, sequence: PointSequence, seconds: float) -> FloatArray:
+    moves = legs.of(sequence)
+    assert moves is not None
+    rows = rows_of(moves)
+    made: FloatArray = seconds * rows.T @ rows
+    return made

@@ -1,0 +1,217 @@
+"""Sets of special test motions (§12.3.4.2), run one after the other and combined in one global system."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.excitation.criteria.baseline import Baseline, baseline_of
+from dynident.excitation.criteria.values import CriterionValues
+from dynident.excitation.experiments.point_to_point import check_no_path, verified
+from dynident.excitation.experiments.task import Made, Task, Valued
+from dynident.excitation.limits.bounds import ImpossibleLimitsError
+from dynident.excitation.moves.home import home_candidates, posture_note
+from dynident.excitation.moves.ways import way_between
+from dynident.excitation.observation.row_models import EVERY_JOINT
+from dynident.excitation.optimising.budget import Budget
+from dynident.excitation.result import Run
+from dynident.excitation.sets.planned import BetweenTwoPoints, PlannedRun, planned_runs
+from dynident.excitation.sets.run_search import FoundRun, RunSearch, rows_like
+from dynident.excitation.trajectories.motion import Motion, Piece, in_sequence
+from dynident.progress import Progress, part
+from dynident.robot.model import FloatArray
+from dynident.robot.pointers import listed
+
+_TRIES = 4
+_MOST_VALUED = 10_000
+_NOT_SHOWN = 1e-6
+_ABOUT_PARAMETERS = ("parameters", "separation")
+"""Criteria that weigh the equations of each joint: an information matrix does not tell them apart any more."""
+
+
+@dataclass(frozen=True, eq=False)
+class _RunMade:
+    """A run, the way to its start, its samples, and W (m, n, b) at them without the equations of locked joints.
+
+    `information` (b, b) is ∫ WᵀW dt.
+    """
+
+    planned: PlannedRun
+    found: FoundRun
+    approach: Piece
+    motion: Motion
+    w: FloatArray
+    information: FloatArray
+
+
+def sequential(task: Task, budget: Budget) -> Made:
+    """Design the runs of a set one after the other, each to complement those before, with the ways between them."""
+    request, bounds, model = task.request, task.bounds, task.model
+    runs = planned_runs(request.trajectory.sets, model.robot.joint_names)
+    if any(isinstance(run.how, BetweenTwoPoints) for run in runs):
+        check_no_path(model)
+    search = RunSearch(task, np.random.default_rng(request.seed))
+    home = home_candidates(request.home, bounds, model)[0]
+    # Searching the first time is looking for what shows at all: it takes as long as looking again for the best.
+    seconds = None if budget.seconds is None else budget.seconds / len(runs) / 2
+    first = _first(replace(task, progress=part(task.progress, 0.0, 0.45)), search, runs, home, seconds)
+    made = _again(replace(task, progress=part(task.progress, 0.45, 0.9)), search, first, home, budget)
+    in_time = not budget.spent
+    retreat = way_between(made[-1].found.start, home, bounds, model, task.rate)
+    found = _made(task, made, retreat, home)
+    if in_time:
+        return found
+    note = (
+        "The time was over before all runs were searched by the criterion: until then, they are chosen by log det M; "
+        "more time may make them much better."
+    )
+    return replace(found, notes=(*found.notes, note))
+
+
+def _first(
+    task: Task, search: RunSearch, runs: Sequence[PlannedRun], home: FloatArray, seconds: float | None
+) -> list[_RunMade]:
+    """All runs, each to add the most to those before."""
+    told, at = search.nothing_told(), home
+    made: list[_RunMade] = []
+    for index, run in enumerate(runs):
+        progress = _labelled(task.progress, run, index, len(runs))
+        one = _reachable(task, search, run, at, told, Budget(1, seconds), progress)
+        told = told + one.information
+        at = one.found.start
+        made.append(one)
+    return made
+
+
+def _again(task: Task, search: RunSearch, first: list[_RunMade], home: FloatArray, budget: Budget) -> list[_RunMade]:
+    """The runs, each searched once more by the criterion asked for, beside all others; the better one is kept.
+
+    Those that the time is not enough for stay as they are.
+    """
+    seconds = None if budget.seconds is None else budget.seconds / len(first) / 2
+    made = list(first)
+    if task.request.criterion.name in _ABOUT_PARAMETERS:
+        return made
+    value = _worth(task, made).criterion
+    if not np.isfinite(value):
+        return made
+    for index, one in enumerate(first):
+        if budget.spent:
+            break
+        others = sum((each.information for each in made if each is not made[index]), start=0.0 * one.information)
+        progress = _labelled(task.progress, one.planned, index, len(first))
+        try:
+            found = search.again(one.planned, others, Budget(1, seconds), progress)
+            changed = list(made)
+            changed[index] = _with_samples(task, one.planned, found, one.approach)
+            reached = _worth(task, changed).criterion
+            if reached >= value:
+                continue
+            ends = [home, *(each.found.start for each in changed)]
+            for k in (index, index + 1):
+                if k < len(changed):
+                    way = way_between(ends[k], ends[k + 1], task.bounds, task.model, task.rate)
+                    changed[k] = replace(changed[k], approach=way)
+        except ImpossibleLimitsError:
+            continue
+        made, value = changed, reached
+    return made
+
+
+def _labelled(progress: Progress, run: PlannedRun, index: int, count: int) -> Progress:
+    inner = part(progress, index / count, (index + 1) / count)
+    return lambda fraction, message: inner(fraction, f"run {index + 1} of {count} ({run.label}): {message}")
+
+
+def _reachable(
+    task: Task, search: RunSearch, run: PlannedRun, at: FloatArray, told: FloatArray, budget: Budget, progress: Progress
+) -> _RunMade:
+    """A run whose start can be reached from a posture (n,)."""
+    for attempt in range(_TRIES):
+        try:
+            found = search.first(run, told, budget, progress)
+            approach = way_between(at, found.start, task.bounds, task.model, task.rate)
+        except ImpossibleLimitsError:
+            if attempt == _TRIES - 1:
+                raise
+        else:
+            break
+    return _with_samples(task, run, found, approach)
+
+
+def _with_samples(task: Task, run: PlannedRun, found: FoundRun, approach: Piece) -> _RunMade:
+    motion = in_sequence(found.pieces, task.rate)
+    moving = np.isin(np.arange(task.model.robot.n), run.moving)
+    observed = replace(task.model, counted=moving).observe_along(motion, np.arange(len(motion.t)))
+    w = observed.reshape(len(motion.t), task.model.robot.n, -1)
+    return _RunMade(run, found, approach, motion, w, observed.T @ observed / task.rate)
+
+
+def _worth(task: Task, made: Sequence[_RunMade]) -> CriterionValues:
+    """All runs together by the criterion asked for, from their informations."""
+    seconds = sum(len(one.motion.t) for one in made) / task.rate
+    information = sum((one.information for one in made), start=0.0 * made[0].information)
+    return task.yardstick.values(rows_like(information / seconds), 1)
+
+
+def _made(task: Task, placed: list[_RunMade], retreat: Piece, home: FloatArray) -> Made:
+    pieces: list[Piece] = []
+    spans: list[Run] = []
+    clock = 0.0
+    names = task.model.robot.joint_names
+    for one in placed:
+        first = clock + one.approach.duration
+        clock = first + sum(piece.duration for piece in one.found.pieces)
+        spans.append(Run(one.planned.label, tuple(names[j] for j in one.planned.moving), first, clock))
+        pieces += [one.approach, *one.found.pieces]
+    margins = verified(task, tuple(dict.fromkeys([*pieces, retreat])))
+    valued = _valued(task, placed)
+    notes = [*task.yardstick.notes, *_not_shown(task, valued), posture_note(home)]
+    notes.append(
+        f"{len(placed)} runs, {sum(run.end - run.start for run in spans):.4g} s together; in each, only the equations "
+        "of the joints that move count."
+    )
+    return Made(
+        pieces=(*pieces, retreat),
+        exciting=(spans[0].start, spans[-1].end),
+        period=None,
+        valued=valued,
+        baseline=_baseline(task, placed),
+        margins=margins,
+        notes=tuple(notes),
+        runs=tuple(spans),
+    )
+
+
+def _valued(task: Task, placed: list[_RunMade]) -> Valued:
+    """What all runs together are worth: samples evenly from all of them."""
+    total = sum(len(one.motion.t) for one in placed)
+    every = max(1, total // _MOST_VALUED)
+    w = np.concatenate([one.w[::every] for one in placed])
+    dq = np.concatenate([one.motion.dq[::every] for one in placed])
+    values = task.yardstick.values(w.reshape(-1, w.shape[-1]), len(w))
+    return Valued(values, task.expected(w, dq, EVERY_JOINT, total, None))
+
+
+def _not_shown(task: Task, valued: Valued) -> list[str]:
+    missing = [one.name for one in valued.expected if one.share < _NOT_SHOWN]
+    if not missing:
+        return []
+    return [f"W has no full rank: the runs do not show {listed(missing)}."]
+
+
+def _baseline(task: Task, placed: list[_RunMade]) -> Baseline | None:
+    """The same set with random motions of the same kind and length in every run; `None` where rows have weights."""
+    if task.request.criterion.name in _ABOUT_PARAMETERS:
+        return None
+    count = max(len(one.found.random) for one in placed)
+    seconds = sum(len(one.motion.t) for one in placed) / task.rate
+    values = []
+    for k in range(count):
+        information = sum(
+            (one.found.random[k % len(one.found.random)] for one in placed), start=0.0 * placed[0].information
+        )
+        values.append(task.yardstick.values(rows_like(information / seconds), 1))
+    return baseline_of(values)

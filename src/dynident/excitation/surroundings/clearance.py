@@ -1,0 +1,209 @@
+"""Room between capsules and what they must not touch: smooth enough for an optimiser, with its exact gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.excitation.surroundings.obstacles import HalfSpace
+from dynident.excitation.surroundings.segments import closest_shares, cross, distance_to_block, dot, unit
+from dynident.robot.kinematics import joint_frames
+from dynident.robot.model import FloatArray, Robot
+from dynident.robot.shapes import Block, Capsule
+
+IntArray = NDArray[np.intp]
+# Balls along a capsule stand this many radii apart where it is kept from a box.
+_BALL_SPACING = 0.5
+_AT_ONCE = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A capsule in the frame of a joint; -1 is the base."""
+
+    joint: int
+    capsule: Capsule
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """A ball about `point` (3,) in the frame of a joint, that is kept inside of half-spaces or out of a box."""
+
+    joint: int
+    point: FloatArray
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Hindrances:
+    """What is kept apart: capsules of `pairs`, balls and half-spaces, balls and boxes; by how much (m), each or all."""
+
+    pairs: tuple[tuple[Part, Part], ...] = ()
+    half_spaces: tuple[tuple[Ball, HalfSpace], ...] = ()
+    blocks: tuple[tuple[Ball, Block], ...] = ()
+    clearance: float | FloatArray = 0.0
+
+    @property
+    def count(self) -> int:
+        """Number of distances K."""
+        return len(self.pairs) + len(self.half_spaces) + len(self.blocks)
+
+
+def balls_along(part: Part) -> list[Ball]:
+    """Balls whose union contains a capsule."""
+    capsule = part.capsule
+    length = float(np.linalg.norm(capsule.end - capsule.start))
+    steps = int(np.ceil(length / (_BALL_SPACING * capsule.radius)))
+    if steps == 0:
+        return [Ball(part.joint, capsule.start, capsule.radius)]
+    radius = float(np.hypot(capsule.radius, 0.5 * length / steps))
+    return [
+        Ball(part.joint, capsule.start + share * (capsule.end - capsule.start), radius)
+        for share in np.linspace(0.0, 1.0, steps + 1)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Rooms:
+    """At m postures: `values` (m, K), how much farther than the clearance things are apart (m), and its derivative."""
+
+    values: FloatArray
+    _forces: FloatArray
+    _places: FloatArray
+    _frames: FloatArray
+    _map: _PointMap
+    _robot: Robot
+
+    def pull_back(self, gradient: FloatArray) -> FloatArray:
+        """∂/∂q (m, n) from ∂/∂values (m, K): forces at the nearest points, as torques of the joints."""
+        forces = self._map.of_rooms(gradient) * self._forces
+        force = self._map.on_joints(forces)
+        moment = self._map.on_joints(cross(self._places, forces))
+        made = np.empty((len(gradient), self._robot.n))
+        for j in range(self._robot.n - 1, -1, -1):
+            joint, frame = self._robot.joints[j], self._frames[:, j]
+            axis = (frame[:, :3, :3] @ joint.axis).T
+            if joint.kind == "prismatic":
+                made[:, j] = dot(axis, force[:, :, j])
+            else:
+                made[:, j] = dot(axis, moment[:, :, j] - cross(frame[:, :3, 3].T, force[:, :, j]))
+            if joint.parent >= 0:
+                force[:, :, joint.parent] += force[:, :, j]
+                moment[:, :, joint.parent] += moment[:, :, j]
+        return made
+
+
+class _PointMap:
+    """Which room every force belongs to, and which joint it moves."""
+
+    def __init__(self, rooms: Sequence[int], joints: Sequence[int], n: int) -> None:
+        self._rooms = np.array(rooms, dtype=np.intp)
+        self._incidence = np.zeros((len(rooms), n))
+        for k, joint in enumerate(joints):
+            if joint >= 0:
+                self._incidence[k, joint] = 1.0
+
+    def of_rooms(self, gradient: FloatArray) -> FloatArray:
+        return gradient[:, self._rooms]
+
+    def on_joints(self, vectors: FloatArray) -> FloatArray:
+        summed: FloatArray = vectors @ self._incidence
+        return summed
+
+
+class Clearances:
+    """Rooms between the parts of a robot and their hindrances, as functions of the posture.
+
+    Parameters
+    ----------
+    robot : Robot
+    hindrances : Hindrances
+    """
+
+    def __init__(self, robot: Robot, hindrances: Hindrances) -> None:
+        self.robot, self.hindrances = robot, hindrances
+        pairs = hindrances.pairs
+        starts_and_ends = [[(part.joint, point) for point in _ends(part)] for pair in pairs for part in pair]
+        ends = [of_pair[end] for part in (0, 1) for end in (0, 1) for of_pair in starts_and_ends[part::2]]
+        balls = [ball for ball, _ in (*hindrances.half_spaces, *hindrances.blocks)]
+        self._points = _Carried([*ends, *((ball.joint, ball.point) for ball in balls)], robot.n)
+        self._pair_radii = np.array([a.capsule.radius + b.capsule.radius for a, b in pairs])
+        self._ball_radii = np.array([ball.radius for ball in balls])
+        self._normals = np.array([half.normal for _, half in hindrances.half_spaces]).reshape(-1, 1, 3).T
+        self._offsets = np.array([half.offset for _, half in hindrances.half_spaces])
+        rooms = [*range(len(pairs)), *range(len(pairs)), *(len(pairs) + k for k in range(len(balls)))]
+        joints = [*(a.joint for a, _ in pairs), *(b.joint for _, b in pairs), *(ball.joint for ball in balls)]
+        self._map = _PointMap(rooms, joints, robot.n)
+
+    def evaluate(self, q: FloatArray) -> Rooms:
+        """The rooms at postures q (m, n)."""
+        frames = joint_frames(self.robot, q)
+        world = self._points.at(frames)
+        n_pairs, n_planes = len(self.hindrances.pairs), len(self._offsets)
+        a, a_end, b, b_end = (world[:, :, k * n_pairs : (k + 1) * n_pairs] for k in range(4))
+        s, t = closest_shares(a, a_end, b, b_end)
+        on_a, on_b = a + s * (a_end - a), b + t * (b_end - b)
+        distance, apart = unit(on_a - on_b)
+        balls = world[:, :, 4 * n_pairs :]
+        above = dot(balls[:, :, :n_planes], self._normals) - self._offsets
+        beside, away = self._from_blocks(balls[:, :, n_planes:])
+        of_balls = np.concatenate([above, beside], axis=1) - self._ball_radii
+        values = np.concatenate([distance - self._pair_radii, of_balls], axis=1)
+        upward = np.broadcast_to(self._normals, (3, len(q), n_planes))
+        return Rooms(
+            values - self.hindrances.clearance,
+            np.concatenate([apart, -apart, upward, away], axis=2),
+            np.concatenate([on_a, on_b, balls], axis=2),
+            frames,
+            self._map,
+            self.robot,
+        )
+
+    def least(self, q: FloatArray) -> FloatArray:
+        """The smallest room (m,) at postures q (m, n)."""
+        least = np.empty(len(q))
+        for first in range(0, len(q), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            least[part] = self.evaluate(q[part]).values.min(axis=1)
+        return least
+
+    def _from_blocks(self, balls: FloatArray) -> tuple[FloatArray, FloatArray]:
+        distance, away = np.empty(balls.shape[1:]), np.empty(balls.shape)
+        for block, chosen in self._grouped_blocks:
+            distance[:, chosen], away[:, :, chosen] = distance_to_block(balls[:, :, chosen], block)
+        return distance, away
+
+    @cached_property
+    def _grouped_blocks(self) -> list[tuple[Block, IntArray]]:
+        """Every box with the places of its balls."""
+        found: dict[int, tuple[Block, list[int]]] = {}
+        for k, (_, block) in enumerate(self.hindrances.blocks):
+            found.setdefault(id(block), (block, []))[1].append(k)
+        return [(block, np.array(places, dtype=np.intp)) for block, places in found.values()]
+
+
+class _Carried:
+    """Points in the frames of joints; those of the base stay where they are."""
+
+    def __init__(self, points: Sequence[tuple[int, FloatArray]], n: int) -> None:
+        self._joints = np.array([joint for joint, _ in points], dtype=np.intp)
+        self._local = np.array([point for _, point in points]).reshape(-1, 3)
+        self._of_joint = [(j, np.flatnonzero(self._joints == j)) for j in range(n)]
+        self._of_joint = [(j, chosen) for j, chosen in self._of_joint if len(chosen)]
+
+    def at(self, frames: FloatArray) -> FloatArray:
+        """In the base frame (3, m, P), at frames (m, n, 4, 4)."""
+        world = np.empty((3, len(frames), len(self._local)))
+        world[:] = self._local.T[:, None]
+        for joint, chosen in self._of_joint:
+            frame = frames[:, joint, :3].transpose(1, 0, 2)
+            world[:, :, chosen] = frame[:, :, :3] @ self._local[chosen].T + frame[:, :, 3:]
+        return world
+
+
+def _ends(part: Part) -> tuple[FloatArray, FloatArray]:
+    return part.capsule.start, part.capsule.end

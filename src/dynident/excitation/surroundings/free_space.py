@@ -1,0 +1,316 @@
+"""The room that a motion must stay in: what is checked against what, and how near a motion comes to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import DynidentError
+from dynident.excitation.surroundings.clearance import Ball, Clearances, Hindrances, Part, balls_along
+from dynident.excitation.surroundings.contacts import ContactCheck, SolidPair, half_space_solid, pair_of, solid_of
+from dynident.excitation.surroundings.obstacles import HalfSpace, Surroundings, ToolRange
+from dynident.robot.collision import BASE, Body, CollisionGeometry, collision_geometry
+from dynident.robot.kinematics import tool_path
+from dynident.robot.model import FloatArray, Robot
+from dynident.robot.pointers import listed
+from dynident.robot.shapes import enclosing_capsule, without_contained
+
+BoolArray = NDArray[np.bool_]
+_POSTURES = 200
+# Links that are closer than the clearance in this share of all postures cannot be kept apart by a motion.
+_MOSTLY = 0.5
+# Capsules that never come as near as this (m) in the postures looked at are not followed while optimising.
+_NEAR = 0.1
+_SPARE = 1e-3
+_SHARE_OF_ATTAINABLE = 0.9
+_POSTURES_OF_A_PAIR, _UNCHANGED = 20, 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpace:
+    """What a motion must stay clear of; `clearances` for optimising, `contacts` for the verdict, `None` for nothing.
+
+    `tool` is where the tool may go, at `tool_joint`.
+    """
+
+    robot: Robot
+    clearances: Clearances | None
+    contacts: ContactCheck | None
+    tool: ToolRange | None
+    notes: tuple[str, ...]
+
+    @property
+    def tool_joint(self) -> int:
+        """Index of the joint that carries the tool."""
+        return _tool_joint(self.robot, self.tool)
+
+    def tool_at(self, q: FloatArray) -> FloatArray:
+        """The tool (m, 3) in the base frame at postures q (m, n)."""
+        assert self.tool is not None
+        return tool_path(self.robot, q, self.tool_joint, np.array(self.tool.point))
+
+    def complaint(self, q: FloatArray) -> str | None:
+        """What is not kept along a path q (m, n), as the end of a sentence; `None` where all is clear."""
+        if self.tool is not None:
+            at = self.tool_at(q)
+            for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
+                if (low is not None and at[:, k].min() < low) or (high is not None and at[:, k].max() > high):
+                    ends = f"[{at[:, k].min():.4g}, {at[:, k].max():.4g}]"
+                    return f"the tool would be at {'xyz'[k]} = {ends} m, beyond its range [{low}, {high}]."
+        if self.contacts is not None:
+            nearest = min(self.contacts.approaches(q), key=lambda approach: approach.room)
+            if nearest.room < 0:
+                return contact_complaint(nearest.name, nearest.distance, nearest.wanted)
+        return None
+
+    def narrowness(self, q: FloatArray) -> str:
+        """What leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
+        if self.contacts is None:
+            return "the tool is at an end of its range."
+        nearest = min(self.contacts.approaches(q[None]), key=lambda approach: approach.room)
+        return f"'{nearest.name}' are {nearest.distance:.3g} m apart, which leaves no room to move between them."
+
+    def hindered(self, q: FloatArray) -> BoolArray:
+        """At which of postures q (m, n) something is not kept: (m,)."""
+        found = np.zeros(len(q), dtype=np.bool_)
+        if self.contacts is not None:
+            for pair in self.contacts.pairs:
+                found |= self.contacts.distances(pair, q) < pair.clearance
+        if self.tool is not None:
+            at = self.tool_at(q)
+            for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
+                found |= (at[:, k] < (-np.inf if low is None else low)) | (
+                    at[:, k] > (np.inf if high is None else high)
+                )
+        return found
+
+    def least_room(self, q: FloatArray) -> FloatArray:
+        """How much farther (m) than the clearance all is apart at postures q (m, n), by enclosing capsules: (m,)."""
+        return np.full(len(q), np.inf) if self.clearances is None else self.clearances.least(q)
+
+
+def contact_complaint(name: str, distance: float, clearance: float) -> str:
+    """That two things come too near each other."""
+    near = f"would come within {distance:.4g} m of each other" if distance > 0 else "would touch each other"
+    return f"'{name}' {near}; {clearance:g} m must be kept."
+
+
+def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, high: FloatArray) -> FreeSpace | None:
+    """Set up what a motion between positions `low` and `high` (n,) must stay clear of; `None` where there is nothing.
+
+    Raises
+    ------
+    DynidentError
+        There are obstacles, but nothing is known of the robot's shape; or a name that there is not.
+    """
+    tool = surroundings.tool_range
+    if not (surroundings.self_collision or surroundings.has_obstacles or tool is not None):
+        return None
+    geometry = collision_geometry(
+        robot, mesh_folders=[Path(folder) for folder in surroundings.mesh_folders], link_radius=surroundings.link_radius
+    )
+    _check_geometry(geometry, surroundings)
+    may_touch = _may_touch(robot, geometry, surroundings)
+    postures = np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n))
+    solids = {body.joint: solid_of(body.name, body.joint, body.shapes) for body in geometry.bodies}
+    own: list[SolidPair] = []
+    notes = list(geometry.notes)
+    if surroundings.self_collision:
+        candidates = [
+            pair_of(robot, solids[b.joint], solids[a.joint], (low, high), surroundings.clearance)
+            for a, b in _not_adjacent(robot, geometry.bodies)
+            if frozenset((a.joint, b.joint)) not in may_touch
+        ]
+        check = ContactCheck(robot, candidates)
+        close = [float(np.mean(check.distances(pair, postures) < surroundings.clearance)) for pair in candidates]
+        own = [pair for pair, share in zip(candidates, close, strict=True) if share < _MOSTLY]
+        touching = [pair.name for pair, share in zip(candidates, close, strict=True) if share >= _MOSTLY]
+        notes += _self_collision_notes(geometry, touching)
+    obstacles = [half_space_solid(half.name, half.normal, half.offset) for half in surroundings.half_spaces]
+    obstacles += [solid_of(box.solid_name, BASE, [box.block]) for box in surroundings.boxes]
+    moving = [body for body in geometry.bodies if body.joint != BASE]
+    against = [
+        pair_of(robot, solids[body.joint], obstacle, (low, high), surroundings.clearance)
+        for body in moving
+        for obstacle in obstacles
+    ]
+    against, told = _changeable(robot, against, postures, surroundings.clearance)
+    notes += told
+    against, told = _attainable(robot, against, postures)
+    notes += told
+    if obstacles and geometry.bare:
+        notes.append(f"Not kept from the surroundings, for want of collision geometry: {listed(geometry.bare)}.")
+    hindrances = _hindrances(robot, geometry, own, against, surroundings, postures)
+    pairs = [*own, *against]
+    if not pairs and tool is None and not notes:
+        return None
+    return FreeSpace(
+        robot=robot,
+        clearances=Clearances(robot, hindrances) if hindrances.count else None,
+        contacts=ContactCheck(robot, pairs) if pairs else None,
+        tool=tool,
+        notes=tuple(notes),
+    )
+
+
+def _changeable(
+    robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray, clearance: float
+) -> tuple[list[SolidPair], list[str]]:
+    """Pairs whose distance a motion changes; a note names the others where they are near, like a turntable's floor."""
+    check = ContactCheck(robot, pairs)
+    found = [check.distances(pair, postures[:_POSTURES_OF_A_PAIR]) for pair in pairs]
+    changed = [float(np.ptp(distances)) > _UNCHANGED for distances in found]
+    near = [
+        f"{pair.name} ({round(float(distances[0]), 4) + 0.0:g} m)"
+        for pair, distances, changes in zip(pairs, found, changed, strict=True)
+        if not changes and distances[0] < clearance
+    ]
+    kept = [pair for pair, changes in zip(pairs, changed, strict=True) if changes]
+    return kept, [f"No motion changes how near these are, so it is not checked: {listed(near)}."] if near else []
+
+
+def _attainable(robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray) -> tuple[list[SolidPair], list[str]]:
+    """Pairs with the clearance that can be kept: less than wanted where they are nearer than that in every posture.
+
+    An arm that stands on a floor has its first links near it, and one end of them does not move away.
+    """
+    check, kept, notes = ContactCheck(robot, pairs), [], []
+    for pair in pairs:
+        farthest = float(check.distances(pair, postures).max())
+        if 0 < farthest < pair.clearance:
+            less = _SHARE_OF_ATTAINABLE * farthest
+            notes.append(
+                f"A clearance of {less:.3g} m is kept instead of {pair.clearance:g} m between {pair.name}, which are "
+                f"never more than {farthest:.3g} m apart."
+            )
+            pair = replace(pair, clearance=less)
+        kept.append(pair)
+    return kept, notes
+
+
+def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> None:
+    if surroundings.has_obstacles and not any(body.joint != BASE for body in geometry.bodies):
+        raise DynidentError(
+            "the robot's description has no collision geometry, so nothing can be kept away from its surroundings; "
+            "state surroundings.link_radius to take its links for capsules, or leave the obstacles out",
+            pointer="/surroundings",
+            title="No collision geometry",
+        )
+
+
+def _may_touch(robot: Robot, geometry: CollisionGeometry, surroundings: Surroundings) -> set[frozenset[int]]:
+    known = {body.name: body.joint for body in geometry.bodies}
+    known |= {name: j for j, name in enumerate(robot.joint_names)} | {"base": BASE}
+    for index, pair in enumerate(surroundings.may_touch):
+        for name in pair:
+            if name not in known:
+                raise DynidentError(
+                    f"there is no link '{name}'; links: {listed(known)}", pointer=f"/surroundings/may_touch/{index}"
+                )
+    return {frozenset(known[name] for name in pair) for pair in surroundings.may_touch}
+
+
+def _not_adjacent(robot: Robot, bodies: Sequence[Body]) -> list[tuple[Body, Body]]:
+    """Pairs of bodies that are not neighbours, the one nearer to the base first."""
+    shaped = {body.joint for body in bodies}
+
+    def before(joint: int) -> int:
+        parent = robot.joints[joint].parent
+        return parent if parent in shaped or parent == BASE else before(parent)
+
+    return [(a, b) for index, b in enumerate(bodies) for a in bodies[:index] if before(b.joint) != a.joint]
+
+
+def _self_collision_notes(geometry: CollisionGeometry, touching: Sequence[str]) -> list[str]:
+    notes = []
+    if not any(body.joint != BASE for body in geometry.bodies):
+        return ["Self-collision is not checked: the robot's description has no collision geometry."]
+    if geometry.bare:
+        notes.append(f"Not checked for self-collision, for want of collision geometry: {listed(geometry.bare)}.")
+    if touching:
+        notes.append(f"Near each other in most postures, and not checked against each other: {listed(touching)}.")
+    return notes
+
+
+def _hindrances(
+    robot: Robot,
+    geometry: CollisionGeometry,
+    own: Sequence[SolidPair],
+    against: Sequence[SolidPair],
+    surroundings: Surroundings,
+    postures: FloatArray,
+) -> Hindrances:
+    kept_from = {(pair.moving.joint, pair.other.name): pair.clearance for pair in against}
+    parts = {
+        body.joint: [
+            Part(body.joint, capsule) for capsule in without_contained(tuple(map(enclosing_capsule, body.shapes)))
+        ]
+        for body in geometry.bodies
+    }
+    capsules = [(b, a) for pair in own for b in parts[pair.moving.joint] for a in parts[pair.other.joint]]
+    moving = [part for joint, found in parts.items() if joint != BASE for part in found]
+    half_spaces = [
+        (Ball(part.joint, end, part.capsule.radius), half)
+        for half in surroundings.half_spaces
+        for part in moving
+        if (part.joint, half.name) in kept_from
+        for end in (part.capsule.start, part.capsule.end)
+    ]
+    planes = _tool_planes(robot, surroundings)
+    beside = [
+        (ball, box)
+        for box in surroundings.boxes
+        for part in moving
+        if (part.joint, box.solid_name) in kept_from
+        for ball in balls_along(part)
+    ]
+    followed = _followed(robot, capsules, surroundings.clearance, postures)
+    wanted = [
+        *(surroundings.clearance for _ in followed),
+        *(kept_from[ball.joint, half.name] for ball, half in half_spaces),
+        *(surroundings.clearance for _ in planes),
+        *(kept_from[ball.joint, box.solid_name] for ball, box in beside),
+    ]
+    # What is designed for is a little more than what must hold: the arm moves between the samples as well.
+    return Hindrances(
+        tuple(followed),
+        (*half_spaces, *planes),
+        tuple((ball, box.block) for ball, box in beside),
+        np.array(wanted) + _SPARE,
+    )
+
+
+def _followed(
+    robot: Robot, capsules: Sequence[tuple[Part, Part]], clearance: float, postures: FloatArray
+) -> list[tuple[Part, Part]]:
+    """Pairs of capsules that come near each other, but are not so thick that they always are."""
+    if not capsules:
+        return []
+    rooms = Clearances(robot, Hindrances(pairs=tuple(capsules), clearance=clearance)).evaluate(postures).values
+    useful = (rooms.min(axis=0) < _NEAR) & (np.mean(rooms < 0, axis=0) < _MOSTLY)
+    return [pair for pair, kept in zip(capsules, useful, strict=True) if kept]
+
+
+def _tool_planes(robot: Robot, surroundings: Surroundings) -> list[tuple[Ball, HalfSpace]]:
+    """The tool's range as half-spaces for a ball of minus the clearance: none is kept to the ends of the range."""
+    tool = surroundings.tool_range
+    if tool is None:
+        return []
+    ball = Ball(_tool_joint(robot, tool), np.array(tool.point), -surroundings.clearance)
+    planes = []
+    for axis, low, high in zip(np.eye(3), tool.low, tool.high, strict=True):
+        if low is not None:
+            planes.append((ball, HalfSpace("tool", axis, low)))
+        if high is not None:
+            planes.append((ball, HalfSpace("tool", -axis, -high)))
+    return planes
+
+
+def _tool_joint(robot: Robot, tool: ToolRange | None) -> int:
+    if tool is None or tool.joint is None:
+        return robot.n - 1
+    return robot.joint_names.index(tool.joint)

@@ -1,0 +1,65 @@
+"""What a family of periodic trajectories is to the designs: a linear map from coefficients to a motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from dynident.excitation.trajectories.motion import Motion
+from dynident.robot.model import FloatArray
+
+
+class Family(Protocol):
+    """Trajectories q = `basis(t)[0] @ x`, coefficients x (m, n), that rest at the border of their period.
+
+    The first coefficient of every joint is a constant offset; without the others the arm stands still there.
+    """
+
+    @property
+    def period(self) -> float:
+        """Seconds."""
+
+    @property
+    def n_coefficients(self) -> int:
+        """Free coefficients m of one joint."""
+
+    @property
+    def waves(self) -> int:
+        """How often a joint can go back and forth within a period: how closely it must be looked at."""
+
+    @property
+    def highest_frequency(self) -> float:
+        """Of those waves, in Hz."""
+
+    def basis(self, t: FloatArray) -> FloatArray:
+        """Values (5, len(t), m) such that q and its four derivatives are `basis(t)[d] @ x`."""
+
+    def lasting(self, period: float) -> Family:
+        """The family whose trajectories take the same paths in another time (s)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicMotion:
+    """One trajectory of a family, `periods` times over; x (m, n)."""
+
+    family: Family
+    x: FloatArray
+    periods: int = 1
+
+    @property
+    def duration(self) -> float:
+        """Seconds of all periods."""
+        return self.family.period * self.periods
+
+    def evaluate(self, t: FloatArray) -> Motion:
+        """The motion at times t (m,)."""
+        q, dq, ddq, dddq, _ = self.family.basis(t) @ self.x
+        return Motion(t, q, dq, ddq, dddq)
+
+    @property
+    def start(self) -> FloatArray:
+        """Posture (n,) at which it starts and ends, at rest."""
+        posture: FloatArray = self.family.basis(np.zeros(1))[0, 0] @ self.x
+        return posture
