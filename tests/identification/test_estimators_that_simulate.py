@@ -13,8 +13,9 @@ from dynident.errors import DynidentError
 from dynident.estimation import ordinary, statistics
 from dynident.identification import IdentificationChoices, identify, remove
 from dynident.identification.data import torque_of
+from dynident.identification.estimators.simulated_motion import movable_simulator, simulated_motion
 from dynident.identification.estimators.simulating import instrumental_variables
-from dynident.identification.estimators.simulator import simulated_motion, simulator_of, smoothed_references
+from dynident.identification.recorded_motion import whole_segments
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 
@@ -55,14 +56,31 @@ def choices(estimator: str, **more) -> IdentificationChoices:
 
 def test_the_simulated_robot_follows_the_recorded_motion_with_the_true_accelerations():
     recording = SMALL.recorded()
-    virtual = simulator_of(SMALL.model, SMALL.truth)
-    motion = simulated_motion(virtual, recording, smoothed_references(recording, 40.0))
+    simulator = movable_simulator(SMALL.model, SMALL.truth)
+    motion = simulated_motion(simulator, recording, whole_segments(recording, Preprocessing(40.0, None, 1)))
     (q, dq, ddq), inner = motion.segments[0], slice(40, -40)
     assert q.shape == SMALL.motion.q.shape
     assert np.abs(q - SMALL.motion.q)[inner].max() < 2e-3
     for simulated, true in ((dq, SMALL.motion.dq), (ddq, SMALL.motion.ddq)):
         rest = (simulated - true)[inner]
         assert np.sqrt(np.mean(rest**2)) < 0.1 * np.sqrt(np.mean(true**2))
+
+
+def test_where_no_robot_has_the_first_estimate_the_links_of_the_description_are_simulated_with_friction_that_brakes():
+    simulator = movable_simulator(SMALL.model, -SMALL.truth)
+    assert np.array_equal(simulator.robot.inertias, SMALL.robot.inertias)
+    assert not any(one.effect == "rotor_inertia" for one in simulator.robot.effects)
+    friction = [value for one in simulator.robot.effects for name, value in one.values if name in ("Fc", "Fv")]
+    assert friction == [0.0] * (2 * SMALL.robot.n)
+    said = {c.name: v for c, v in zip(SMALL.model.kept, simulator.values, strict=True)}
+    assert said["b1"] == pytest.approx(-SMALL.drives[3, 0])
+
+
+def test_where_the_description_has_no_inertias_either_nothing_is_simulated_and_the_error_says_what_to_do():
+    bare = build_model(replace(SMALL.robot, inertias=None), EFFECTS)
+    with pytest.raises(DynidentError, match="Use wls or feasible") as caught:
+        movable_simulator(bare, -bare.base.grouping @ np.ones(len(bare.columns)))
+    assert caught.value.pointer == "/estimator"
 
 
 @pytest.mark.parametrize(("estimator", "least"), [("iv", 1e-3), ("didim", 2e-2)])

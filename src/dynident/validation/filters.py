@@ -15,14 +15,15 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction, weighted
 from dynident.identification import Identification
+from dynident.identification.recorded_motion import RecordedMotion, longest_stretch
+from dynident.identification.simulator import Simulator, simulator_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request, recording_from_arrays
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray
-from dynident.simulation import Measurement, Sensors
+from dynident.simulation import Measurement
 from dynident.threads import single_threaded
 from dynident.validation.noise import SensorNoise, sensor_noise
-from dynident.validation.simulator import RecordedMotion, Simulator, recorded_motion, simulator_of
 from dynident.validation.verdict import Judged
 
 LONGEST = 30.0
@@ -96,10 +97,10 @@ def filters_by_simulation(
         Where no robot with the identified parameters can make the motion, or a cut-off is impossible.
     """
     noise = sensor_noise(recording)
-    motion = recorded_motion(recording, identification.preprocessing, longest)
+    motion = longest_stretch(recording, identification.preprocessing, longest)
     progress(0.0, "simulating the recorded motion")
-    simulator = simulator_of(identification)
-    truth = _truth(simulator, recording, motion, part(progress, 0.0, 0.3))
+    simulator = simulator_of(identification.model, identification.values)
+    truth = _truth(simulator, motion, part(progress, 0.0, 0.3))
     draws = [_drawn(identification, truth, motion, noise, seed + k) for k in range(_DRAWS)]
     own = identification.preprocessing
     grid = _grid(own, recording, cutoffs)
@@ -116,11 +117,10 @@ def filters_by_simulation(
     return FiltersBySimulation(noise, tuple(trials), used, best, _judged(used, best, identification.fit.relative_total))
 
 
-def _truth(simulator: Simulator, recording: Recording, motion: RecordedMotion, progress: Progress) -> Measurement:
+def _truth(simulator: Simulator, motion: RecordedMotion, progress: Progress) -> Measurement:
     """The motion that the simulated robot makes, without noise."""
-    sensors = Sensors(recording.sampling_rate, None, torque_noise=0.0)
     try:
-        return simulator.robot.measure(motion.reference, sensors, run=motion.label, progress=progress)
+        return simulator.follow(motion, progress)
     except DynidentError as error:
         raise DynidentError(
             f"a robot with the identified parameters cannot make the recorded motion ({error.detail}). Identify with "

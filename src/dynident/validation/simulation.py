@@ -10,14 +10,14 @@ from scipy.signal import fftconvolve
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.identification import Identification
+from dynident.identification.recorded_motion import RecordedMotion, longest_stretch
+from dynident.identification.simulator import simulator_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, low_pass
 from dynident.robot.model import FloatArray
-from dynident.simulation import Sensors
 from dynident.simulation.truth import NEVER_NEGATIVE
 from dynident.threads import single_threaded
 from dynident.validation.on_recordings import check_limit
-from dynident.validation.simulator import RecordedMotion, recorded_motion, simulator_of
 from dynident.validation.verdict import LARGEST_ERROR, Judged
 
 LONGEST = 20.0
@@ -74,16 +74,15 @@ def validate_simulation(
     check_limit(limit)
     if not (np.isfinite(longest) and longest > 0):
         raise DynidentError(f"longest is {longest} s; give a duration above 0", pointer="/longest")
-    motion = recorded_motion(recording, identification.preprocessing, longest)
+    motion = longest_stretch(recording, identification.preprocessing, longest)
     duration = motion.reference.duration
     impossible = _impossible(identification)
     if impossible:
         judged = Judged("fail", f"No robot has the identified parameters: {impossible}.")
         return SimulationValidation(recording.name, duration, None, None, None, limit, judged)
     try:
-        virtual = simulator_of(identification).robot
-        sensors = Sensors(recording.sampling_rate, None, torque_noise=0.0)
-        measured = virtual.measure(motion.reference, sensors, run=motion.label, progress=part(progress, 0.05, 1.0))
+        simulator = simulator_of(identification.model, identification.values)
+        measured = simulator.follow(motion, part(progress, 0.05, 1.0))
     except DynidentError as error:
         judged = Judged("fail", f"No robot with the identified parameters makes this motion: {error.detail}.")
         return SimulationValidation(recording.name, duration, None, None, None, limit, judged)

@@ -16,15 +16,15 @@ from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, instrumental, statistics, weighted
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
-from dynident.identification.estimators.simulator import (
+from dynident.identification.estimators.simulated_motion import (
     BANDWIDTH,
     SimulatedMotion,
+    movable_simulator,
     simulated_motion,
-    simulator_of,
-    smoothed_references,
 )
 from dynident.identification.fit import Fit
-from dynident.recordings import Recording, SampleBlock, choose_preprocessing, motion_band
+from dynident.identification.recorded_motion import RecordedMotion, whole_segments
+from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, motion_band
 from dynident.regressors.model import Model
 from dynident.regressors.stream import (
     EquationRows,
@@ -36,7 +36,6 @@ from dynident.regressors.stream import (
     uncounted,
 )
 from dynident.robot.model import FloatArray
-from dynident.simulation import Reference
 
 # Harmonics of the motion that the reference of instruments keeps: what is left of the noise in it biases the estimate.
 _HARMONICS = 4.0
@@ -129,12 +128,13 @@ def _alternated(
     model: Model, data: Data, cutoff: float, known: Information | None, solved: Callable[[Reduction], Fit]
 ) -> _Settled:
     """Simulate with the last estimates, solve with what was simulated, and so on until the estimates settle."""
-    references = [smoothed_references(recording, cutoff) for recording in data.recordings]
+    smooth = Preprocessing(cutoff, None, 1)
+    motions = [whole_segments(recording, smooth) for recording in data.recordings]
     values = _first_estimate(model, data, known)
     change = np.inf
     found: Fit | None = None
     for number in range(1, _ROUNDS + 1):
-        found = solved(_beside_simulated(model, data, _simulated(model, data, references, values)))
+        found = solved(_beside_simulated(model, data, _simulated(model, data, motions, values)))
         deviations = np.maximum(found.statistics.standard_deviations, np.finfo(float).tiny)
         change = float(np.max(np.abs(found.solution.values - values) / deviations))
         values = found.solution.values
@@ -160,12 +160,12 @@ def _first_estimate(model: Model, data: Data, known: Information | None) -> Floa
 
 
 def _simulated(
-    model: Model, data: Data, references: list[tuple[Reference, ...]], values: FloatArray
+    model: Model, data: Data, motions: list[tuple[RecordedMotion, ...]], values: FloatArray
 ) -> list[SimulatedMotion]:
-    virtual = simulator_of(model, values)
-    pairs = zip(data.recordings, references, strict=True)
+    simulator = movable_simulator(model, values)
+    pairs = zip(data.recordings, motions, strict=True)
     try:
-        return [simulated_motion(virtual, recording, own) for recording, own in pairs]
+        return [simulated_motion(simulator, recording, own) for recording, own in pairs]
     except DynidentError as error:
         raise DynidentError(
             f"the robot with the estimated parameters cannot be simulated along the recordings: {error.detail}. Use "

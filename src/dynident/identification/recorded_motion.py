@@ -1,0 +1,90 @@
+"""The motion of a recording, for a simulated robot to follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.recordings import Preprocessing, Recording, SampleBlock, filtered_blocks
+from dynident.robot.model import FloatArray
+from dynident.simulation import Reference
+
+_EVERYTHING = slice(None)
+# t, q, dq, ddq, tau and temperature of consecutive samples.
+_Rows = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedMotion:
+    """Consecutive samples of a recording: the filtered motion, and the torque (m, n) measured along it.
+
+    `sampling_rate` in Hz is the recording's, `label` that of its run.
+    """
+
+    reference: Reference
+    tau: FloatArray
+    sampling_rate: float
+    label: str
+
+
+def whole_segments(recording: Recording, preprocessing: Preprocessing) -> tuple[RecordedMotion, ...]:
+    """The motion of every segment from its first sample to its last, inside the windows or not.
+
+    Raises
+    ------
+    DynidentError
+        For a cut-off above the Nyquist frequency.
+    """
+    found = []
+    for segment in range(len(recording.segments)):
+        blocks = filtered_blocks(recording, preprocessing, segments=[segment])
+        found.append(_motion(recording, segment, [_rows(block) for block in blocks]))
+    return tuple(found)
+
+
+def longest_stretch(recording: Recording, preprocessing: Preprocessing, longest: float) -> RecordedMotion:
+    """The longest unbroken stretch of used samples, cut to at most `longest` seconds.
+
+    Raises
+    ------
+    DynidentError
+        Where there are not two such samples.
+    """
+    best: list[_Rows] = []
+    run: list[_Rows] = []
+    kept, length, segment_of_best = 0, 0, 0
+    for block in filtered_blocks(recording, preprocessing):
+        if block.starts_segment:
+            run, length = [], 0
+        borders = np.flatnonzero(np.diff(block.used)) + 1
+        for first, last in zip([0, *borders], [*borders, len(block.t)], strict=True):
+            if first == last or not block.used[first]:
+                run, length = [], 0
+                continue
+            run = [*run, _rows(block, slice(first, last))]
+            length += last - first
+            if length > kept:
+                best, kept, segment_of_best = run, length, block.segment
+    if kept < 2:
+        raise DynidentError(
+            f"{recording.name} has no unbroken stretch of samples inside its windows",
+            pointer="/windows",
+            title="No motion to simulate",
+        )
+    return _motion(recording, segment_of_best, best, longest)
+
+
+def _rows(block: SampleBlock, part: slice = _EVERYTHING) -> _Rows:
+    heat = np.zeros_like(block.q) if block.temperature is None else block.temperature
+    return block.t[part], block.q[part], block.dq[part], block.ddq[part], block.tau[part], heat[part]
+
+
+def _motion(recording: Recording, segment: int, pieces: list[_Rows], longest: float = np.inf) -> RecordedMotion:
+    """Consecutive pieces of a segment as one motion, cut to at most `longest` seconds."""
+    t, q, dq, ddq, tau, heat = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    inside = t <= t[0] + longest
+    temperature = heat[inside] if recording.has_temperature else None
+    reference = Reference(t[inside], q[inside], dq[inside], ddq[inside], temperature)
+    return RecordedMotion(reference, tau[inside], recording.sampling_rate, recording.run_label(segment))

@@ -1,0 +1,142 @@
+"""A simulator of the robot with identified parameters: it follows a recorded motion under joint control.
+
+All that simulate an identified model do it here, on the one virtual robot: its equation of motion, its friction at
+standstill and its controller. What they choose is how finely and how stiffly. Estimators simulate round after round and
+need positions near the recorded ones; a validation simulates once, and asks whether an ordinary controller is enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.effects import Column, effect_by_id
+from dynident.identification.recorded_motion import RecordedMotion
+from dynident.progress import Progress, silent
+from dynident.regressors.model import Model
+from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
+from dynident.simulation import Controller, Measurement, Sensors, TrueEffect, VirtualRobot, on_each_joint
+from dynident.simulation.truth import NEVER_NEGATIVE
+from dynident.simulation.virtual_robot import LONGEST_STEP
+
+_INERTIAL = ("rigid_body", "rotor_inertia")
+
+
+@dataclass(frozen=True, eq=False)
+class Simulator:
+    """A virtual robot, and the base parameters (b,) that it really has.
+
+    They are those identified but for friction and rotors below zero, which no robot has: these are zero.
+    """
+
+    robot: VirtualRobot
+    values: FloatArray
+
+    def follow(self, motion: RecordedMotion, progress: Progress = silent) -> Measurement:
+        """Let the robot follow a recorded motion, sampled like it and without noise.
+
+        Raises
+        ------
+        DynidentError
+            Where it cannot.
+        """
+        sensors = Sensors(motion.sampling_rate, None, torque_noise=0.0)
+        return self.robot.measure(motion.reference, sensors, run=motion.label, progress=progress)
+
+
+def simulator_of(
+    model: Model,
+    values: FloatArray,
+    *,
+    links: FloatArray | None = None,
+    controller: Controller | None = None,
+    longest_step: float = LONGEST_STEP,
+) -> Simulator:
+    """The virtual robot with these base parameters.
+
+    Parameters
+    ----------
+    model : Model
+    values : (b,)
+    links : (n, 10), optional
+        Inertial parameters that stand in for those of `values`, the rotors' included.
+    controller : Controller, optional
+    longest_step : float
+        Longest internal step in s.
+
+    Raises
+    ------
+    DynidentError
+        Where no such robot can exist.
+    """
+    robot = model.robot
+    standard = possible_standard(model, values)
+    # What the model says nothing of, the description says.
+    inertias, rotors = model.standard_inertia(values).reshape(robot.n, 10).copy(), np.zeros(robot.n)
+    for k, column in enumerate(model.columns):
+        if column.effect == "rigid_body":
+            standard[k] = standard[k] if links is None else links[_place(model, column)]
+            inertias[_place(model, column)] = standard[k]
+        elif column.effect == "rotor_inertia":
+            standard[k] = standard[k] if links is None else 0.0
+            rotors[robot.joint_names.index(column.link)] = standard[k]
+    turning = [one for one in on_each_joint(robot, "rotor_inertia", "Ia", rotors) if one.values[0][1] > 0]
+    virtual = VirtualRobot(
+        _tireless(robot),
+        [*turning, *_other_effects(model, standard)],
+        inertias=inertias if links is None else links,
+        controller=controller,
+        longest_step=longest_step,
+    )
+    return Simulator(virtual, model.base.grouping @ standard)
+
+
+def possible_standard(model: Model, values: FloatArray) -> FloatArray:
+    """Standard parameters (c,) of all columns, with these base parameters (b,) as far as signs allow.
+
+    Of rotors and links only sums are determined, so a rotor may have come out below zero: the links take that over.
+    """
+    n = model.robot.n
+    inertias, rotors = model.standard_inertia(values).reshape(n, 10), model.reference(values)[10 * n : 11 * n]
+    own = dict(zip(model.base.kept, values, strict=True))
+    standard = np.zeros(len(model.columns))
+    for k, column in enumerate(model.columns):
+        if column.effect == "rigid_body":
+            standard[k] = inertias[_place(model, column)]
+        elif column.effect == "rotor_inertia":
+            standard[k] = rotors[model.robot.joint_names.index(column.link)]
+        else:
+            standard[k] = own.get(k, 0.0)
+    impossible = [
+        k
+        for k, c in enumerate(model.columns)
+        if (c.effect, c.parameter) in NEVER_NEGATIVE and not c.runs and standard[k] < 0
+    ]
+    standard[impossible] = 0.0
+    links = [k for k, column in enumerate(model.columns) if column.effect == "rigid_body"]
+    if impossible and links:
+        gap = values - model.base.grouping @ standard
+        standard[links] += np.linalg.pinv(model.base.grouping[:, links], rcond=1e-9) @ gap
+    return standard
+
+
+def _tireless(robot: Robot) -> Robot:
+    """The robot without effort limits: the real one has made the motion, whatever they are said to be."""
+    return replace(robot, joints=tuple(replace(j, limits=replace(j.limits, effort=None)) for j in robot.joints))
+
+
+def _place(model: Model, column: Column) -> tuple[int, int]:
+    return model.robot.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
+
+
+def _other_effects(model: Model, standard: FloatArray) -> list[TrueEffect]:
+    """What acts on a robot with these standard parameters (c,) besides its links and rotors."""
+    found: dict[TrueEffect, list[tuple[str, float]]] = {}
+    for k in model.base.kept:
+        column = model.columns[k]
+        if column.effect not in _INERTIAL:
+            joint = column.link if effect_by_id(column.effect).scope == "joint" else ""
+            of = TrueEffect(column.effect, joint, (), column.shape, column.runs)
+            found.setdefault(of, []).append((column.parameter, float(standard[k])))
+    return [replace(effect, values=tuple(values)) for effect, values in found.items()]
