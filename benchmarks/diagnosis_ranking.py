@@ -17,9 +17,9 @@ from common import FloatArray, show, simulated_samples
 from numpy.typing import NDArray
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates import Candidate, Pool, build_pool
-from dynident.diagnosis.products import folds, products
-from dynident.diagnosis.scoring import score_candidates
+from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool
+from dynident.diagnosis.candidates.products import folds, products
+from dynident.diagnosis.candidates.scoring import score_candidates
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays

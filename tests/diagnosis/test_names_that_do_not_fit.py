@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hidden_effects import NAMES, ROBOT, compared
 
-from dynident.diagnosis.candidates import Candidate
-from dynident.diagnosis.gate import Judged
+from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.result import UnknownPattern, Variable
-from dynident.diagnosis.words import Finding
+from dynident.diagnosis.search.state import Finding
 from dynident.diagnosis.wrong_names import misnamed
 from dynident.effects import EffectChoice
 

@@ -10,8 +10,10 @@ import pytest
 from hidden_effects import CASES, NAMES, ROBOT, Experiment, experiment
 
 from dynident.diagnosis import Comparison, NextExperiment, compare
-from dynident.diagnosis.experiments import ALONE, EXPERIMENTS, PAIRS, experiment_for
-from dynident.diagnosis.next_experiment import Doubt, doubts_of, next_experiment
+from dynident.diagnosis.advice.doubts import Doubt, doubts_of
+from dynident.diagnosis.advice.kinds import EXPERIMENTS
+from dynident.diagnosis.advice.next_experiment import next_experiment
+from dynident.diagnosis.advice.pairs import ALONE, PAIRS, experiment_for
 from dynident.diagnosis.result import Invisible
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.excitation import design_experiment

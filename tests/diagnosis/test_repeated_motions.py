@@ -10,8 +10,8 @@ from hidden_effects import BAND, NAMES, NOISE, ROBOT, experiment, nothing, on_jo
 from oracles import Motion, fourier_motion
 
 from dynident.diagnosis import compare, judge
-from dynident.diagnosis.noise import floor_of, from_repetitions
-from dynident.diagnosis.repetition import own_repeats, share_repeated, tracks, tracks_of
+from dynident.diagnosis.comparing.noise import floor_of, from_repetitions
+from dynident.diagnosis.comparing.repetition import own_repeats, share_repeated, tracks, tracks_of
 from dynident.recordings import low_pass
 
 IN_BAND = NOISE * np.sqrt(np.sum(low_pass(200.0, BAND.torque_cutoff) ** 2))

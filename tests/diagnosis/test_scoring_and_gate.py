@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from dynident.diagnosis.candidates import Candidate
-from dynident.diagnosis.gate import Judged, indistinguishable, judge, p_value, simplest, t_of
-from dynident.diagnosis.products import folds, folds_of, products
-from dynident.diagnosis.scoring import Score, held_out_errors, score_candidates
-from dynident.diagnosis.stability import consistencies
+from dynident.diagnosis.candidates.gate import Judged, indistinguishable, judge, p_value, simplest
+from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.products import folds, folds_of, products
+from dynident.diagnosis.candidates.scoring import Score, held_out_errors, score_candidates
+from dynident.diagnosis.candidates.stability import consistencies
+from dynident.diagnosis.residuals.stretches import t_of
 from dynident.estimation import FactorAccumulator
 
 # Two equations over ten columns: 0-4 the model, 5-9 candidates; some columns are on one equation alone.

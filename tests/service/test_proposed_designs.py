@@ -8,7 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from dynident.diagnosis import NextExperiment
-from dynident.diagnosis.experiments import EXPERIMENTS, Question
+from dynident.diagnosis.advice.kinds import EXPERIMENTS, Question
 from dynident.diagnosis.result import Separation
 from dynident.effects import EffectChoice
 from dynident.excitation.limits.bounds import bounds_of

@@ -14,7 +14,7 @@ from scipy.stats import binned_statistic_2d
 from tsdownsample import MinMaxLTTBDownsampler
 
 from dynident.diagnosis import Comparison, Judgement, ResidualSpectrum, angle_spectrum, autocorrelation, time_spectrum
-from dynident.diagnosis.spectrum import HIGHEST_IN_A_METRE, HIGHEST_IN_A_RADIAN
+from dynident.diagnosis.comparing.spectrum import HIGHEST_IN_A_METRE, HIGHEST_IN_A_RADIAN
 from dynident.errors import DynidentError
 from dynident_service.adapters.identifications import finite, numbers
 from dynident_service.models import comparisons as wire

@@ -1,13 +1,13 @@
 """Compare, find where the model fails, rank what is missing, advise the next experiment."""
 
-from dynident.diagnosis.autocorrelation import Autocorrelation, autocorrelation
-from dynident.diagnosis.compare import Comparison, WorstStretch, compare
+from dynident.diagnosis.comparing.autocorrelation import Autocorrelation, autocorrelation
+from dynident.diagnosis.comparing.compare import Comparison, WorstStretch, compare
+from dynident.diagnosis.comparing.judging import Judgement, RepeatedMotion, judge
+from dynident.diagnosis.comparing.noise import LackOfFit, NoiseFloor, floor_of
+from dynident.diagnosis.comparing.spectrum import ResidualSpectrum, angle_spectrum, time_spectrum
 from dynident.diagnosis.diagnose import diagnose
 from dynident.diagnosis.evidence import Evidence, evidence
-from dynident.diagnosis.judging import Judgement, RepeatedMotion, judge
-from dynident.diagnosis.noise import LackOfFit, NoiseFloor, floor_of
 from dynident.diagnosis.result import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
-from dynident.diagnosis.spectrum import ResidualSpectrum, angle_spectrum, time_spectrum
 
 __all__ = [
     "Autocorrelation",

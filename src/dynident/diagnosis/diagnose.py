@@ -6,23 +6,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.diagnosis.acceptance import VISIBLE
-from dynident.diagnosis.candidates import Pool, build_pool
-from dynident.diagnosis.compare import Comparison, compare
-from dynident.diagnosis.gate import Judged
-from dynident.diagnosis.leads import find_leads
-from dynident.diagnosis.next_experiment import doubts_of, next_experiment
-from dynident.diagnosis.noise import sensor_noise
-from dynident.diagnosis.patterns import unknown_patterns
-from dynident.diagnosis.products import Products, products
-from dynident.diagnosis.refine import improved, refined
-from dynident.diagnosis.residuals import failure_map
-from dynident.diagnosis.resolution import resolution
+from dynident.diagnosis.advice.doubts import doubts_of
+from dynident.diagnosis.advice.next_experiment import next_experiment
+from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.pool import Pool, build_pool
+from dynident.diagnosis.candidates.products import Products, products
+from dynident.diagnosis.comparing.compare import Comparison, compare
+from dynident.diagnosis.comparing.noise import sensor_noise
+from dynident.diagnosis.residuals.failure_map import failure_map
+from dynident.diagnosis.residuals.leads import find_leads
+from dynident.diagnosis.residuals.patterns import unknown_patterns
+from dynident.diagnosis.residuals.resolution import resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
-from dynident.diagnosis.search import search
-from dynident.diagnosis.state import State, judge_all, noise_left
-from dynident.diagnosis.transients import CONTACT, find_contacts
-from dynident.diagnosis.words import Finding, rank_all, summary, verdict_of
+from dynident.diagnosis.search.acceptance import VISIBLE
+from dynident.diagnosis.search.refine import improved, refined
+from dynident.diagnosis.search.search import search
+from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
+from dynident.diagnosis.search.transients import CONTACT, find_contacts
+from dynident.diagnosis.words import rank_all, summary, verdict_of
 from dynident.diagnosis.wrong_names import misnamed
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification, extend

@@ -3,34 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from dynident.diagnosis.gate import Judged, p_value
+from dynident.diagnosis.candidates.gate import Judged, p_value
 from dynident.diagnosis.result import RankedEffect, UnknownPattern, Verdict
+from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.regressors.model import Model
 from dynident.robot.model import FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Finding:
-    """An effect that was picked, what the data cannot tell it from, and its corrected p.
-
-    `around` are columns of the same effect with neighbouring shape constants: until the constants are refined they
-    say what the coarse ones cannot, so that it is not taken for something else.
-    """
-
-    judged: Judged
-    equal: tuple[Judged, ...]
-    p: float
-    around: tuple[int, ...] = ()
-
-    @property
-    def columns(self) -> tuple[int, ...]:
-        """All columns that come with the pick."""
-        return self.judged.candidate.columns + self.around
 
 
 def rank_all(

@@ -7,9 +7,9 @@ from typing import get_args
 
 import numpy as np
 
-from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import UnknownPattern, Variable
-from dynident.diagnosis.words import Finding
+from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
 
 _LEFT_OVER = 0.12

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.diagnosis.compare import Comparison
-from dynident.diagnosis.experiments import ALONE, EXPERIMENTS, Experiment, Question, experiment_for
-from dynident.diagnosis.result import Invisible, NextExperiment, Separation
-from dynident.diagnosis.separation import Information, amplitudes, of_data, of_proposal, separation
-from dynident.diagnosis.words import Finding
-from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
+from dynident.diagnosis.advice.doubts import Doubt
+from dynident.diagnosis.advice.kinds import EXPERIMENTS, Experiment, Question
+from dynident.diagnosis.advice.pairs import ALONE, experiment_for
+from dynident.diagnosis.advice.separation import Information, amplitudes, of_data, of_proposal, separation
+from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.result import NextExperiment, Separation
+from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest
@@ -20,25 +21,10 @@ from dynident.excitation.criteria.deciding import parameters_of
 from dynident.excitation.limits.bounds import Bounds, bounds_of
 from dynident.excitation.observation.model import DesignModel, design_model
 from dynident.identification import Identification
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import FloatArray
 
-_MOST_RIVALS = 3
 # Of the present standard deviation: below it no other motion is looked for, above it none is proposed.
 _CLEARLY_BETTER, _HARDLY_BETTER = 0.8, 0.95
-# Of what most arms have, most often missed first.
-_COMMON = ("presliding", "load_dependent_friction", "stribeck", "torque_ripple", "viscous_nonlinear", "torque_delay")
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """An effect that was found, or that could not be seen, and what else it may be: its rivals, hardest first.
-
-    `beside` are the other effects that the data asks for.
-    """
-
-    suspect: EffectChoice
-    rivals: tuple[EffectChoice, ...] = ()
-    beside: tuple[EffectChoice, ...] = ()
 
 
 def next_experiment(
@@ -60,37 +46,6 @@ def next_experiment(
         if found is not None:
             return found
     return None
-
-
-def doubts_of(
-    picks: Sequence[Finding], recommended: Sequence[EffectChoice], invisible: Sequence[Invisible], robot: Robot
-) -> tuple[Doubt, ...]:
-    """What a diagnosis leaves open: picks that have equals, then effects that the data could not have shown."""
-    doubts = []
-    for finding, choice in zip(picks, recommended, strict=True):
-        same = {choice.effect, *effect_by_id(choice.effect).same_function}
-        rivals: dict[str, EffectChoice] = {}
-        for judged in finding.equal:
-            if judged.candidate.effect not in same:
-                rivals.setdefault(judged.candidate.effect, judged.candidate.choice)
-        if rivals:
-            beside = tuple(other for other in recommended if other is not choice)
-            doubts.append(Doubt(choice, tuple(rivals.values())[:_MOST_RIVALS], beside))
-    hidden: dict[str, list[str]] = {}
-    for item in invisible:
-        hidden.setdefault(item.effect, []).extend(item.joints)
-    order = [*(name for name in _COMMON if name in hidden), *(name for name in hidden if name not in _COMMON)]
-    doubts += [Doubt(_unseen(name, hidden[name], robot), (), tuple(recommended)) for name in order]
-    return tuple(doubts)
-
-
-def _unseen(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:
-    """An effect that could not be seen, with the shape constants in the middle of those worth trying."""
-    names = tuple(dict.fromkeys(joints))
-    first = robot.joint_names.index(names[0]) if names else 0
-    grid = CATALOGUE[effect].grid(robot, first)
-    shape = grid[len(grid) // 2] if grid else {}
-    return EffectChoice(effect, names, tuple(sorted((name, float(value)) for name, value in shape.items())))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import Separation
 from dynident.excitation import DesignRequest, quick_motion
 from dynident.excitation.criteria.variances import inverse_diagonal_of

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from dynident.diagnosis.candidates import Candidate
-from dynident.diagnosis.scoring import Score
+from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.scoring import Score
+from dynident.diagnosis.residuals.stretches import t_of
 from dynident.effects import CATALOGUE
 from dynident.robot.model import FloatArray
 
@@ -163,14 +164,6 @@ def judge(scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray) -
         consistency=0.0,
         after_weighted=(after / noise**2)[:, index].sum(axis=1),
     )
-
-
-def t_of(gain: FloatArray) -> float:
-    """t of the mean gain over stretches of time, which are long against the correlation of the residual."""
-    if len(gain) < 2:
-        return 0.0
-    spread = float(gain.std(ddof=1))
-    return float(gain.mean() / (spread / np.sqrt(len(gain)))) if spread > 0 else 0.0
 
 
 def p_value(judged: Judged, n_tried: int) -> float:

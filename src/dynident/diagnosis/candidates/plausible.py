@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.diagnosis.candidates import Pool
-from dynident.diagnosis.gate import Judged
-from dynident.diagnosis.products import IntArray, Products
+from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.pool import Pool
+from dynident.diagnosis.candidates.products import IntArray, Products
 from dynident.effects import effect_by_id
 from dynident.robot.model import FloatArray
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from dynident.diagnosis.resolution import Resolution
+from dynident.diagnosis.residuals.leads import Leads
+from dynident.diagnosis.residuals.resolution import Resolution
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
@@ -40,29 +41,6 @@ class Pool:
     observation: Observation
     n_base: int
     candidates: tuple[Candidate, ...]
-
-
-@dataclass(frozen=True)
-class Leads:
-    """Where to look for effects that a grid cannot offer, from the recordings and their residual.
-
-    `angle_lines`: (joint index, cycles per radian) of lines in the residual over a joint's angle; `time_lines`: Hz of
-    lines over time; `bursts`: (run label, from, to in s) of stretches far above the rest; `run_groups`: sets of runs
-    that an effect may be limited to; `has_temperature`: whether all recordings have one; `session`: s that the clock
-    of all recordings has run, 0 where it starts anew in each.
-    """
-
-    angle_lines: tuple[tuple[int, float], ...] = ()
-    time_lines: tuple[float, ...] = ()
-    bursts: tuple[tuple[str, float, float], ...] = ()
-    run_groups: tuple[tuple[str, ...], ...] = ()
-    has_temperature: bool = False
-    session: float = 0.0
-
-    @property
-    def single_runs(self) -> list[tuple[str, ...]]:
-        """Those groups that are one run each."""
-        return [group for group in self.run_groups if len(group) == 1]
 
 
 def build_pool(

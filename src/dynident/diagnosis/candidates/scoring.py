@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from dynident.diagnosis.candidates import Candidate
-from dynident.diagnosis.products import IntArray, Products, Sums, folds_of, present, weighted_sums
+from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.products import IntArray, Products, Sums, folds_of, present, weighted_sums
 from dynident.robot.model import FloatArray
 
 _RIDGE = 1e-10

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.diagnosis.candidates import Candidate
-from dynident.diagnosis.products import IntArray, Products, present, weighted_sums
-from dynident.diagnosis.scoring import Batch, Fit, batches, extra_columns
+from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.products import IntArray, Products, present, weighted_sums
+from dynident.diagnosis.candidates.scoring import Batch, Fit, batches, extra_columns
 from dynident.robot.model import FloatArray
 
 _RIDGE = 1e-9

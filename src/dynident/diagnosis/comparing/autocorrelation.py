@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from dynident.diagnosis.repetition import uniform_runs
+from dynident.diagnosis.comparing.repetition import uniform_runs
 from dynident.robot.model import FloatArray
 
 LONGEST = 5.0

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from scipy import fft, signal
 
-from dynident.diagnosis.repetition import uniform_runs
+from dynident.diagnosis.comparing.repetition import uniform_runs
 from dynident.errors import DynidentError
 from dynident.robot.model import FloatArray
 

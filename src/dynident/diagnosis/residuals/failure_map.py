@@ -1,4 +1,4 @@
-"""What a residual looks like over the signals: where it is large, what it depends on, lines over a joint's angle."""
+"""Where a residual is large: over the position, the velocity, the load and the time of every joint."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import FailureSpot
 from dynident.robot.model import FloatArray
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy import fft
 
-from dynident.diagnosis.candidates import Leads
-from dynident.diagnosis.compare import Comparison
-from dynident.diagnosis.vibration import shaking
+from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.residuals.vibration import shaking
 from dynident.identification import Identification
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot.model import FloatArray, Robot
@@ -27,6 +27,29 @@ _SURROUNDINGS = 181
 _SLOWEST_VIBRATION, _MOST_TIME_LINES, _TIME_LINE_RATIO = 1.0, 2, 6.0
 _BURST_RATIO, _BURST_WINDOW, _BURST_GAP, _MOST_BURSTS, _LONGEST_BURSTS = 16.0, 0.1, 0.3, 3, 0.2
 _MOST_GROUPS = 16
+
+
+@dataclass(frozen=True)
+class Leads:
+    """Where to look for effects that a grid cannot offer, from the recordings and their residual.
+
+    `angle_lines`: (joint index, cycles per radian) of lines in the residual over a joint's angle; `time_lines`: Hz of
+    lines over time; `bursts`: (run label, from, to in s) of stretches far above the rest; `run_groups`: sets of runs
+    that an effect may be limited to; `has_temperature`: whether all recordings have one; `session`: s that the clock
+    of all recordings has run, 0 where it starts anew in each.
+    """
+
+    angle_lines: tuple[tuple[int, float], ...] = ()
+    time_lines: tuple[float, ...] = ()
+    bursts: tuple[tuple[str, float, float], ...] = ()
+    run_groups: tuple[tuple[str, ...], ...] = ()
+    has_temperature: bool = False
+    session: float = 0.0
+
+    @property
+    def single_runs(self) -> list[tuple[str, ...]]:
+        """Those groups that are one run each."""
+        return [group for group in self.run_groups if len(group) == 1]
 
 
 def find_leads(

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnosis.compare import Comparison
-from dynident.diagnosis.gate import t_of
-from dynident.diagnosis.leads import bursts
+from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.residuals.leads import bursts
+from dynident.diagnosis.residuals.stretches import stretches, t_of
 from dynident.diagnosis.result import UnknownPattern, Variable
 from dynident.robot.model import FloatArray
 
@@ -24,7 +24,6 @@ _BINS, _COARSE_BINS, _FEWEST = 24, 10, 10
 _SHARE, _T = 0.08, 4.2
 # What shows in few stretches (a rough spot that is seldom passed) gains unevenly.
 _LARGE, _T_OF_LARGE = 0.25, 2.0
-_STRETCHES = 30
 # A variable is named beside the best one if it explains so much of what that explains.
 _NEARLY = 0.7
 # A joint that sticks for a moment is no burst.
@@ -57,7 +56,7 @@ class _Rows:
             ddq=joined("ddq"),
             load=joined("load"),
             t=joined("t"),
-            stretch=_stretches(comparisons),
+            stretch=stretches(comparisons),
         )
 
 
@@ -108,15 +107,6 @@ def _bins(values: FloatArray, count: int) -> IntArray:
         return np.zeros(len(values), dtype=np.intp)
     found: IntArray = np.clip(((values - low) / (high - low) * count).astype(np.intp), 0, count - 1)
     return found
-
-
-def _stretches(comparisons: Sequence[Comparison]) -> IntArray:
-    length = sum(float(c.t[-1] - c.t[0]) for c in comparisons) / _STRETCHES
-    offset, numbers = 0, []
-    for c in comparisons:
-        numbers.append(offset + np.floor((c.t - c.t[0]) / max(length, 1e-9)).astype(np.intp))
-        offset = int(numbers[-1][-1]) + 1
-    return np.concatenate(numbers)
 
 
 def _believed(rows: _Rows, j: int, which: IntArray, turn: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""What filtered positions can still resolve at a reversal, and how large a gain the sensors' noise lets count."""
+"""What filtered positions can still resolve where a joint reverses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.comparing.compare import Comparison
 from dynident.effects import ShapeSpec
 from dynident.recordings import Preprocessing
 from dynident.robot.model import FloatArray

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from dynident.diagnosis.compare import Comparison
+from dynident.diagnosis.comparing.compare import Comparison
 from dynident.effects import Signals
 from dynident.regressors.program import BlockProgram
 from dynident.robot.model import FloatArray

@@ -6,15 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.diagnosis.candidates import Candidate
-from dynident.diagnosis.gate import (
+from dynident.diagnosis.candidates.gate import (
     SMALLEST_DROP_OF_STICKING,
     SMALLEST_GAIN_AT_REVERSALS,
     SMALLEST_GAIN_OVER_NOISE,
     Judged,
 )
-from dynident.diagnosis.state import State
-from dynident.diagnosis.words import Finding
+from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.search.state import Finding, State
 from dynident.effects import Effect, EffectChoice, effect_by_id
 from dynident.robot.model import FloatArray
 

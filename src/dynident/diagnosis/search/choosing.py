@@ -6,7 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.diagnosis.acceptance import (
+from dynident.diagnosis.candidates.gate import Judged, simplest
+from dynident.diagnosis.candidates.plausible import plausible
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.products import Products
+from dynident.diagnosis.residuals.stretches import t_of
+from dynident.diagnosis.search.acceptance import (
     JOINT_T,
     JOINT_T_OF_LARGE,
     LARGE_DROP,
@@ -17,11 +22,7 @@ from dynident.diagnosis.acceptance import (
     least_gain,
     may_be_sticking,
 )
-from dynident.diagnosis.candidates import Candidate, Pool
-from dynident.diagnosis.gate import Judged, simplest, t_of
-from dynident.diagnosis.plausible import plausible
-from dynident.diagnosis.products import Products
-from dynident.diagnosis.state import State, judge_all
+from dynident.diagnosis.search.state import State, judge_all
 from dynident.effects import effect_by_id
 
 # So many other names for a finding, and its cause is not certain.

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.diagnosis.acceptance import JOINT_T, JOINT_T_OF_LARGE, LARGE_DROP, gain_over_floor, least_drop, least_gain
-from dynident.diagnosis.candidates import Candidate, Pool
-from dynident.diagnosis.gate import Judged
-from dynident.diagnosis.products import Products
-from dynident.diagnosis.state import State, judge_all
-from dynident.diagnosis.transients import CONTACT
-from dynident.diagnosis.words import Finding
+from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.products import Products
+from dynident.diagnosis.search.acceptance import (
+    JOINT_T,
+    JOINT_T_OF_LARGE,
+    LARGE_DROP,
+    gain_over_floor,
+    least_drop,
+    least_gain,
+)
+from dynident.diagnosis.search.state import Finding, State, judge_all
+from dynident.diagnosis.search.transients import CONTACT
 from dynident.effects import effect_by_id
 
 _PRUNE_DROP, _PRUNE_T = 0.03, 2.5

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dynident.diagnosis.acceptance import sticks
-from dynident.diagnosis.candidates import Candidate, Pool, width_shows
-from dynident.diagnosis.products import products
-from dynident.diagnosis.pruning import pruned, trimmed
-from dynident.diagnosis.resolution import Resolution
-from dynident.diagnosis.state import State, noise_left
-from dynident.diagnosis.words import Finding
+from dynident.diagnosis.candidates.pool import Candidate, Pool, width_shows
+from dynident.diagnosis.candidates.products import products
+from dynident.diagnosis.residuals.resolution import Resolution
+from dynident.diagnosis.search.acceptance import sticks
+from dynident.diagnosis.search.pruning import pruned, trimmed
+from dynident.diagnosis.search.state import Finding, State, noise_left
 from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.estimation import weighted
 from dynident.identification import Identification

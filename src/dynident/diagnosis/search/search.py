@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from dynident.diagnosis.candidates import Candidate, Pool
-from dynident.diagnosis.choosing import choose
-from dynident.diagnosis.gate import Judged, p_value
-from dynident.diagnosis.products import Products
-from dynident.diagnosis.pruning import pruned
-from dynident.diagnosis.state import State, judge_all, noise_left
-from dynident.diagnosis.words import Finding
+from dynident.diagnosis.candidates.gate import Judged, p_value
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.products import Products
+from dynident.diagnosis.search.choosing import choose
+from dynident.diagnosis.search.pruning import pruned
+from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.effects import effect_by_id
 from dynident.progress import Progress
 

@@ -1,4 +1,4 @@
-"""Where a search stands, and every candidate judged beside the model so far."""
+"""Where a search stands, what it has found, and every candidate judged beside the model so far."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnosis.candidates import Candidate, Pool
-from dynident.diagnosis.gate import Judged, judge
-from dynident.diagnosis.products import Products
-from dynident.diagnosis.scoring import held_out_errors, score_candidates
-from dynident.diagnosis.stability import consistencies
-from dynident.diagnosis.words import Finding
+from dynident.diagnosis.candidates.gate import Judged, judge
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.products import Products
+from dynident.diagnosis.candidates.scoring import held_out_errors, score_candidates
+from dynident.diagnosis.candidates.stability import consistencies
 from dynident.robot.model import FloatArray
 
 BoolArray = NDArray[np.bool_]
@@ -21,6 +20,25 @@ BoolArray = NDArray[np.bool_]
 
 _KINDS = ("interleaved", "contiguous")
 _WORTH_A_LOOK = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """An effect that was picked, what the data cannot tell it from, and its corrected p.
+
+    `around` are columns of the same effect with neighbouring shape constants: until the constants are refined they
+    say what the coarse ones cannot, so that it is not taken for something else.
+    """
+
+    judged: Judged
+    equal: tuple[Judged, ...]
+    p: float
+    around: tuple[int, ...] = ()
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """All columns that come with the pick."""
+        return self.judged.candidate.columns + self.around
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from dynident.diagnosis.candidates import Candidate, Pool
-from dynident.diagnosis.gate import Judged
-from dynident.diagnosis.products import Products
-from dynident.diagnosis.scoring import fitted_errors
-from dynident.diagnosis.words import Finding
+from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.products import Products
+from dynident.diagnosis.candidates.scoring import fitted_errors
+from dynident.diagnosis.search.state import Finding
 from dynident.robot.model import FloatArray
 
 CONTACT = "external_contact"

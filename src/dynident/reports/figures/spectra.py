@@ -7,7 +7,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from dynident.diagnosis import Comparison, ResidualSpectrum, angle_spectrum, time_spectrum
-from dynident.diagnosis.spectrum import HIGHEST_IN_A_METRE, HIGHEST_IN_A_RADIAN
+from dynident.diagnosis.comparing.spectrum import HIGHEST_IN_A_METRE, HIGHEST_IN_A_RADIAN
 from dynident.errors import DynidentError
 from dynident.reports.figures.svg import RESIDUAL, panel_title, panels, to_svg
 

@@ -1,0 +1,31 @@
+"""Stretches of time: long against the correlation of a residual, so that what happens in them is independent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.diagnosis.comparing.compare import Comparison
+from dynident.robot.model import FloatArray
+
+_STRETCHES = 30
+
+
+def stretches(comparisons: Sequence[Comparison]) -> NDArray[np.intp]:
+    """Number (m,) of the stretch that every row of all comparisons is in."""
+    length = sum(float(c.t[-1] - c.t[0]) for c in comparisons) / _STRETCHES
+    offset, numbers = 0, []
+    for c in comparisons:
+        numbers.append(offset + np.floor((c.t - c.t[0]) / max(length, 1e-9)).astype(np.intp))
+        offset = int(numbers[-1][-1]) + 1
+    return np.concatenate(numbers)
+
+
+def t_of(gain: FloatArray) -> float:
+    """t of the mean of a gain (s,) over stretches of time."""
+    if len(gain) < 2:
+        return 0.0
+    spread = float(gain.std(ddof=1))
+    return float(gain.mean() / (spread / np.sqrt(len(gain)))) if spread > 0 else 0.0
