@@ -129,6 +129,17 @@ def errors(reduction: Reduction, values: FloatArray) -> Errors:
     return Errors(np.array(squares), np.array(measured), np.array(counts))
 
 
+def share_of_measured(reduction: Reduction, change: FloatArray) -> float:
+    """||W Δχ|| / ||Y||: what a change of the parameters (c,) changes, as a share of what was measured."""
+    squares = measured = 0.0
+    for equation in reduction.equations:
+        k = len(equation.columns)
+        moved = equation.joined[:, :k] @ change[equation.columns]
+        squares += float(moved @ moved)
+        measured += float(equation.joined[:, k] @ equation.joined[:, k])
+    return float(np.sqrt(squares / measured)) if measured > 0 else 0.0
+
+
 def solve(reduction: Reduction, noise: FloatArray, known: Information | None = None) -> Solution:
     """Least squares [12.5] with every equation weighted by 1 / noise (n,), and what is known beside the data.
 

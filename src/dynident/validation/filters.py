@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.estimation import Reduction, weighted
+from dynident.estimation import share_of_measured, weighted
 from dynident.identification import Identification
 from dynident.identification.recorded_motion import RecordedMotion, longest_stretch
 from dynident.identification.simulator import Simulator, simulator_of
@@ -180,14 +180,14 @@ def _tried(
         return FilterTrial(preprocessing, None, None, "", None, error.detail)
     gaps = found - true
     # Held against the rows of the identification itself: what the parameters cost there does not depend on the filter.
-    size = [_cost(identification.training, gap) for gap in gaps]
+    size = [share_of_measured(identification.training, gap) for gap in gaps]
     mean = gaps.mean(axis=0)
     deviations = identification.statistics.standard_deviations
     biases = np.abs(mean) / np.maximum(deviations, np.finfo(float).tiny)
     worst = int(np.argmax(biases))
     squared = float(np.mean(np.square(size)))
     # The mean of few draws scatters too; what that alone would make is taken off.
-    of_mean = _cost(identification.training, mean) ** 2
+    of_mean = share_of_measured(identification.training, mean) ** 2
     bias = max(of_mean - (squared - of_mean) / (len(draws) - 1), 0.0)
     return FilterTrial(
         preprocessing,
@@ -196,17 +196,6 @@ def _tried(
         worst=model.kept[worst].name,
         worst_bias=float(biases[worst]),
     )
-
-
-def _cost(reduction: Reduction, gap: FloatArray) -> float:
-    """||W Δχ|| / ||Y||: what wrong parameters change in the torque."""
-    torque = measured = 0.0
-    for equation in reduction.equations:
-        k = len(equation.columns)
-        change = equation.joined[:, :k] @ gap[equation.columns]
-        torque += float(change @ change)
-        measured += float(equation.joined[:, k] @ equation.joined[:, k])
-    return float(np.sqrt(torque / measured)) if measured > 0 else 0.0
 
 
 def _judged(used: FilterTrial, best: FilterTrial, residual: float) -> Judged:

@@ -9,11 +9,10 @@ from time import perf_counter
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, Reduction, errors
+from dynident.estimation import Errors, Reduction, errors, share_of_measured
 from dynident.identification import Identification
 from dynident.identification.choices import IdentificationChoices, ModelName
 from dynident.identification.data import Data, reduced, torque_of
-from dynident.identification.fit import Fit
 from dynident.identification.strategies.by_name import fit
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
@@ -164,43 +163,26 @@ def _result(
     values, deviations = found.solution.values, found.statistics.standard_deviations
     seconds = perf_counter() - began
     shown = data.torque if tried is None else tried.torque
-    reference = next((one for one in before if one.values is not None), None)
-    other = (values, deviations) if reference is None else (reference.values, reference.standard_deviations)
+    solved = ((one.values, one.standard_deviations) for one in before)
+    others, doubts = next(((v, d) for v, d in solved if v is not None and d is not None), (values, deviations))
     return MethodResult(
         method=method,
         values=values,
         standard_deviations=deviations,
         fit=errors(data.torque, values),
         held_out=errors(shown, values),
-        distance=_distance(found, *other),
-        torque_distance=_torque_distance(shown, values, other[0]),
+        distance=_distance(values - others, np.hypot(deviations, doubts)),
+        torque_distance=share_of_measured(shown, values - others),
         torque_deviation=_torque_deviation(shown, found.statistics.covariance),
         seconds=seconds,
         warnings=found.warnings,
     )
 
 
-def _distance(found: Fit, values: FloatArray | None, deviations: FloatArray | None) -> FloatArray:
-    own = found.solution.values
-    if values is None or deviations is None:
-        return np.zeros(len(own))
-    joint = np.hypot(found.statistics.standard_deviations, deviations)
-    gap = np.abs(own - values)
-    return np.asarray(np.where(gap > 0, gap / np.maximum(joint, np.finfo(float).tiny), 0.0))
-
-
-def _torque_distance(reduction: Reduction, values: FloatArray, others: FloatArray | None) -> float:
-    """||W (χ - χ')|| / ||Y|| on the rows of the joints' torques."""
-    if others is None:
-        return 0.0
-    gap = values - others
-    squares = measured = 0.0
-    for equation in reduction.equations:
-        k = len(equation.columns)
-        torque = equation.joined[:, :k] @ gap[equation.columns]
-        squares += float(torque @ torque)
-        measured += float(equation.joined[:, k] @ equation.joined[:, k])
-    return float(np.sqrt(squares / measured)) if measured > 0 else 0.0
+def _distance(gap: FloatArray, deviations: FloatArray) -> FloatArray:
+    """(b,): a difference of parameters in units of its standard deviations; 0 where there is none."""
+    size = np.abs(gap)
+    return np.asarray(np.where(size > 0, size / np.maximum(deviations, np.finfo(float).tiny), 0.0))
 
 
 def _torque_deviation(reduction: Reduction, covariance: FloatArray) -> float:
