@@ -41,15 +41,19 @@ def smallest_inertia_eigenvalue(model: Model, values: FloatArray, *, seed: int =
 
 
 def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
-    """(count, n): postures drawn evenly within the joints' limits (a full turn, or ± 1 m, where none are known)."""
-    rng = np.random.default_rng(seed)
-    bounds = []
+    """(count, n): postures drawn evenly from the joints' range."""
+    return np.asarray(np.random.default_rng(seed).uniform(*joint_range(robot), (count, robot.n)))
+
+
+def joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper ends (n,) of the joints' range: a full turn, or ± 1 m, where no limits are known."""
+    ends = []
     for joint in robot.joints:
-        fallback = (-np.pi, np.pi) if joint.kind == "revolute" else (-1.0, 1.0)
-        low, high = joint.limits.position or fallback
-        bounds.append((max(low, -2 * np.pi), min(high, 2 * np.pi)) if joint.kind == "revolute" else (low, high))
-    low, high = np.array(bounds).T
-    return np.asarray(rng.uniform(low, high, (count, robot.n)))
+        turning = joint.kind == "revolute"
+        low, high = joint.limits.position or ((-np.pi, np.pi) if turning else (-1.0, 1.0))
+        ends.append((max(low, -2 * np.pi), min(high, 2 * np.pi)) if turning else (low, high))
+    low, high = np.array(ends, dtype=np.float64).T
+    return low, high
 
 
 @lru_cache(maxsize=4)

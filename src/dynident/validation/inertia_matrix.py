@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dynident.identification import Identification
-from dynident.identification.inertia import random_postures
+from dynident.identification.inertia import joint_range, random_postures
 from dynident.progress import Progress, silent
 from dynident.regressors.model import Model
 from dynident.robot.model import FloatArray, Robot
@@ -78,17 +78,6 @@ def validate_inertia_matrix(
         evaluations=search.evaluations,
         judged=_judged(model.robot, search.worst, search.smallest, deviation),
     )
-
-
-def joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper ends (n,) of the postures that are searched, those that `random_postures` draws from."""
-    ends = []
-    for joint in robot.joints:
-        turning = joint.kind == "revolute"
-        low, high = joint.limits.position or ((-np.pi, np.pi) if turning else (-1.0, 1.0))
-        ends.append((max(low, -2 * np.pi), min(high, 2 * np.pi)) if turning else (low, high))
-    low, high = np.array(ends, dtype=np.float64).T
-    return low, high
 
 
 class _Search:
