@@ -14,9 +14,9 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
+from dynident.estimation.least_squares import floored
 from dynident.estimation.robust import BISQUARE, HUBER, robust_scale
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.estimators import robust as robust_module
 from dynident.recordings import Preprocessing
 from dynident.regressors import rows as rows_module
 
@@ -143,4 +143,4 @@ def test_the_scale_is_that_of_the_noise_with_a_quarter_of_outliers():
     assert robust_scale(residuals) == pytest.approx([1.0, 5.0], rel=0.03)
     residuals[:4000] += 1000.0
     assert robust_scale(residuals) == pytest.approx([1.0, 5.0], rel=0.4)
-    assert robust_module._floored(np.array([0.0, 2.0]))[0] > 0
+    assert floored(np.array([0.0, 2.0]))[0] > 0

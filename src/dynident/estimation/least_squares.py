@@ -206,10 +206,17 @@ def doubtful_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
 
 
 def noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """(n,): standard deviation of every equation's residual, as one weights by it."""
+    return floored(residual_noise(reduction, values))
+
+
+def residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
     """(n,): standard deviation of every equation's residual, [12.7] with the parameters shared out over the rows."""
     found = errors(reduction, values)
     share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
-    sigma = np.sqrt(found.squares / np.maximum(found.counts * share, 1))
-    # An equation without residual (no torque, no motion) must not get an infinite weight.
-    floor = 1e-9 * max(float(sigma.max(initial=0.0)), 1e-12)
-    return np.maximum(sigma, floor)
+    return np.asarray(np.sqrt(found.squares / np.maximum(found.counts * share, 1)))
+
+
+def floored(sigma: FloatArray) -> FloatArray:
+    """Noise (n,) to weight by: an equation without residual (no torque, no motion) must not get an infinite weight."""
+    return np.asarray(np.maximum(sigma, 1e-9 * max(float(sigma.max(initial=0.0)), 1e-12)))

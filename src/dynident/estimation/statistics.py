@@ -16,7 +16,7 @@ from scipy.special import stdtrit
 
 from dynident.estimation.correlation import correlation_factor
 from dynident.estimation.factors import FloatArray, Reduction
-from dynident.estimation.least_squares import Solution
+from dynident.estimation.least_squares import Solution, residual_noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +60,11 @@ def statistics(reduction: Reduction, solution: Solution) -> Statistics:
     bread = solution.normal_inverse
     c = reduction.n_columns
     meat = np.zeros((c, c))
-    noise = np.empty(len(reduction.equations))
-    share = max(1.0 - c / max(reduction.n_rows, 1), 0.1)
-    for j, (equation, sigma) in enumerate(zip(reduction.equations, solution.noise, strict=True)):
-        k = len(equation.columns)
-        w = equation.joined[:, :k]
-        rest = equation.joined[:, k] - w @ solution.values[equation.columns]
-        variance = float(rest @ rest) / max(counts[j] * share, 1.0)
-        noise[j] = np.sqrt(variance)
-        meat[np.ix_(equation.columns, equation.columns)] += (variance * inflation[j] / sigma**4) * (w.T @ w)
+    noise = residual_noise(reduction, solution.values)
+    weights = noise**2 * inflation / solution.noise**4
+    for equation, weight in zip(reduction.equations, weights, strict=True):
+        w = equation.joined[:, :-1]
+        meat[np.ix_(equation.columns, equation.columns)] += weight * (w.T @ w)
     if solution.known is not None:
         meat += solution.known.factor.T @ solution.known.factor
     covariance = bread @ meat @ bread

@@ -13,6 +13,7 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import held_out_errors, score_candidates
 from dynident.diagnosis.candidates.stability import consistencies
+from dynident.estimation.least_squares import floored
 from dynident.robot.model import FloatArray
 
 BoolArray = NDArray[np.bool_]
@@ -85,4 +86,4 @@ def noise_left(data: Products, base: tuple[int, ...]) -> FloatArray:
     columns = np.array(base, dtype=np.intp)
     squares = held_out_errors(data, columns, np.ones(data.n_joints), "interleaved").sum(axis=0)
     sigma = np.sqrt(squares / data.counts.sum())
-    return np.asarray(np.maximum(sigma, 1e-9 * max(float(sigma.max()), 1e-12)))
+    return floored(sigma)

@@ -15,7 +15,7 @@ import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, noise_levels, solve, statistics, weighted
-from dynident.estimation.least_squares import doubtful_noise
+from dynident.estimation.least_squares import doubtful_noise, floored
 from dynident.estimation.robust import BISQUARE, HUBER, Influence, robust_scale
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
@@ -53,7 +53,7 @@ def reweighted(model: Model, choices: IdentificationChoices, data: Data, known: 
         values = _settled(passes, values, influence, share, known)
     sigma = robust_scale(passes.residuals(values))
     found = passes.pseudo_observations(values, sigma, BISQUARE)
-    solution = solve(found, _floored(sigma) * share, known)
+    solution = solve(found, floored(sigma) * share, known)
     return Fit(solution, statistics(found, solution), passes.told(values, sigma))
 
 
@@ -62,7 +62,7 @@ def _settled(
 ) -> FloatArray:
     """χ after as many rounds of reweighting as it takes, at most fifteen."""
     for _ in range(_MOST_ROUNDS):
-        sigma = _floored(robust_scale(passes.residuals(values)))
+        sigma = floored(robust_scale(passes.residuals(values)))
         rows = passes.reduced(values, sigma, influence)
         solution = solve(rows, sigma * share, known)
         moved = np.abs(solution.values - values)
@@ -70,11 +70,6 @@ def _settled(
         if np.all(moved <= _SETTLED * np.sqrt(np.diag(solution.normal_inverse))):
             break
     return values
-
-
-def _floored(sigma: FloatArray) -> FloatArray:
-    # A joint without residual must not get an infinite weight.
-    return np.asarray(np.maximum(sigma, 1e-9 * max(float(sigma.max(initial=0.0)), 1e-12)))
 
 
 def _check(data: Data) -> None:
@@ -128,7 +123,7 @@ class _Passes:
 
     def pseudo_observations(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
         """The equations of the pseudo-observations ŷ + ψ(e) / mean ψ', weights 1."""
-        safe = _floored(sigma)
+        safe = floored(sigma)
         slope = np.nanmean(influence.slope(self.residuals(values) / safe), axis=0)
 
         def mended(samples: FilteredSamples) -> FilteredSamples:
@@ -140,7 +135,7 @@ class _Passes:
 
     def told(self, values: FloatArray, sigma: FloatArray) -> tuple[str, ...]:
         """Which rows were given up, in words."""
-        safe = _floored(sigma)
+        safe = floored(sigma)
         weights, times = [], []
         for recording in self.data.recordings:
             for samples in self._samples(recording):
