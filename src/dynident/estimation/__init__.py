@@ -1,6 +1,6 @@
 """y = W χ: solvers and statistics on triangular factors. Knows nothing of robots."""
 
-from dynident.estimation.correlation import correlation_factor
+from dynident.estimation.correlation import correlation_factor, effective_rows
 from dynident.estimation.essential import Elimination, EliminationPath, eliminate
 from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate
 from dynident.estimation.information import Information, known_values
@@ -36,6 +36,7 @@ __all__ = [
     "concatenate",
     "condition_number",
     "correlation_factor",
+    "effective_rows",
     "eliminate",
     "equilibrated_condition_number",
     "errors",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.estimation.factors import EquationFactors, FloatArray, triangular
+from dynident.estimation.factors import EquationFactors, FloatArray, Reduction, triangular
 from dynident.estimation.whitening import Whitened, whitened
 
 _FEWEST_STRETCHES = 5
@@ -21,6 +21,16 @@ def correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
     if not _enough(equation.factors[:, :, :-1], rows):
         return 1.0
     return _overstated(equation.whitened, rests, rows)
+
+
+def correlation_factors(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """(n,): the correlation factor of every equation."""
+    return np.array([correlation_factor(equation, values) for equation in reduction.equations])
+
+
+def effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """(n,): how many independent samples the rows of every equation are worth."""
+    return reduction.row_counts / correlation_factors(reduction, values)
 
 
 def overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:

@@ -98,6 +98,11 @@ class Reduction:
         """Number of equations r, over all joints."""
         return int(sum(equation.counts.sum() for equation in self.equations))
 
+    @property
+    def row_counts(self) -> FloatArray:
+        """(n,): number of rows of every equation."""
+        return np.array([float(equation.counts.sum()) for equation in self.equations])
+
     def select(self, columns: Sequence[int] | IntArray) -> Reduction:
         """The same data with only these columns, in this order."""
         chosen = np.asarray(columns, dtype=np.intp)

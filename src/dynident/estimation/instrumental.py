@@ -123,7 +123,6 @@ def _overstated(both: Reduction, values: FloatArray) -> FloatArray:
 def _statistics(both: Reduction, observed: Reduction, solution: Solution, solved: _Solved) -> Statistics:
     """(ZᵀW)⁻¹ Zᵀ cov(ρ) Z (WᵀZ)⁻¹, the correlation of the residuals accounted for as in `statistics`."""
     inflation = _overstated(both, solution.values)
-    counts = np.array([float(e.counts.sum()) for e in both.equations])
     noise = noise_levels(observed, solution.values)
     c = observed.n_columns
     meat = np.zeros((c, c))
@@ -138,4 +137,4 @@ def _statistics(both: Reduction, observed: Reduction, solution: Solution, solved
     whitened = solve_triangular(solved.instruments, whitened.T, trans="T")
     inverse = np.linalg.inv(solved.projected)
     covariance = inverse @ whitened @ inverse.T
-    return Statistics(0.5 * (covariance + covariance.T), counts / inflation, noise)
+    return Statistics(0.5 * (covariance + covariance.T), both.row_counts / inflation, noise)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from dynident.errors import DynidentError
-from dynident.estimation.correlation import correlation_factor
+from dynident.estimation.correlation import correlation_factors
 from dynident.estimation.factors import FloatArray, Reduction, triangular
 from dynident.estimation.information import Information, covariance_of
 
@@ -176,7 +176,7 @@ def ordinary(reduction: Reduction, known: Information | None = None) -> Solution
     solution = solve(reduction, alike, known)
     for _ in range(_WEIGHT_ROUNDS):
         doubt = doubtful_noise(reduction, solution.values)
-        counts = np.array([float(equation.counts.sum()) for equation in reduction.equations])
+        counts = reduction.row_counts
         common = float(np.sqrt(np.sum(counts * doubt**2) / max(float(counts.sum()), 1.0)))
         solution = solve(reduction, common * alike, known)
     return solution
@@ -199,7 +199,7 @@ def doubtful_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
 
     Not less than what rounding leaves of the measured values, lest exact data outweigh other knowledge without end.
     """
-    factors = [correlation_factor(equation, values) for equation in reduction.equations]
+    factors = correlation_factors(reduction, values)
     found = errors(reduction, values)
     rounding = _ROUNDING * np.sqrt(found.measured / np.maximum(found.counts, 1))
     return np.maximum(noise_levels(reduction, values) * np.sqrt(factors), rounding)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from dynident.estimation.correlation import correlation_factor
+from dynident.estimation.correlation import correlation_factors
 from dynident.estimation.factors import FloatArray, Reduction
 from dynident.estimation.least_squares import Solution, residual_noise
 
@@ -55,8 +55,7 @@ class Statistics:
 
 def statistics(reduction: Reduction, solution: Solution) -> Statistics:
     """Covariance of the estimates with the correlation of the residuals accounted for."""
-    inflation = np.array([correlation_factor(e, solution.values) for e in reduction.equations])
-    counts = np.array([float(e.counts.sum()) for e in reduction.equations])
+    inflation = correlation_factors(reduction, solution.values)
     bread = solution.normal_inverse
     c = reduction.n_columns
     meat = np.zeros((c, c))
@@ -68,7 +67,7 @@ def statistics(reduction: Reduction, solution: Solution) -> Statistics:
     if solution.known is not None:
         meat += solution.known.factor.T @ solution.known.factor
     covariance = bread @ meat @ bread
-    return Statistics(0.5 * (covariance + covariance.T), counts / inflation, noise)
+    return Statistics(0.5 * (covariance + covariance.T), reduction.row_counts / inflation, noise)
 
 
 def correlations(covariance: FloatArray) -> FloatArray:

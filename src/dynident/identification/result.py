@@ -9,7 +9,7 @@ from math import inf
 import numpy as np
 
 from dynident.effects import EffectChoice
-from dynident.estimation import Errors, Reduction, Solution, Statistics, correlation_factor, noise_levels
+from dynident.estimation import Errors, Reduction, Solution, Statistics, effective_rows, noise_levels
 from dynident.estimation.deviations import owed_to_known
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.standard import StandardParameters
@@ -97,8 +97,7 @@ class Identification:
         """(n,): how many independent samples the torque rows of every joint are worth."""
         if self.equations is self.training:
             return self.statistics.effective_rows
-        factors = [correlation_factor(equation, self.values) for equation in self.training.equations]
-        return np.asarray(np.array([float(e.counts.sum()) for e in self.training.equations]) / np.array(factors))
+        return effective_rows(self.training, self.values)
 
     @property
     def noise(self) -> FloatArray:

@@ -20,7 +20,7 @@ from dynident.estimation import (
     Reduction,
     Solution,
     Statistics,
-    correlation_factor,
+    effective_rows,
     known_values,
     noise_levels,
     weighted_factor,
@@ -146,8 +146,7 @@ def conclude_steps(data: Data, findings: Findings, warnings: tuple[str, ...]) ->
     values, covariance = findings.parameters()
     noise = noise_levels(equations, values)
     solution = Solution(values, noise, weighted_factor(equations, noise)[:-1, :-1])
-    effective = [float(e.counts.sum()) / correlation_factor(e, values) for e in equations.equations]
-    return Fit(solution, Statistics(covariance, np.array(effective), noise), warnings)
+    return Fit(solution, Statistics(covariance, effective_rows(equations, values), noise), warnings)
 
 
 @dataclass(frozen=True, eq=False)
