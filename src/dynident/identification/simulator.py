@@ -17,7 +17,7 @@ from dynident.progress import Progress, silent
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
 from dynident.simulation import Controller, Measurement, Sensors, TrueEffect, VirtualRobot, on_each_joint
-from dynident.simulation.truth import NEVER_NEGATIVE
+from dynident.simulation.truth import may_be_negative
 from dynident.simulation.virtual_robot import LONGEST_STEP
 
 _INERTIAL = ("rigid_body", "rotor_inertia")
@@ -109,9 +109,7 @@ def possible_standard(model: Model, values: FloatArray) -> FloatArray:
         else:
             standard[k] = own.get(k, 0.0)
     impossible = [
-        k
-        for k, c in enumerate(model.columns)
-        if (c.effect, c.parameter) in NEVER_NEGATIVE and not c.runs and standard[k] < 0
+        k for k, c in enumerate(model.columns) if standard[k] < 0 and not may_be_negative(c.effect, c.parameter, c.runs)
     ]
     standard[impossible] = 0.0
     links = [k for k, column in enumerate(model.columns) if column.effect == "rigid_body"]

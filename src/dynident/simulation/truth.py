@@ -14,7 +14,7 @@ from dynident.robot.model import FloatArray, Robot
 
 _TITLE = "Unusable virtual robot"
 # Torque that these scale takes energy out of the motion; with a negative value the virtual robot would run away.
-NEVER_NEGATIVE = frozenset({("coulomb", "Fc"), ("viscous", "Fv"), ("rotor_inertia", "Ia"), ("presliding", "Fz")})
+_NEVER_NEGATIVE = frozenset({("coulomb", "Fc"), ("viscous", "Fv"), ("rotor_inertia", "Ia"), ("presliding", "Fz")})
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,11 @@ class TrueColumns:
 
     columns: tuple[Column, ...]
     parameters: FloatArray
+
+
+def may_be_negative(effect: str, parameter: str, runs: Sequence[str]) -> bool:
+    """Whether nature allows a parameter below zero; what is in some runs alone is a difference from the others."""
+    return bool(runs) or (effect, parameter) not in _NEVER_NEGATIVE
 
 
 def on_each_joint(
@@ -151,11 +156,11 @@ def _check(effect: TrueEffect, robot: Robot, pointer: str) -> None:
             raise DynidentError(
                 f"{effect.effect} has no parameter {name!r}; it has: {', '.join(known)}", pointer=where, title=_TITLE
             )
-        negative = value < 0 and not effect.runs and (effect.effect, name) in NEVER_NEGATIVE
-        if not math.isfinite(value) or negative:
+        signed = may_be_negative(effect.effect, name, effect.runs)
+        if not math.isfinite(value) or (value < 0 and not signed):
             raise DynidentError(
                 f"{name} of {effect.effect} on {effect.joint or 'the robot'} is {value}; expected a finite number"
-                + (", zero or above" if (effect.effect, name) in NEVER_NEGATIVE else ""),
+                + ("" if signed else ", zero or above"),
                 pointer=where,
                 title=_TITLE,
             )

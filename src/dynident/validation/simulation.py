@@ -15,7 +15,7 @@ from dynident.identification.simulator import simulator_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, low_pass
 from dynident.robot.model import FloatArray
-from dynident.simulation.truth import NEVER_NEGATIVE
+from dynident.simulation.truth import may_be_negative
 from dynident.threads import single_threaded
 from dynident.validation.on_recordings import check_limit
 from dynident.validation.verdict import LARGEST_ERROR, Judged
@@ -102,7 +102,7 @@ def _impossible(identification: Identification) -> str:
     return ", ".join(
         f"{column.name} is {value:.3g} ± {_SURE * deviation:.2g} {column.unit}, below zero"
         for column, value, deviation in zip(identification.model.kept, identification.values, deviations, strict=True)
-        if (column.effect, column.parameter) in NEVER_NEGATIVE and not column.runs and value < -_SURE * deviation
+        if value < -_SURE * deviation and not may_be_negative(column.effect, column.parameter, column.runs)
     )
 
 
