@@ -10,7 +10,7 @@ from oracles import Motion, fourier_motion, record
 from dynident.diagnosis import compare
 from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.residuals.failure_map import failure_map
-from dynident.diagnosis.residuals.leads import angle_lines
+from dynident.diagnosis.residuals.lines import angle_lines
 from dynident.diagnosis.residuals.patterns import unknown_patterns
 from dynident.errors import DynidentError
 from dynident.recordings import Preprocessing, low_pass, recording_from_arrays

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dynident.errors import DynidentError
 from dynident.excitation.checks import check_request
 from dynident.excitation.criteria.deciding import with_rivals, yardstick_of
 from dynident.excitation.experiments.earlier import earlier_rows
@@ -15,7 +14,7 @@ from dynident.excitation.experiments.task import Made, Task
 from dynident.excitation.limits.bounds import bounds_of
 from dynident.excitation.limits.locked import locked_bounds, locked_model, locked_note, moving_joints
 from dynident.excitation.moves.home import check_home, home_candidates
-from dynident.excitation.observation.model import DesignModel, design_model
+from dynident.excitation.observation.model import design_model
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
 from dynident.excitation.result import Design
@@ -23,7 +22,7 @@ from dynident.excitation.sets.sequential import sequential
 from dynident.excitation.trajectories.motion import in_sequence
 from dynident.progress import Progress, ascending, silent
 from dynident.recordings import Recording
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 
 def design_experiment(
@@ -69,7 +68,7 @@ def design_experiment(
         request.criterion,
         request.noise,
         one_equation=request.model in ("energy", "power"),
-        earlier=_told(model, earlier, request),
+        earlier=earlier_rows(model, earlier, request) if earlier else None,
     )
     task = Task(request, model, yardstick, limits, bounds, progress)
     progress(0.0, f"{model.n_parameters} base parameters")
@@ -101,27 +100,3 @@ def _moving_together(task: Task, budget: Budget) -> Made:
     if task.request.trajectory.family == "point_to_point":
         return point_to_point(task, budget)
     return periodic(task, budget)
-
-
-def _told(model: DesignModel, earlier: Sequence[Recording], request: DesignRequest) -> FloatArray | None:
-    if not earlier:
-        return None
-    if request.kind == "sequential":
-        raise DynidentError(
-            "a set of test motions complements itself, not earlier runs; leave the earlier runs out, or choose the "
-            'kind "optimized"',
-            pointer="/earlier_ids",
-        )
-    if not model.counted.all():
-        raise DynidentError(
-            "with locked joints, the parameters are grouped in another way than in earlier runs of all joints; leave "
-            "the earlier runs out, or let all joints move",
-            pointer="/earlier_ids",
-        )
-    if request.model != "dynamic":
-        raise DynidentError(
-            f"earlier runs count beside the rows of the dynamic model; a design for the {request.model} model cannot "
-            "take them into account",
-            pointer="/earlier_ids",
-        )
-    return earlier_rows(model, earlier, request)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.residuals.leads import bursts
+from dynident.diagnosis.residuals.bursts import bursts
 from dynident.diagnosis.residuals.stretches import stretches, t_of
 from dynident.diagnosis.result import UnknownPattern, Variable
 from dynident.robot.model import FloatArray

@@ -26,8 +26,9 @@ def earlier_rows(
     Raises
     ------
     DynidentError
-        A recording is another robot's.
+        A recording is another robot's, or the experiment is of a kind that earlier runs cannot count beside.
     """
+    _check_addable(model, request)
     for recording in recordings:
         if recording.joint_names != model.robot.joint_names:
             raise DynidentError(
@@ -47,6 +48,28 @@ def earlier_rows(
     per_second = reduction.n_rows / n / seconds
     made: FloatArray = rows.reshape(-1, b) / np.sqrt(planned_seconds(request) * per_second)
     return made
+
+
+def _check_addable(model: DesignModel, request: DesignRequest) -> None:
+    """Raise `DynidentError` where the rows of earlier runs have no place beside those of the design."""
+    if request.kind == "sequential":
+        raise DynidentError(
+            "a set of test motions complements itself, not earlier runs; leave the earlier runs out, or choose the "
+            'kind "optimized"',
+            pointer="/earlier_ids",
+        )
+    if not model.counted.all():
+        raise DynidentError(
+            "with locked joints, the parameters are grouped in another way than in earlier runs of all joints; leave "
+            "the earlier runs out, or let all joints move",
+            pointer="/earlier_ids",
+        )
+    if request.model != "dynamic":
+        raise DynidentError(
+            f"earlier runs count beside the rows of the dynamic model; a design for the {request.model} model cannot "
+            "take them into account",
+            pointer="/earlier_ids",
+        )
 
 
 def planned_seconds(request: DesignRequest) -> float:

@@ -1,0 +1,31 @@
+"""Bursts: short stretches of time in which the residual is far above the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.diagnosis.comparing.compare import Comparison
+
+_BURST_RATIO, _BURST_WINDOW, _BURST_GAP, _MOST_BURSTS, _LONGEST_BURSTS = 16.0, 0.1, 0.3, 3, 0.2
+
+
+def bursts(comparison: Comparison) -> list[tuple[int, float, float]]:
+    """Stretches where the residual is far above the rest of the recording: (segment index, from, to in s)."""
+    usual = np.median(np.abs(comparison.residual), axis=0) / 0.6745
+    power = ((comparison.residual / np.maximum(usual, 1e-300)) ** 2).mean(axis=1)
+    if len(power) < 20:
+        return []
+    period = float(np.median(np.diff(comparison.t)))
+    width = max(1, round(_BURST_WINDOW / period))
+    smooth = np.convolve(power, np.ones(width) / width, mode="same")
+    hot = np.flatnonzero(smooth > _BURST_RATIO * max(float(np.median(smooth)), 1.0))
+    if not len(hot) or len(hot) > _LONGEST_BURSTS * len(power):
+        return []
+    gap = (np.diff(comparison.t[hot]) > _BURST_GAP) | (np.diff(comparison.segment[hot]) != 0)
+    parts = np.split(hot, np.flatnonzero(gap) + 1)
+    parts.sort(key=lambda part: -float(power[part].sum()))
+    return [
+        (int(comparison.segment[part[0]]), float(comparison.t[part[0]]), float(comparison.t[part[-1]]))
+        for part in parts[:_MOST_BURSTS]
+        if len(part) > 2
+    ]

@@ -1,0 +1,126 @@
+"""Lines in the residual's spectra: over a joint's own angle, and over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import fft
+
+from dynident.diagnosis.comparing.compare import Comparison
+from dynident.recordings import Preprocessing
+from dynident.robot.model import FloatArray, Robot
+
+_MOST_ROWS = 20_000
+_LINE_RATIO = 12.0
+_LINES_A_JOINT = 2
+_LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
+_BINS = 200
+_LEAST_ANGLE, _BESIDE = 0.2, 0.4
+# Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
+_SURROUNDINGS = 181
+# Hz: slower than this, a motion's own lines hide everything else.
+_SLOWEST_VIBRATION, _MOST_TIME_LINES, _TIME_LINE_RATIO = 1.0, 2, 6.0
+
+
+def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[int, float]]:
+    """Lines in the spectrum of the residual over a joint's own angle: (joint index, cycles per radian)."""
+    lines = []
+    for j, joint in enumerate(robot.joints):
+        if joint.kind != "revolute":
+            continue
+        q = np.concatenate([c.q[:, j] for c in comparisons])
+        residual = np.concatenate([c.residual[:, j] for c in comparisons])
+        low, span = float(q.min()), float(q.max() - q.min())
+        if span < _LEAST_ANGLE:
+            continue
+        # The same as the sum over all rows, but for the rounding of q to a sixteenth of the shortest wave.
+        n_bins = int(np.ceil(span * _HIGHEST_LINE / (2 * np.pi) * 16))
+        place = np.minimum(((q - low) / span * n_bins).astype(np.intp), n_bins - 1)
+        sums = np.bincount(place, weights=residual - residual.mean(), minlength=n_bins)
+        size = fft.next_fast_len(9 * n_bins, real=True)
+        k = 2 * np.pi * fft.rfftfreq(size, span / n_bins)
+        shown = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
+        k, power = k[shown], np.abs(fft.rfft(sums, size)[shown]) ** 2
+        found = _peaks(k, power, _LINE_RATIO)[:_LINES_A_JOINT]
+        slow = _slow_wave(q, residual, low, span)
+        found += [] if slow is None else [slow]
+        # A wave beside each, so that what a line is off by is not taken for something else.
+        lines += [(j, line + beside / span) for line in found for beside in (0.0, -_BESIDE, _BESIDE)]
+    return lines
+
+
+def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> float | None:
+    """The wave of at most two cycles over the joint's range that explains most beside a parabola; None: none does.
+
+    A spectrum cannot tell so few cycles from a trend.
+    """
+    waves = np.arange(_LOWEST_LINE, 4 * np.pi / span, 0.05 / span)
+    place = np.minimum(((q - low) / span * _BINS).astype(np.intp), _BINS - 1)
+    counts = np.bincount(place, minlength=_BINS).astype(np.float64)
+    filled = counts > 0
+    if not len(waves) or filled.sum() < 10:
+        return None
+    weight = np.sqrt(counts[filled])
+    y = weight * np.bincount(place, weights=residual, minlength=_BINS)[filled] / counts[filled]
+    x = (np.flatnonzero(filled) + 0.5) / _BINS
+    trend = np.linalg.qr(weight[:, None] * np.vander(x, 3))[0]
+    y = y - trend @ (trend.T @ y)
+    gains = []
+    for k in waves:
+        angle = k * span * x
+        wave = weight[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        wave = np.linalg.qr(wave - trend @ (trend.T @ wave))[0]
+        gains.append(float(((wave.T @ y) ** 2).sum()))
+    best = int(np.argmax(gains))
+    return float(waves[best]) if gains[best] > 0.5 * float(y @ y) else None
+
+
+def time_lines(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> list[float]:
+    """Lines in the spectrum of all joints' residuals over time (Hz) that the motion itself does not have."""
+    highest = preprocessing.torque_cutoff or 0.25 / float(np.median(np.diff(comparisons[0].t)))
+    longest = max(float(c.t[-1] - c.t[0]) for c in comparisons)
+    if longest <= 0.0 or highest <= _SLOWEST_VIBRATION:
+        return []
+    frequency = np.arange(_SLOWEST_VIBRATION, highest, 0.25 / longest)
+    residual, motion = np.zeros(len(frequency)), np.zeros(len(frequency))
+    for c in comparisons:
+        spread = np.maximum(c.errors.rms, 1e-300)
+        residual += _periodogram(c.t, c.residual / spread, frequency)
+        motion += _periodogram(c.t, c.dq / np.maximum(c.dq.std(axis=0), 1e-300), frequency)
+    moved = set(_peaks(frequency, motion, _LINE_RATIO))
+    return [
+        line
+        for line in _peaks(frequency, residual, _TIME_LINE_RATIO)
+        if all(abs(line - other) > 1.0 / longest for other in moved)
+    ][:_MOST_TIME_LINES]
+
+
+def _periodogram(t: FloatArray, values: FloatArray, frequency: FloatArray) -> FloatArray:
+    """Power (k,) of signals (m, n), summed over them, at frequencies (k,)."""
+    centred = values - values.mean(axis=0)
+    step = max(1, len(t) // _MOST_ROWS)
+    t, centred = t[::step], centred[::step]
+    window = np.hanning(len(t))[:, None]
+    power = np.empty(len(frequency))
+    for first in range(0, len(frequency), 64):
+        wave = np.exp(-2j * np.pi * np.outer(frequency[first : first + 64], t))
+        power[first : first + 64] = (np.abs(wave @ (centred * window)) ** 2).sum(axis=1)
+    return power / max(len(t), 1)
+
+
+def _peaks(k: FloatArray, power: FloatArray, least: float) -> list[float]:
+    """Peaks of at least so many times their surroundings, the highest first."""
+    if len(power) < 3:
+        return []
+    width = min(_SURROUNDINGS, 2 * ((len(power) - 1) // 2) + 1)
+    padded = np.pad(power, width // 2, mode="reflect")
+    surrounding = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+    ratio = power / np.maximum(surrounding, np.finfo(float).tiny)
+    inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
+    found = []
+    for i in sorted((i for i in inner if ratio[i] > least), key=lambda i: -power[i]):
+        a, b, c = power[i - 1], power[i], power[i + 1]
+        shift = 0.5 * (a - c) / (a - 2 * b + c)
+        found.append(float(k[i] + shift * (k[1] - k[0])))
+    return found
