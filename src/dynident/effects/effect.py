@@ -130,11 +130,11 @@ class EffectChoice:
 class Effect(ABC):
     """A physical cause of joint torque, linear in its parameters once its shape constants stand.
 
-    `of_position`: a function of positions and the direction. `first_order`: a sensitivity of the predicted torque.
-    `needs_session`: it changes with the time of the session. `in_some_runs`: it is the same function as the model
-    itself unless it is in some of the runs only. `confused_with` names effects that leave much the same residual,
-    `same_function` those that are the same function of the motion, so that no data can tell them apart, `covers` those
-    that it is general enough to say as well.
+    `is_inertia`: the links' and rotors' own, which are the robot itself. `of_position`: a function of positions and the
+    direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of the
+    session. `in_some_runs`: it is the same function as the model itself unless it is in some of the runs only.
+    `confused_with` names effects that leave much the same residual, `same_function` those that are the same function of
+    the motion, so that no data can tell them apart, `covers` those that it is general enough to say as well.
     """
 
     id: ClassVar[str]
@@ -148,6 +148,7 @@ class Effect(ABC):
     covers: ClassVar[tuple[str, ...]] = ()
     shapes: ClassVar[tuple[ShapeSpec, ...]] = ()
     scope: ClassVar[Literal["joint", "robot"]] = "joint"
+    is_inertia: ClassVar[bool] = False
     is_friction: ClassVar[bool] = False
     of_position: ClassVar[bool] = False
     first_order: ClassVar[bool] = False

@@ -23,6 +23,7 @@ class RigidBody(Effect):
     """Ten inertial parameters a link, about the origin of the link's joint frame."""
 
     id = "rigid_body"
+    is_inertia = True
     title = "Inertia, centrifugal, Coriolis and gravity torques of the links"
     formula = r"\Gamma = A(q)\,\ddot q + H(q, \dot q)"
     parameters = tuple(
@@ -55,6 +56,7 @@ class RotorInertia(Effect):
     """The rotor and the fast side of the gear, seen at the joint."""
 
     id = "rotor_inertia"
+    is_inertia = True
     title = "Rotor inertia"
     formula = r"I_a\,\ddot q"
     parameters = (

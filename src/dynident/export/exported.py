@@ -80,7 +80,7 @@ class Links:
         entries = observation.evaluate(
             q, dq, ddq, reference=np.zeros(10 * robot.n), memory=np.zeros((_STATES, observation.n_memory))
         )
-        inertial = np.array([column.effect in ("rigid_body", "rotor_inertia") for column in observation.columns])
+        inertial = np.array([effect_by_id(column.effect).is_inertia for column in observation.columns])
         expected = observation.torque(entries, np.where(inertial, self.standard.values, 0.0))
         found = rigid_torque(robot, self.standard.inertias, q, dq, ddq) + self.standard.rotors * ddq
         size = float(np.abs(expected).max(initial=0.0)) or 1.0

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation.factors import IntArray
 from dynident.estimation.semidefinite import MatrixBound
@@ -89,7 +90,7 @@ class Unknowns:
     @cached_property
     def base_rows(self) -> IntArray:
         """Base parameters that are those of links and rotors."""
-        inertial = [column.effect in ("rigid_body", "rotor_inertia") and not column.runs for column in self.model.kept]
+        inertial = [effect_by_id(column.effect).is_inertia and not column.runs for column in self.model.kept]
         return np.flatnonzero(inertial)
 
     @cached_property

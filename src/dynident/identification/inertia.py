@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from dynident.effects import effect_by_id
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.robot.model import FloatArray, Robot
@@ -21,7 +22,7 @@ def smallest_inertia_eigenvalue(model: Model, values: FloatArray, *, seed: int =
     """
     robot = model.robot
     n = robot.n
-    inertial = [k for k, c in enumerate(model.kept) if c.effect in ("rigid_body", "rotor_inertia")]
+    inertial = [k for k, c in enumerate(model.kept) if effect_by_id(c.effect).is_inertia]
     if not inertial:
         return float("nan")
     # Models that extend one another have their inertial columns in common.

@@ -20,8 +20,6 @@ from dynident.simulation import Controller, Measurement, Sensors, TrueEffect, Vi
 from dynident.simulation.truth import may_be_negative
 from dynident.simulation.virtual_robot import LONGEST_STEP
 
-_INERTIAL = ("rigid_body", "rotor_inertia")
-
 
 @dataclass(frozen=True, eq=False)
 class Simulator:
@@ -133,8 +131,9 @@ def _other_effects(model: Model, standard: FloatArray) -> list[TrueEffect]:
     found: dict[TrueEffect, list[tuple[str, float]]] = {}
     for k in model.base.kept:
         column = model.columns[k]
-        if column.effect not in _INERTIAL:
-            joint = column.link if effect_by_id(column.effect).scope == "joint" else ""
+        effect = effect_by_id(column.effect)
+        if not effect.is_inertia:
+            joint = column.link if effect.scope == "joint" else ""
             of = TrueEffect(column.effect, joint, (), column.shape, column.runs)
             found.setdefault(of, []).append((column.parameter, float(standard[k])))
     return [replace(effect, values=tuple(values)) for effect, values in found.items()]

@@ -14,7 +14,6 @@ from dynident.regressors.observation import Observation
 from dynident.robot.model import FloatArray, Robot
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
-_INERTIAL = ("rigid_body", "rotor_inertia")
 # Where parameters of the motors' torque stand in `Model.reference`; the rotors' are found with the links'.
 _DRIVE_ROWS = {pair: row for row, pair in enumerate(DRIVE_PARAMETERS) if pair[0] != "rotor_inertia"}
 
@@ -52,9 +51,8 @@ class Model:
     @property
     def absorbed(self) -> tuple[Column, ...]:
         """Columns of effects other than the links' and rotors' inertia that dissolve in the base parameters."""
-        inertial = ("rigid_body", "rotor_inertia")
         kept = set(self.base.kept)
-        return tuple(c for k, c in enumerate(self.columns) if k not in kept and c.effect not in inertial)
+        return tuple(c for k, c in enumerate(self.columns) if k not in kept and not effect_by_id(c.effect).is_inertia)
 
     def standard_inertia(self, values: FloatArray) -> FloatArray:
         """Standard inertial parameters (10 n,) with these base parameters (b,), nearest to the description's.
@@ -81,7 +79,7 @@ class Model:
                     full[self._standard_index(column)] = values[k]
             return full
         rotors = [k for k, column in enumerate(self.columns) if column.effect == "rotor_inertia"]
-        inertial = [k for k, column in enumerate(self.kept) if column.effect in _INERTIAL]
+        inertial = [k for k, column in enumerate(self.kept) if effect_by_id(column.effect).is_inertia]
         everything = rigid + rotors
         grouping = self.base.grouping[np.ix_(inertial, everything)]
         seen = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import minimize
 
+from dynident.effects import effect_by_id
 from dynident.identification import Identification
 from dynident.identification.inertia import joint_range, random_postures
 from dynident.progress import Progress, silent
@@ -21,7 +22,6 @@ from dynident.robot.model import FloatArray, Robot
 from dynident.threads import single_threaded
 from dynident.validation.verdict import Judged
 
-_INERTIAL = ("rigid_body", "rotor_inertia")
 _SAMPLES = 2000
 _STARTS = 16
 _ITERATIONS = 80
@@ -56,7 +56,7 @@ def validate_inertia_matrix(
     Joints without limits are searched over a full turn (± 1 m).
     """
     model, values = identification.model, identification.values
-    if not any(column.effect in _INERTIAL for column in model.kept):
+    if not any(effect_by_id(column.effect).is_inertia for column in model.kept):
         judged = Judged("not_evaluated", "The model has no inertial parameters: there is no inertia matrix.")
         return InertiaMatrixValidation(model.robot.joint_names, None, None, None, None, 0, judged)
     search = _Search(model, values)
@@ -152,7 +152,7 @@ def _functions(model: Model, values: FloatArray) -> tuple[ca.Function, ca.Functi
     n = model.robot.n
     parts = []
     for column in model.kept:
-        inertial = column.effect in _INERTIAL
+        inertial = effect_by_id(column.effect).is_inertia
         parts.append(ca.jacobian(column.torque, signals.ddq) if inertial else ca.SX(n, n))
     matrix = ca.SX(n, n)
     for each, value in zip(parts, values, strict=True):

@@ -12,8 +12,6 @@ from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
 
-# The links and rotors are the model itself: without them nothing can be diagnosed.
-_NEVER = ("rigid_body", "rotor_inertia")
 # s: within less, nothing warms up, and what drifts is something else.
 _SHORTEST_SESSION = 120.0
 
@@ -61,7 +59,8 @@ def build_pool(
     resolved : Resolution, optional
         What the data can resolve: shape constants below it are not offered.
     """
-    chosen = [CATALOGUE[name] for name in (effects or CATALOGUE) if name not in _NEVER]
+    # The links and rotors are the model itself: without them nothing can be diagnosed.
+    chosen = [CATALOGUE[name] for name in (effects or CATALOGUE) if not CATALOGUE[name].is_inertia]
     signals = model.signals
     columns: list[Column] = list(model.kept)
     candidates: list[Candidate] = []
