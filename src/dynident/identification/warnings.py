@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.estimation import EquationFactors, Information, Reduction, equilibrated_condition_number
+from dynident.estimation import EquationFactors, Information, Reduction, equilibrated_condition_number, weighted_factor
 from dynident.regressors.model import Model
 
 if TYPE_CHECKING:
@@ -24,22 +24,15 @@ def unseen_parameters(model: Model, reduction: Reduction, known: Information | N
 
     What is known beside the data counts as rows of it, in units of each equation's torque.
     """
-    c = reduction.n_columns
-    gram_factor = np.zeros((0, c))
-    for equation in reduction.equations:
-        k = len(equation.columns)
-        wide = np.zeros((k + 1, c))
-        wide[:, equation.columns] = equation.joined[:, :k] / _unit(equation, known)
-        gram_factor = np.concatenate([gram_factor, wide])
-    if known is not None:
-        gram_factor = np.concatenate([gram_factor, known.factor])
-    norms = np.linalg.norm(gram_factor, axis=0)
+    units = np.array([_unit(equation, known) for equation in reduction.equations])
+    factor = weighted_factor(reduction, units, known)[:-1, :-1]
+    norms = np.linalg.norm(factor, axis=0)
     largest = float(norms.max(initial=0.0))
     lost = norms <= _TINY * largest
     names = [column.name for column in model.kept]
     if lost.any() or largest == 0.0:
         return [names[k] for k in np.flatnonzero(lost)]
-    _, singular, vt = np.linalg.svd(gram_factor / norms, full_matrices=False)
+    _, singular, vt = np.linalg.svd(factor / norms)
     null = vt[singular <= _TINY * singular[0]]
     involved = np.abs(null).max(axis=0, initial=0.0) > 0.05
     return [names[k] for k in np.flatnonzero(involved)]
