@@ -15,7 +15,14 @@ from scipy.linalg import solve_triangular
 from dynident.estimation.correlation import overstatement
 from dynident.estimation.factors import FloatArray, Reduction, triangular
 from dynident.estimation.information import Information
-from dynident.estimation.least_squares import EstimationError, Solution, noise_levels, weighted_factor
+from dynident.estimation.least_squares import (
+    EstimationError,
+    Solution,
+    check_rank,
+    check_rows,
+    noise_levels,
+    weighted_factor,
+)
 from dynident.estimation.statistics import Statistics
 
 _ROUNDS = 3
@@ -78,23 +85,12 @@ class _Solved:
 
 def _solved(both: Reduction, noise: FloatArray, twice: Information | None) -> _Solved:
     c = both.n_columns // 2
-    if both.n_rows <= c:
-        raise EstimationError(
-            f"{both.n_rows} equations cannot determine {c} parameters; use a longer recording or wider windows",
-            pointer="/measurement_ids",
-            title="Too few samples",
-        )
+    check_rows(both.n_rows, c, twice)
     r = weighted_factor(both, noise, twice)
     instruments, projected, right = r[:c, :c], r[:c, c : 2 * c], r[:c, 2 * c]
     observed = triangular(r[: 2 * c, c : 2 * c])
-    for factor, what in ((instruments, "simulated"), (observed, "measured")):
-        scales = np.linalg.norm(factor, axis=0)
-        if np.any(scales == 0) or np.any(np.abs(np.diag(factor)) <= _SINGULAR * scales):
-            raise EstimationError(
-                f"the observation matrix of the {what} motion has not full rank on this data",
-                pointer="/effects",
-                title="Not identifiable",
-            )
+    check_rank(instruments, _SINGULAR, " of the simulated motion")
+    check_rank(observed, _SINGULAR, " of the measured motion")
     # Q_zᵀ Q_w: its singular values are the canonical correlations.
     common = solve_triangular(observed, projected.T, trans="T").T
     strength = float(np.linalg.svd(common, compute_uv=False)[-1])

@@ -149,20 +149,33 @@ def solve(reduction: Reduction, noise: FloatArray, known: Information | None = N
         Where there are fewer rows than parameters or W has not full rank.
     """
     c = reduction.n_columns
-    if reduction.n_rows + (0 if known is None else len(known.right)) <= c:
+    check_rows(reduction.n_rows, c, known)
+    r = weighted_factor(reduction, noise, known)
+    factor, right = r[:c, :c], r[:c, c]
+    check_rank(factor, _SINGULAR)
+    return Solution(solve_triangular(factor, right), noise, factor, known)
+
+
+def check_rows(n_rows: int, n_parameters: int, known: Information | None) -> None:
+    """Raise `EstimationError` where there are fewer rows than parameters, what is known beside the data counted."""
+    if n_rows + (0 if known is None else len(known.right)) <= n_parameters:
         raise EstimationError(
-            f"{reduction.n_rows} equations cannot determine {c} parameters; use a longer recording or wider windows",
+            f"{n_rows} equations cannot determine {n_parameters} parameters; use a longer recording or wider windows",
             pointer="/measurement_ids",
             title="Too few samples",
         )
-    r = weighted_factor(reduction, noise, known)
-    factor, right = r[:c, :c], r[:c, c]
+
+
+def check_rank(factor: FloatArray, least: float, of: str = "") -> None:
+    """Raise `EstimationError` where a triangular factor (c, c) of W is singular: a column depends on those before it.
+
+    `least`: share of a column that has to be its own; `of`: whose W it is, for the message.
+    """
     scales = np.linalg.norm(factor, axis=0)
-    if np.any(scales == 0) or np.any(np.abs(np.diag(factor)) <= _SINGULAR * scales):
+    if np.any(scales == 0) or np.any(np.abs(np.diag(factor)) <= least * scales):
         raise EstimationError(
-            "the observation matrix has not full rank on this data", pointer="/effects", title="Not identifiable"
+            f"the observation matrix{of} has not full rank on this data", pointer="/effects", title="Not identifiable"
         )
-    return Solution(solve_triangular(factor, right), noise, factor, known)
 
 
 def ordinary(reduction: Reduction, known: Information | None = None) -> Solution:
