@@ -41,6 +41,12 @@ class EquationFactors:
         """The columns without Y, whitened over all stretches; None where the equation sees none of them."""
         return whitened(self.factors[:, :, :-1], self.joined[:, :-1])
 
+    @property
+    def own_noise(self) -> float:
+        """Noise that is left when the equation is fitted by itself: a first idea, before any parameter is known."""
+        freedom = max(float(self.counts.sum()) - len(self.columns), 1.0)
+        return abs(float(self.joined[-1, -1])) / float(np.sqrt(freedom))
+
     def without(self, stretches: Sequence[int]) -> FloatArray:
         """(p + 1, p + 1): the factor of all stretches but these."""
         keep = np.ones(len(self.factors), dtype=bool)

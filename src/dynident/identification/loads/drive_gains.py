@@ -229,8 +229,7 @@ def _start(reduction: Reduction, fixed: FloatArray, free: IntArray) -> tuple[Flo
     parts = []
     for j, equation in enumerate(reduction.equations):
         k = len(equation.columns)
-        freedom = max(float(equation.counts.sum()) - k, 1.0)
-        noise = max(abs(float(equation.joined[k, k])) / np.sqrt(freedom), 1e-9 * float(np.abs(equation.joined).max()))
+        noise = max(equation.own_noise, 1e-9 * float(np.abs(equation.joined).max()))
         wide = np.zeros((k + 1, c + 1 + n))
         wide[:, equation.columns] = equation.joined[:, :k]
         wide[:, c] = equation.joined[:, :k] @ fixed[equation.columns]

@@ -162,7 +162,8 @@ class _Split:
 
 
 def _split(equations: Reduction, findings: Findings, to_come: Reduction | None, patience: float) -> _Split:
-    noise, later = _own_noise(equations), np.zeros(0) if to_come is None else _own_noise(to_come)
+    noise = np.array([equation.own_noise for equation in equations.equations])
+    later = np.array([equation.own_noise for equation in to_come.equations] if to_come is not None else [])
     largest = max(float(noise.max(initial=0.0)), float(later.max(initial=0.0)))
     factor = weighted_factor(equations, _relative(noise, largest))[:-1, :-1]
     norms = np.linalg.norm(factor, axis=0)
@@ -183,13 +184,6 @@ def _split(equations: Reduction, findings: Findings, to_come: Reduction | None, 
     functions = np.linalg.solve(basis, directions)[::-1]
     functions /= np.linalg.norm(functions, axis=1)[:, None]
     return _Split(functions @ others.T * scale, int(np.count_nonzero(share >= patience**-2)), scale)
-
-
-def _own_noise(reduction: Reduction) -> FloatArray:
-    """(n,): noise of every equation that its own fit leaves: a first idea, before any parameter is known."""
-    rests = [abs(float(e.joined[-1, -1])) for e in reduction.equations]
-    freedom = [max(float(e.counts.sum()) - len(e.columns), 1.0) for e in reduction.equations]
-    return np.asarray(np.array(rests) / np.sqrt(freedom))
 
 
 def _relative(noise: FloatArray, largest: float) -> FloatArray:
