@@ -120,7 +120,5 @@ def test_all_available_methods_agree_on_a_robot_that_fits_the_model(identified, 
     assert all(row.problem for row in table.results if row.held_out is None)
     assert len(solved) >= 4
     for row in solved:
-        # The Kalman filter takes the measured torque as it is, noise and all.
-        plain = row.method.prior is None and row.method.estimator != "ekf"
-        if row.method.model in ("dynamic", "filtered") and plain:
+        if row.method.model in ("dynamic", "filtered") and row.method.prior is None:
             assert row.held_out.relative_total < 1.3 * identified.held_out.relative_total, row.method.words

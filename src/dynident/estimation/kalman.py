@@ -1,14 +1,20 @@
 """An extended Kalman filter whose state holds the parameters beside the motion (§12.8), a sample at a time.
 
-State [q, v, χ], positions measured, torque the input, χ a constant that may wander a little. Positions and velocities
-are staggered by half a period T (leapfrog): with v half a period before q, the new velocity v' solves
+State [q, v, χ], χ constant. The motion is driven by its acceleration a, which is known roughly; what is measured is the
+position and the torque. Positions and velocities are staggered by half a period T (leapfrog): with v half a period
+before q, a sample makes
 
-    Γ(q, (v + v') / 2, (v' - v) / T; χ) = τ,    Γ = W χ,    and q' = q + T v',
+    v' = v + T a,    q' = q + T v',    τ = Γ(q, v + T a / 2, a; χ) + noise,    Γ = W χ,
 
-so that velocity and acceleration are the central differences of [12.16]. It is of second order, stable however stiff
-friction is near rest, and every torque sample enters one step alone: its noise stays white, which the filter takes it
-for (noise that is not biases its parameters, Ljung 1979). By the theorem of implicit functions the Jacobians need those
-of Γ alone, ∂Γ/∂χ being W itself.
+so that velocity and acceleration are the central differences of [12.16], and every torque sample enters one step alone:
+its noise stays white, which the filter takes it for. To predict the acceleration from the torque instead gives the same
+filter where a is not known at all, but needs the inverse of an inertia matrix that is still being estimated, and takes
+W at an acceleration that holds the noise of the torque: that biases the parameters (Ljung 1979). Here W is taken at the
+rough acceleration, which has nothing of that noise in it.
+
+Motion and parameters are held apart (the two-stage filter of Friedland 1969, the same estimates as those of the joint
+state): what the motion's estimate owes to an error of χ is linear in it. So every sample makes linear equations of χ
+with white noise of size one, and the estimate is that of least squares on them, with what was known at the beginning.
 """
 
 from __future__ import annotations
@@ -20,9 +26,6 @@ import numpy as np
 
 from dynident.estimation.factors import FloatArray
 from dynident.estimation.least_squares import EstimationError
-
-_NEWTON = 8
-_CLOSE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +49,27 @@ class TorqueModel(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class KalmanNoise:
-    """What the filter takes for noise, all white.
+    """What the filter takes for noise of one sample, all white: standard deviations (n,).
 
-    `position` (n,), `torque` (n,): standard deviations of a sample; `wander` (c,): of χ over a second.
+    `position`, `torque` of the measurements; `acceleration` of the rough one: above its true error, lest it count as a
+    measurement.
     """
 
     position: FloatArray
     torque: FloatArray
-    wander: FloatArray
+    acceleration: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class KalmanSample:
+    """What one sample says of χ: rows (2 n, c + 1) of [W | Y], their noise white and of size one if it is as assumed.
+
+    The first n are those of the torques, the others those of the positions. `surprise`: mean square of the innovation
+    over the joints, in units of what the filter expected; one where all is as it thinks.
+    """
+
+    rows: FloatArray
+    surprise: float
 
 
 class KalmanFilter:
@@ -72,107 +88,95 @@ class KalmanFilter:
     def __init__(
         self, model: TorqueModel, period: float, noise: KalmanNoise, values: FloatArray, covariance: FloatArray
     ) -> None:
+        n = self._n = len(noise.position)
         self._model = model
         self._period = period
         self._noise = noise
-        self._n = len(noise.position)
-        n, c = self._n, len(values)
-        self.state = np.concatenate([np.zeros(2 * n), values])
-        self.covariance = np.zeros((2 * n + c, 2 * n + c))
-        self.covariance[2 * n :, 2 * n :] = covariance
-        self._torque: FloatArray | None = None
-        self._acceleration = np.zeros(n)
+        self.values = np.array(values)
+        self.covariance = np.array(covariance)
+        self.motion = np.zeros(2 * n)
+        self._motion_covariance = np.zeros((2 * n, 2 * n))
+        self._sensitivity = np.zeros((2 * n, len(values)))
+        self._pending: tuple[FloatArray, FloatArray] | None = None
+        one, none = np.eye(n), np.zeros((n, n))
+        self._step = np.block([[one, period * one, period**2 * one], [none, one, period * one]])
+        self._measured = np.diag(np.concatenate([noise.torque, noise.position]) ** 2)
 
-    @property
-    def values(self) -> FloatArray:
-        """χ (c,) as far as the samples go."""
-        return np.asarray(self.state[2 * self._n :])
-
-    @property
-    def values_covariance(self) -> FloatArray:
-        """(c, c): of the error of χ, if the noise is what it was taken for."""
-        return np.asarray(self.covariance[2 * self._n :, 2 * self._n :])
-
-    def begin(self, before: FloatArray, q: FloatArray, tau: FloatArray) -> None:
-        """Begin an unbroken stretch at its second sample q, tau (n,), `before` being the position of the first."""
-        n = self._n
-        self.state[:n], self.state[n : 2 * n] = q, (q - before) / self._period
-        self.covariance[: 2 * n] = 0.0
-        self.covariance[:, : 2 * n] = 0.0
-        self.covariance[range(2 * n), range(2 * n)] = (
-            np.concatenate([self._noise.position, np.sqrt(2.0) * self._noise.position / self._period]) ** 2
-        )
+    def begin(self, before: FloatArray, q: FloatArray, tau: FloatArray, acceleration: FloatArray) -> None:
+        """Begin an unbroken stretch at its second sample, `before` being the position of the first; all (n,)."""
+        n, variance = self._n, self._noise.position**2
+        self.motion = np.concatenate([q, (q - before) / self._period])
+        positions, velocities = range(n), range(n, 2 * n)
+        self._motion_covariance = np.zeros((2 * n, 2 * n))
+        self._motion_covariance[positions, positions] = variance
+        self._motion_covariance[velocities, velocities] = 2.0 * variance / self._period**2
         # The velocity rests on the position of this sample too.
-        shared = self._noise.position**2 / self._period
-        self.covariance[range(n), range(n, 2 * n)] = self.covariance[range(n, 2 * n), range(n)] = shared
-        self._torque = np.array(tau)
-        self._acceleration = np.zeros(n)
+        shared = variance / self._period
+        self._motion_covariance[positions, velocities] = self._motion_covariance[velocities, positions] = shared
+        self._sensitivity = np.zeros((2 * n, len(self.values)))
+        self._pending = np.array(tau), np.array(acceleration)
 
-    def step(self, q: FloatArray, tau: FloatArray) -> FloatArray:
-        """Take the next sample: position and torque (n,); gives the innovation (n,) in its standard deviations.
+    def step(self, q: FloatArray, tau: FloatArray, acceleration: FloatArray) -> KalmanSample:
+        """Take the next sample: position, torque and rough acceleration (n,).
 
         Raises
         ------
         EstimationError
-            Where the equation of motion has no solution any more.
+            Where the estimates are finite no more.
         """
-        if self._torque is None:
+        if self._pending is None:
             raise ValueError("begin a stretch before its second sample")
-        self._predict(self._torque)
-        self._torque = np.array(tau)
-        return self._correct(q)
+        sample = self._corrected(q, *self._pending)
+        self._pending = np.array(tau), np.array(acceleration)
+        return sample
 
-    def _predict(self, tau: FloatArray) -> None:
-        """The motion one period on, and its Jacobian."""
+    def _corrected(self, q: FloatArray, tau: FloatArray, acceleration: FloatArray) -> KalmanSample:
+        """Use the torque at the state's own instant and the position one period later, and move on to that."""
         n, period = self._n, self._period
-        q, velocity, values = self.state[:n], self.state[n : 2 * n], self.state[2 * n :]
-        after = velocity + period * self._acceleration
-        for _ in range(_NEWTON):
-            mean, acceleration = 0.5 * (velocity + after), (after - velocity) / period
-            slopes = self._model(q, mean, acceleration, values)
-            slope = 0.5 * slopes.by_velocity + slopes.by_acceleration / period
-            change = _solved(slope, tau - slopes.torque)
-            after = after + change
-            if np.abs(change).max() <= _CLOSE * (1.0 + np.abs(after).max()):
-                break
-        size = len(self.state)
-        # ∂v'/∂(q, v, χ, τ) from ∂Γ = 0.
-        backward = 0.5 * slopes.by_velocity - slopes.by_acceleration / period
-        by_state = np.hstack([slopes.by_position, backward, slopes.by_parameters])
-        rates = -_solved(slope, by_state)
-        by_torque = _solved(slope, np.diag(self._noise.torque))
-        rows = np.empty((2 * n, size))
-        rows[n:] = rates
-        rows[:n] = period * rates
-        rows[:n, :n] += np.eye(n)
-        shaken = np.vstack([period * by_torque, by_torque])
-        moved = rows @ self.covariance
-        cross = moved[:, 2 * n :]
-        self.covariance[: 2 * n, : 2 * n] = moved @ rows.T + shaken @ shaken.T
-        self.covariance[: 2 * n, 2 * n :] = cross
-        self.covariance[2 * n :, : 2 * n] = cross.T
-        parameters = range(2 * n, size)
-        self.covariance[parameters, parameters] += self._noise.wander**2 * period
-        self.state[:n] = q + period * after
-        self._acceleration = (after - velocity) / period
-        self.state[n : 2 * n] = after
+        moving = np.concatenate([self.motion, acceleration])
+        covariance = np.zeros((3 * n, 3 * n))
+        covariance[: 2 * n, : 2 * n] = self._motion_covariance
+        covariance[range(2 * n, 3 * n), range(2 * n, 3 * n)] = self._noise.acceleration**2
+        owed = np.vstack([self._sensitivity, np.zeros((n, len(self.values)))])
 
-    def _correct(self, q: FloatArray) -> FloatArray:
-        """The measured position; the covariance kept symmetric."""
-        n = self._n
-        spread = self.covariance[:n, :n] + np.diag(self._noise.position**2)
-        innovation = q - self.state[:n]
-        if not (np.isfinite(innovation).all() and np.isfinite(spread).all()):
+        mean = moving[n : 2 * n] + 0.5 * period * acceleration
+        slopes = self._model(moving[:n], mean, acceleration, self.values)
+        by_acceleration = slopes.by_acceleration + 0.5 * period * slopes.by_velocity
+        by_motion = np.vstack([np.hstack([slopes.by_position, slopes.by_velocity, by_acceleration]), self._step[:n]])
+        by_values = by_motion @ owed
+        by_values[:n] += slopes.by_parameters
+        innovation = np.concatenate([tau - slopes.torque, q - self._step[:n] @ moving])
+
+        cross = covariance @ by_motion.T
+        spread = by_motion @ cross + self._measured
+        of_values = self.covariance @ by_values.T
+        expected = by_values @ of_values + spread
+        if not (np.isfinite(innovation).all() and np.isfinite(expected).all()):
             raise EstimationError("the state is not finite any more")
-        gain = np.linalg.solve(spread, self.covariance[:n]).T
-        self.state = self.state + gain @ innovation
-        self.covariance = self.covariance - gain @ self.covariance[:n]
-        self.covariance = 0.5 * (self.covariance + self.covariance.T)
-        return np.asarray(innovation / np.sqrt(np.diag(spread)))
+        whiten = _whitening(spread)
+        rows = whiten @ np.column_stack([by_values, innovation + by_values @ self.values])
+
+        surprise = float(innovation @ np.linalg.solve(expected, innovation)) / n
+        gain = np.linalg.solve(expected, of_values.T).T
+        change = gain @ innovation
+        self.values = self.values + change
+        self.covariance = _symmetric(self.covariance - gain @ of_values.T)
+        gain = np.linalg.solve(spread, cross.T).T
+        moving = moving + owed @ change + gain @ (innovation - by_values @ change)
+        self.motion = self._step @ moving
+        self._sensitivity = self._step @ (owed - gain @ by_values)
+        self._motion_covariance = _symmetric(self._step @ (covariance - gain @ cross.T) @ self._step.T)
+        return KalmanSample(rows, surprise)
 
 
-def _solved(slope: FloatArray, right: FloatArray) -> FloatArray:
-    try:
-        return np.asarray(np.linalg.solve(slope, right))
-    except np.linalg.LinAlgError:
-        raise EstimationError("the equation of motion has become singular") from None
+def _whitening(spread: FloatArray) -> FloatArray:
+    """(m, m): makes noise with this covariance white and of size one, every row as near to its own as can be."""
+    size = np.sqrt(np.diag(spread))
+    eigenvalues, vectors = np.linalg.eigh(spread / np.outer(size, size))
+    if not eigenvalues[0] > 0:
+        raise EstimationError("the filter's covariance is not positive any more")
+    return np.asarray((vectors / np.sqrt(eigenvalues)) @ vectors.T / size)
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (matrix + matrix.T))

@@ -27,7 +27,7 @@ export const ESTIMATORS = [
   ["feasible", "physically feasible", "Only bodies that can exist: for motions that do not determine everything, and for simulators."],
   ["iv", "instrumental variables", "Unbiased where noisy encoders pull least squares off; simulates the robot a few times."],
   ["didim", "output error (DIDIM)", "Compares measured with simulated torque; needs positions for the first guess alone."],
-  ["ekf", "extended Kalman filter", "Parameters as they emerge sample by sample: for slow change, and on line."],
+  ["ekf", "extended Kalman filter", "Parameters as they emerge, sample by sample."],
 ];
 
 export const PRIORS = [

@@ -1,0 +1,175 @@
+"""The extended Kalman filter on its way through recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.estimation import EstimationError, Information, Reduction
+from dynident.estimation.factors import triangular
+from dynident.estimation.information import covariance_of
+from dynident.estimation.kalman import KalmanFilter, KalmanNoise, KalmanSample
+from dynident.identification.data import Data
+from dynident.identification.estimators.torque_function import TorqueFunction
+from dynident.recordings import Preprocessing, Recording, filtered_blocks
+from dynident.regressors.model import Model
+from dynident.regressors.stream import EquationRows, folded, silent_joints
+from dynident.robot.model import FloatArray
+
+# Noise of the torque of a joint that stands still with friction, over that of others: it tells nothing.
+_TELLS_NOTHING = 1e6
+# Squared innovations beyond so many times what is expected, so many samples in a row, are divergence; or on average.
+_LOST, _LOST_SAMPLES, _LOST_ON_AVERAGE = 1e6, 50, 1e3
+_KEPT = 200
+# Samples whose equations are folded at a time.
+_BLOCK = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class KalmanRun:
+    """A filter's way through recordings.
+
+    `times` (k,) in seconds of data that it has seen, `values` and `deviations` (k, b) of the parameters then by its own
+    covariance, the last row at the end. `rows`: the equations of the parameters that the samples make, with noise of
+    size one if it is as assumed, one equation a joint with all parameters. `surprise`: squared innovations over what
+    the filter takes them for, on average.
+    """
+
+    times: FloatArray
+    values: FloatArray
+    deviations: FloatArray
+    rows: Reduction
+    surprise: float
+
+
+def run_filter(torque: TorqueFunction, model: Model, data: Data, start: Information, noise: KalmanNoise) -> KalmanRun:
+    """Let a filter that begins with what `start` says of χ run through the recordings.
+
+    Raises
+    ------
+    EstimationError
+        Where it diverges.
+    """
+    way = _Way(torque, model, data, start, noise)
+    c, n = start.n_columns, model.robot.n
+    rows = folded(way.rows_of, [np.arange(c)] * n, c, data.recordings)
+    if not way.samples:
+        raise DynidentError(
+            "there are too few samples in a row for a filter; use a longer recording",
+            pointer="/measurement_ids",
+            title="Too few samples",
+        )
+    surprise = way.surprise / way.samples
+    if not surprise < _LOST_ON_AVERAGE:
+        raise diverged(f"its innovations vary {surprise:.2g} times as much as its noises say")
+    way.keep()
+    times, values, deviations = (np.array(item) for item in zip(*way.kept, strict=True))
+    return KalmanRun(times, values, deviations, rows, surprise)
+
+
+class _Way:
+    """The filter on its way through the recordings: what it knows, and what is kept of it."""
+
+    def __init__(
+        self, torque: TorqueFunction, model: Model, data: Data, start: Information, noise: KalmanNoise
+    ) -> None:
+        self._torque, self._model, self._data, self._noise = torque, model, data, noise
+        self.values: FloatArray = np.asarray(np.linalg.lstsq(start.factor, start.right)[0])
+        self.covariance: FloatArray = covariance_of(triangular(start.factor))
+        self.seen, self.samples, self.surprise = 0.0, 0, 0.0
+        self.kept: list[tuple[float, FloatArray, FloatArray]] = []
+        self._gap = max(1, round(sum(recording.n_samples for recording in data.recordings) / _KEPT))
+        self._lost = 0
+        self.keep()
+
+    def keep(self) -> None:
+        """Keep what it knows now."""
+        self.kept.append((self.seen, self.values, np.sqrt(np.maximum(np.diag(self.covariance), 0.0))))
+
+    def rows_of(self, recording: Recording) -> Iterator[EquationRows]:
+        """The equations of χ that the samples of a recording make, stretch by stretch."""
+        silent = silent_joints(self._model.observation, recording)
+        times: list[float] = []
+        rows: list[FloatArray] = []
+        one: KalmanFilter | None = None
+        segment = -1
+        for now in _samples(recording, self._data.preprocessing):
+            if times and (now.place == 0 or len(times) >= _BLOCK):
+                yield self._equations(times, rows, segment)
+                times, rows = [], []
+            if now.place == 1:
+                segment = now.segment
+                torque = np.where(silent[segment], _TELLS_NOTHING, 1.0) * self._noise.torque
+                noise = replace(self._noise, torque=torque)
+                one = KalmanFilter(self._torque, recording.period, noise, self.values, self.covariance)
+                one.begin(now.before, now.q, now.tau, now.ddq)
+            elif now.place > 1:
+                assert one is not None
+                rows.append(self._stepped(one, now, recording).rows)
+                times.append(now.t)
+        if times:
+            yield self._equations(times, rows, segment)
+
+    def _equations(self, times: list[float], rows: list[FloatArray], segment: int) -> EquationRows:
+        """A row of the torque and one of the position for every joint and instant."""
+        n, found = self._model.robot.n, np.array(rows)
+        both = [found[:, [joint, n + joint]].reshape(-1, found.shape[2]) for joint in range(n)]
+        return EquationRows(np.repeat(times, 2), both, segment)
+
+    def _stepped(self, one: KalmanFilter, now: _Sample, recording: Recording) -> KalmanSample:
+        try:
+            made = one.step(now.q, now.tau, now.ddq)
+        except EstimationError as error:
+            raise diverged(f"at t = {now.t:.2f} s of {recording.name} {error.detail}") from error
+        self._lost = self._lost + 1 if made.surprise > _LOST else 0
+        if self._lost > _LOST_SAMPLES or not np.isfinite(one.values).all():
+            raise diverged(f"from t = {now.t:.2f} s of {recording.name} on it does not follow the motion any more")
+        self.values, self.covariance = one.values, one.covariance
+        self.seen += recording.period
+        self.samples += 1
+        self.surprise += made.surprise
+        if self.samples % self._gap == 0:
+            self.keep()
+        return made
+
+
+class _Sample(NamedTuple):
+    """A used sample: its place in its unbroken stretch, position of the sample before, q, tau and rough q̈ (n,)."""
+
+    t: float
+    segment: int
+    place: int
+    before: FloatArray
+    q: FloatArray
+    tau: FloatArray
+    ddq: FloatArray
+
+
+def _samples(recording: Recording, filters: Preprocessing) -> Iterator[_Sample]:
+    """Measured positions and torques, unfiltered, beside the acceleration of the filtered motion."""
+    raw = (q for block in filtered_blocks(recording, Preprocessing(None, None)) for q in block.q)
+    place = -1
+    before = np.zeros(recording.n)
+    for block in filtered_blocks(recording, filters):
+        if block.starts_segment:
+            place = -1
+        for k, used in enumerate(block.used):
+            q = next(raw)
+            place = place + 1 if used else -1
+            if used:
+                yield _Sample(float(block.t[k]), block.segment, place, before, q, block.tau[k], block.ddq[k])
+            before = q
+
+
+def diverged(how: str) -> EstimationError:
+    """The error of a filter that does not follow the data."""
+    return EstimationError(
+        f"the Kalman filter diverged: {how}. Begin with better values (the prior description, a longer recording), or "
+        "use wls",
+        pointer="/estimator",
+        title="Divergence",
+    )
