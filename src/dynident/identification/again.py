@@ -6,9 +6,8 @@ from dataclasses import replace
 
 from dynident.errors import DynidentError
 from dynident.identification.choices import EstimatorName, IdentificationChoices, StrategyName
-from dynident.identification.data import Data
 from dynident.identification.identify import Part, conclude
-from dynident.identification.removing import smaller_model
+from dynident.identification.removing import combined_data, smaller_model
 from dynident.identification.result import Identification
 from dynident.threads import single_threaded
 
@@ -38,17 +37,12 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
         estimator or strategy that goes through the samples again.
     """
     check_reduced_data(identification, choices)
-    known, held_out = identification.model, identification.held_out_data
-    equations, torque = identification.equations, identification.training
+    known = identification.model
     model, part = known, None
     if choices.effects != known.effects:
         model, weights = smaller_model(known, choices.effects, choices.tolerance)
         part = Part(known, weights)
-        same = equations is torque
-        torque = torque.combined(weights)
-        equations = torque if same else equations.combined(weights)
-        held_out = None if held_out is None else held_out.combined(weights)
-    data = Data(equations, torque, (), identification.preprocessing, identification.reference)
+    data, held_out = combined_data(identification, None if part is None else part.weights)
     found = conclude(model, replace(choices, preprocessing=identification.choices.preprocessing), data, held_out, part)
     return replace(
         found,

@@ -10,6 +10,7 @@ import numpy as np
 from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
+from dynident.estimation import Reduction
 from dynident.identification.data import Data
 from dynident.identification.identify import Part, conclude
 from dynident.identification.result import Identification
@@ -44,17 +45,7 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     kept = effects_without(identification.choices.effects, removed, known.robot)
     choices = replace(identification.choices, effects=kept)
     model, weights = smaller_model(known, kept, choices.tolerance)
-    held_out = identification.held_out_data
-    torque = identification.training.combined(weights)
-    same = identification.equations is identification.training
-    data = Data(
-        torque if same else identification.equations.combined(weights),
-        torque,
-        (),
-        identification.preprocessing,
-        identification.reference,
-    )
-    held_out = None if held_out is None else held_out.combined(weights)
+    data, held_out = combined_data(identification, weights)
     smaller = conclude(model, choices, data, held_out, Part(known, weights))
     return replace(
         smaller,
@@ -131,6 +122,23 @@ def smaller_model(
     base = base_parameters_among(known.base, known.observation, [where[c.key] for c in columns], tolerance)
     model = build_model(known.robot, effects, tolerance=tolerance, signals=known.signals, base=base)
     return model, _combinations(known, model)
+
+
+def combined_data(identification: Identification, weights: FloatArray | None = None) -> tuple[Data, Reduction | None]:
+    """The reduced data of an identification, and its held-out data, in columns that are combinations of its own.
+
+    `weights` (b, b') from its columns to the new ones; None for these themselves.
+    """
+
+    def combined(reduction: Reduction) -> Reduction:
+        return reduction if weights is None else reduction.combined(weights)
+
+    torque = combined(identification.training)
+    same = identification.equations is identification.training
+    equations = torque if same else combined(identification.equations)
+    data = Data(equations, torque, (), identification.preprocessing, identification.reference)
+    held_out = identification.held_out_data
+    return data, None if held_out is None else combined(held_out)
 
 
 def _combinations(known: Model, smaller: Model) -> FloatArray:
