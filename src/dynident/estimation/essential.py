@@ -18,6 +18,7 @@ from scipy.linalg import solve_triangular
 from scipy.stats import f as fisher
 
 from dynident.estimation.factors import FloatArray, IntArray, Reduction, triangular
+from dynident.estimation.information import covariance_of, deviations_of
 from dynident.estimation.least_squares import Solution, weighted_factor
 from dynident.estimation.statistics import Statistics
 
@@ -122,14 +123,12 @@ def _fitted(r: FloatArray, kept: IntArray, meat: FloatArray) -> tuple[FloatArray
     """Values (k,) of these parameters alone, and their covariance (k, k)."""
     small = triangular(r[:, [*kept, r.shape[1] - 1]])
     k = len(kept)
-    inverse = solve_triangular(small[:k, :k], np.eye(k))
-    bread = inverse @ inverse.T
-    return inverse @ small[:k, k], bread @ meat[np.ix_(kept, kept)] @ bread
+    bread = covariance_of(small[:k, :k])
+    return solve_triangular(small[:k, :k], small[:k, k]), bread @ meat[np.ix_(kept, kept)] @ bread
 
 
 def _relative(values: FloatArray, covariance: FloatArray) -> FloatArray:
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return deviations / np.maximum(np.abs(values), np.finfo(float).tiny)
+    return deviations_of(covariance) / np.maximum(np.abs(values), np.finfo(float).tiny)
 
 
 def _spread(relative: FloatArray) -> float:

@@ -44,7 +44,7 @@ def known_values(values: FloatArray, covariance: FloatArray, columns: IntArray, 
     A variance of zero would be certainty, which no weight can express: it counts as a millionth of a millionth of the
     largest.
     """
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    deviation = deviations_of(covariance)
     least = max(float(deviation.max(initial=0.0)), float(np.abs(values).max(initial=0.0)), 1.0) * 1e-9
     deviation = np.maximum(deviation, least)
     correlation = covariance / np.outer(deviation, deviation)
@@ -61,3 +61,8 @@ def covariance_of(factor: FloatArray) -> FloatArray:
     """(c, c): (RᵀR)⁻¹ of a triangular factor."""
     inverse = solve_triangular(factor, np.eye(len(factor)))
     return np.asarray(inverse @ inverse.T)
+
+
+def deviations_of(covariance: FloatArray) -> FloatArray:
+    """(c,): standard deviations, [12.9]; 0 where rounding has left a variance below zero."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))

@@ -16,6 +16,7 @@ from scipy.special import stdtrit
 
 from dynident.estimation.correlation import correlation_factors
 from dynident.estimation.factors import FloatArray, Reduction
+from dynident.estimation.information import deviations_of
 from dynident.estimation.least_squares import Solution, residual_noise
 
 
@@ -34,7 +35,7 @@ class Statistics:
     @property
     def standard_deviations(self) -> FloatArray:
         """(c,): [12.9]."""
-        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+        return deviations_of(self.covariance)
 
     @property
     def freedom(self) -> float:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
+from dynident.estimation.information import deviations_of
 from dynident.identification.loads.payloads import PLAIN_EFFECTS, known_payload, loaded_data, scaled
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
@@ -51,7 +52,7 @@ class DriveGains:
     @property
     def standard_deviations(self) -> FloatArray:
         """(n,)."""
-        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+        return deviations_of(self.covariance)
 
     @property
     def intervals(self) -> FloatArray:
