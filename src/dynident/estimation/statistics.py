@@ -19,6 +19,9 @@ from dynident.estimation.factors import FloatArray, Reduction
 from dynident.estimation.information import deviations_of
 from dynident.estimation.least_squares import Solution, residual_noise
 
+NORMAL_95 = 1.96
+"""Standard deviations on either side that hold a normally distributed error with a probability of 95 %."""
+
 
 @dataclass(frozen=True, eq=False)
 class Statistics:

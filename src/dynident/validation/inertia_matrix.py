@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dynident.effects import effect_by_id
+from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.inertia import joint_range, random_postures
 from dynident.progress import Progress, silent
@@ -25,7 +26,6 @@ from dynident.validation.verdict import Judged
 _SAMPLES = 2000
 _STARTS = 16
 _ITERATIONS = 80
-_SURE = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,14 +172,14 @@ def _functions(model: Model, values: FloatArray) -> tuple[ca.Function, ca.Functi
 def _judged(robot: Robot, posture: FloatArray, value: float, deviation: float) -> Judged:
     where = "at " + ", ".join(f"{name} = {x:.2f}" for name, x in zip(robot.joint_names, posture, strict=True))
     units = "rad" if all(joint.kind == "revolute" for joint in robot.joints) else "rad or m"
-    size = f"{value:.3g} ± {_SURE * deviation:.2g}"
+    size = f"{value:.3g} ± {NORMAL_95 * deviation:.2g}"
     found = f"its smallest eigenvalue, scaled to a unit diagonal, is {size} {where} ({units})"
     if value <= 0:
         doubt = (
             " Within its uncertainty it may be positive: a feasible estimate that predicts as well may exist."
-            if value + _SURE * deviation > 0
+            if value + NORMAL_95 * deviation > 0
             else ""
         )
         return Judged("fail", f"The inertia matrix is not positive definite in every posture: {found}.{doubt}")
-    doubt = " The parameters' uncertainty includes zero." if value - _SURE * deviation <= 0 else ""
+    doubt = " The parameters' uncertainty includes zero." if value - NORMAL_95 * deviation <= 0 else ""
     return Judged("pass", f"The inertia matrix is positive definite; in the worst posture found {found}.{doubt}")

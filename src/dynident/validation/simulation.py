@@ -9,6 +9,7 @@ from scipy.signal import fftconvolve
 
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
+from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.recorded_motion import RecordedMotion, longest_stretch
 from dynident.identification.simulator import simulator_of
@@ -25,7 +26,6 @@ LONGEST = 20.0
 
 # Of the joint's range in the recording: how far the simulated joint may be off, root mean square.
 _OFF = 0.02
-_SURE = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +100,9 @@ def _impossible(identification: Identification) -> str:
     """Parameters that are below zero by more than chance, where nature allows no such sign, and what they are."""
     deviations = identification.statistics.standard_deviations
     return ", ".join(
-        f"{column.name} is {value:.3g} ± {_SURE * deviation:.2g} {column.unit}, below zero"
+        f"{column.name} is {value:.3g} ± {NORMAL_95 * deviation:.2g} {column.unit}, below zero"
         for column, value, deviation in zip(identification.model.kept, identification.values, deviations, strict=True)
-        if value < -_SURE * deviation and not may_be_negative(column.effect, column.parameter, column.runs)
+        if value < -NORMAL_95 * deviation and not may_be_negative(column.effect, column.parameter, column.runs)
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import fft
 
 from dynident.diagnosis.comparing.repetition import uniform_runs
+from dynident.estimation.statistics import NORMAL_95
 from dynident.robot.model import FloatArray
 
 LONGEST = 5.0
@@ -51,7 +52,7 @@ def autocorrelation(
     return Autocorrelation(
         lag=step * np.arange(len(shown), dtype=np.float64),
         value=shown,
-        limit=1.96 / float(np.sqrt(max(len(residual), 1))),
+        limit=NORMAL_95 / float(np.sqrt(max(len(residual), 1))),
         n_samples=len(residual),
         effective_samples=_effective(every, len(residual)),
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
+from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.prediction import prediction_deviation
 from dynident.progress import Progress, silent
@@ -23,7 +24,6 @@ IntArray = NDArray[np.intp]
 
 _STRETCH = 0.5
 _WORST = 12
-_BAND = 1.96
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Comparison:
     @property
     def band(self) -> FloatArray:
         """(m, n): half-width of the 95 % band of the residual, from parameters and residual noise."""
-        return np.asarray(_BAND * np.sqrt(self.deviation**2 + self.noise**2))
+        return np.asarray(NORMAL_95 * np.sqrt(self.deviation**2 + self.noise**2))
 
     @cached_property
     def errors(self) -> Errors:

@@ -19,6 +19,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
 from dynident.estimation.information import deviations_of
+from dynident.estimation.statistics import NORMAL_95
 from dynident.identification.loads.payloads import PLAIN_EFFECTS, known_payload, loaded_data, scaled
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
@@ -57,7 +58,7 @@ class DriveGains:
     @property
     def intervals(self) -> FloatArray:
         """(n, 2): 95 % confidence intervals."""
-        reach = 1.96 * self.standard_deviations
+        reach = NORMAL_95 * self.standard_deviations
         return np.column_stack([self.values - reach, self.values + reach])
 
     @property
@@ -77,12 +78,12 @@ class PayloadEstimate:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % confidence interval, kg."""
-        return self.mass - 1.96 * self.standard_deviation, self.mass + 1.96 * self.standard_deviation
+        return self.mass - NORMAL_95 * self.standard_deviation, self.mass + NORMAL_95 * self.standard_deviation
 
     @property
     def identifiable(self) -> bool:
         """Whether the interval leaves out zero, so that the data show a payload at all."""
-        return abs(self.mass) > 1.96 * self.standard_deviation
+        return abs(self.mass) > NORMAL_95 * self.standard_deviation
 
 
 @single_threaded

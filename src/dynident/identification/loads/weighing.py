@@ -15,13 +15,13 @@ from math import hypot
 
 from dynident.effects import EffectChoice
 from dynident.estimation import EstimationError
+from dynident.estimation.statistics import NORMAL_95
 from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, payload_mass
 from dynident.identification.loads.payloads import PLAIN_EFFECTS
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 
 _OWN = ("coulomb", "viscous", "offset")
-_NORMAL = 1.96
 # How far both masses may lie apart beside their noise, as a share; more uncertain than a quarter of itself is no mass.
 _AGREE, _CERTAIN = 0.1, 0.25
 
@@ -84,7 +84,7 @@ def judged(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
     both = (
         f"{_said(alike)} if friction and offsets are the same in all runs, {_said(apart)} if the loaded run has its own"
     )
-    if between > _NORMAL * deviation + _AGREE * abs(alike.mass):
+    if between > NORMAL_95 * deviation + _AGREE * abs(alike.mass):
         return _unknown(
             f"the mass is not identifiable from this motion: it comes out as {both}. Its gravity looks like a change "
             "of friction or offset here; move the joints that lift it further, and slower, in the loaded run",
@@ -94,7 +94,7 @@ def judged(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
     if alike.mass <= 0 or apart.mass <= 0:
         return _unknown(f"no payload is to be seen: {both}", alike, apart)
     widest = max(alike.standard_deviation, apart.standard_deviation)
-    if _NORMAL * widest > _CERTAIN * alike.mass:
+    if NORMAL_95 * widest > _CERTAIN * alike.mass:
         return _unknown(
             f"the mass is not identifiable from this motion: it is uncertain by more than a quarter of itself "
             f"({both}); move the joints that lift it further, or record for longer",
@@ -110,4 +110,4 @@ def _unknown(reason: str, alike: PayloadEstimate, apart: PayloadEstimate | None)
 
 
 def _said(estimate: PayloadEstimate) -> str:
-    return f"{estimate.mass:.3g} ± {_NORMAL * estimate.standard_deviation:.2g} kg"
+    return f"{estimate.mass:.3g} ± {NORMAL_95 * estimate.standard_deviation:.2g} kg"
