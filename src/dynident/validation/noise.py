@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.errors import DynidentError
+from dynident.estimation.robust import robust_scale
 from dynident.recordings import Recording, filtered_blocks
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.robot.model import FloatArray
@@ -14,8 +15,6 @@ from dynident.robot.model import FloatArray
 # Of a smooth signal nothing is left after so many differences; white noise of variance σ² leaves C(2k, k) σ².
 _DIFFERENCES = 6
 _LEFT = 924.0
-# Torque jumps with friction where a joint reverses: the middle of its differences does not see that.
-_MEDIAN_OF_NORMAL = 0.6745
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,5 +47,6 @@ def sensor_noise(recording: Recording) -> SensorNoise:
             f"{recording.name} has too few samples inside its windows to tell its noise", pointer="/measurement_ids"
         )
     joint, effort = np.concatenate(position), np.concatenate(torque)
-    spread = np.median(np.abs(effort), axis=0) / _MEDIAN_OF_NORMAL
+    # Torque jumps with friction where a joint reverses: the middle of its differences does not see that.
+    spread = robust_scale(effort)
     return SensorNoise(np.sqrt(np.mean(joint**2, axis=0) / _LEFT), np.asarray(spread / np.sqrt(_LEFT)))
