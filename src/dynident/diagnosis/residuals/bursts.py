@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.diagnosis.comparing.compare import Comparison
+from dynident.estimation.robust import robust_scale
 
 _BURST_RATIO, _BURST_WINDOW, _BURST_GAP, _MOST_BURSTS, _LONGEST_BURSTS = 16.0, 0.1, 0.3, 3, 0.2
 
 
 def bursts(comparison: Comparison) -> list[tuple[int, float, float]]:
     """Stretches where the residual is far above the rest of the recording: (segment index, from, to in s)."""
-    usual = np.median(np.abs(comparison.residual), axis=0) / 0.6745
+    usual = robust_scale(comparison.residual)
     power = ((comparison.residual / np.maximum(usual, 1e-300)) ** 2).mean(axis=1)
     if len(power) < 20:
         return []
