@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.effects import Column, MemorySignal, RunSignal, Signals, reference_size
-from dynident.regressors.program import BlockProgram, JoinedPrograms
+from dynident.expressions import Program
+from dynident.regressors.joined_programs import JoinedPrograms
 from dynident.robot.model import FloatArray, Robot
 
 IntArray = NDArray[np.intp]
@@ -35,7 +36,7 @@ class Observation:
     entry_rows: IntArray
     entry_columns: IntArray
     n_rows: int
-    program: BlockProgram | JoinedPrograms
+    program: Program | JoinedPrograms
     parts: tuple[Observation, Observation] | None = None
 
     @classmethod
@@ -56,7 +57,7 @@ class Observation:
             entry_rows=np.array(rows, dtype=np.intp),
             entry_columns=np.array(cols, dtype=np.intp),
             n_rows=int(matrix.shape[0]),
-            program=BlockProgram(_inputs(signals, memory, runs), matrix),
+            program=Program(_inputs(signals, memory, runs), matrix),
         )
 
     def extended(self, columns: Sequence[Column], signals: Signals) -> Observation:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.effects import Signals
-from dynident.regressors.program import BlockProgram
+from dynident.expressions import Program
 from dynident.robot.model import FloatArray
 
 _AROUND, _STEPS_A_WIDTH = 0.3, 4
@@ -47,7 +47,7 @@ def _sensitivities(comparison: Comparison, signals: Signals, reference: FloatArr
     """(m, n, 3): torque of every joint for one m/s² of gravity along each axis, over the joint's usual residual."""
     n = signals.robot.n
     torque = ca.horzcat(*(ca.densify(signals.predicted.gravity_torque(axis)) for axis in np.eye(3)))
-    program = BlockProgram([signals.q, signals.reference], torque)
+    program = Program([signals.q, signals.reference], torque)
     every = max(1, len(comparison.t) // _MOST_ROWS)
     values = program(comparison.q[::every], reference).reshape(-1, 3, n).transpose(0, 2, 1)
     return np.asarray(values / np.maximum(comparison.errors.rms, 1e-300)[:, None])

@@ -14,9 +14,9 @@ from dynident.effects import Column, EffectChoice, Signals, columns_of
 from dynident.errors import DynidentError
 from dynident.excitation.observation.path_memory import PathMemory
 from dynident.excitation.trajectories.motion import Motion
+from dynident.expressions import Program
 from dynident.regressors.base_parameters import BaseParameters, base_parameters
 from dynident.regressors.observation import Observation
-from dynident.regressors.program import BlockProgram
 from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
 from dynident.robot.pointers import listed
 
@@ -135,12 +135,12 @@ class DesignModel:
         )
 
     @cached_property
-    def _torque_program(self) -> BlockProgram:
+    def _torque_program(self) -> Program:
         signals, inertias = self.signals, self.robot.inertias
         if inertias is None:
             raise DynidentError("the robot's description gives no inertias to predict torque with")
         torque = ca.mtimes(signals.mechanics.rows, ca.DM(inertias.reshape(-1)))
-        return BlockProgram([signals.q, signals.dq, signals.ddq], ca.densify(torque))
+        return Program([signals.q, signals.dq, signals.ddq], ca.densify(torque))
 
     def torque(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         """Torque (m, n) of the description's inertias at q, q̇, q̈ (m, n); `DynidentError` where it has none."""

@@ -93,7 +93,7 @@ class DesignProblem:
         b = model.n_parameters
         self._n_parameters = b
         self._nominal = model.nominal
-        self._counted = model.counted[:, None]
+        self._counted = None if model.counted.all() else model.counted[:, None].astype(np.float64)
         self._middle = np.zeros((6, 1, self.n))
         self._middle[0, 0] = bounds.middle
         self._clearances = None if bounds.space is None else bounds.space.clearances
@@ -120,7 +120,7 @@ class DesignProblem:
         torque = w @ self._nominal
         b = self._n_parameters
         scale = 1.0 / np.sqrt(self.n_samples)
-        chosen = w[:, :, :b] * self._counted
+        chosen = self._of_counted(w[:, :, :b])
         criterion, of_rows = self._criterion(scale * self._row_model.rows(chosen, dq))
         of_chosen, of_velocity = self._row_model.pull_back(chosen, dq, scale * of_rows)
         shares = (np.stack([q, dq, ddq, dddq, torque, torque * dq]) - self._middle) * self._per_room
@@ -131,7 +131,7 @@ class DesignProblem:
         of_signals = active * np.sign(shares) * self._per_room
         of_torque = of_signals[4] + of_signals[5] * dq
         of_w = of_torque[:, :, None] * self._nominal
-        of_w[:, :, :b] += of_chosen * self._counted
+        of_w[:, :, :b] += self._of_counted(of_chosen)
         gradient = self._basis[1].T @ (of_velocity + of_signals[5] * torque) + self._basis[0].T @ of_posture
         for basis, of_derivative in zip(self._basis, of_signals[:4], strict=False):
             gradient += basis.T @ of_derivative
@@ -139,6 +139,10 @@ class DesignProblem:
             gradient += basis.T @ of_derivative
         gradient[:, ~self._moving] = 0.0
         return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess, crowding)
+
+    def _of_counted(self, rows: FloatArray) -> FloatArray:
+        """(N, n, b): rows of joints that do not count are zero."""
+        return rows if self._counted is None else rows * self._counted
 
     def _crowding(self, q: FloatArray, multipliers: Multipliers) -> tuple[FloatArray, float, FloatArray]:
         """The crowding (N, K), its part of the augmented Lagrangian, and the gradient of that over q (N, n)."""

@@ -1,0 +1,6 @@
+"""Symbolic expressions as machine code over many samples."""
+
+from dynident.expressions.program import Program
+from dynident.expressions.translation import UnsupportedOperationError
+
+__all__ = ["Program", "UnsupportedOperationError"]

@@ -1,0 +1,266 @@
+"""CasADi's list of instructions in LLVM's language, several samples side by side in one register."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+
+import casadi as ca
+
+_ARITHMETIC: dict[int, str] = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
+_COMPARISONS: dict[int, str] = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
+# By LLVM itself, in registers.
+_INTRINSICS: dict[int, str] = {
+    ca.OP_SQRT: "sqrt",
+    ca.OP_FABS: "fabs",
+    ca.OP_COPYSIGN: "copysign",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+}
+# By the C library, one sample after the other.
+_CALLS: dict[int, str] = {
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh",
+    ca.OP_EXPM1: "expm1",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_HYPOT: "hypot",
+    ca.OP_ERF: "erf",
+    ca.OP_FMOD: "fmod",
+}
+
+LIBRARY_FUNCTIONS = frozenset(_CALLS.values())
+
+
+class UnsupportedOperationError(NotImplementedError):
+    """An expression uses an operation that has no translation here."""
+
+
+def translated(function: ca.Function, widths: Sequence[int], lanes: int) -> str:
+    """LLVM assembly of `run(n, out, out_stride, in_0, stride_0, in_1, stride_1, …)`.
+
+    It evaluates `function` (one input vector, one output vector) at n samples, `lanes` of them at once; n is at least
+    `lanes`, and the last lanes are taken from the end of the samples, some a second time where n is no multiple.
+    The function's input is the inputs of `widths` one behind the other. Entry j of input k at sample s is
+    in_k[s stride_k + j], that of the output out[s out_stride + j]: strides count numbers, and a stride of 0 holds one
+    value for all samples.
+    """
+    return _Translation(function, widths, lanes).text
+
+
+class _Translation:
+    """The text as it grows."""
+
+    def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int) -> None:
+        self._lanes = lanes
+        self._type = f"<{lanes} x double>"
+        self._lines: list[str] = []
+        self._declared: dict[str, str] = {}
+        self._count = 0
+        self._inputs = [(k, j) for k, width in enumerate(widths) for j in range(width)]
+        self._walk(function)
+        arguments = ", ".join(f"ptr readonly %in{k}, i64 %stride{k}" for k in range(len(widths)))
+        self.text = "\n".join(
+            [
+                *self._declared.values(),
+                f"define void @run(i64 %n, ptr %out, i64 %out_stride{', ' if arguments else ''}{arguments}) {{",
+                *self._begin(len(widths)),
+                *self._lines,
+                *self._end(),
+                "}",
+            ]
+        )
+
+    def _begin(self, n_inputs: int) -> list[str]:
+        """The loop over the samples, and where every lane finds its sample."""
+        lines = [
+            "entry:",
+            f"  %last = sub i64 %n, {self._lanes}",
+            "  br label %loop",
+            "loop:",
+            "  %first = phi i64 [0, %entry], [%next, %loop]",
+            "  %beyond = icmp sgt i64 %first, %last",
+            "  %start = select i1 %beyond, i64 %last, i64 %first",
+        ]
+        for lane in range(self._lanes):
+            lines.append(f"  %s{lane} = add i64 %start, {lane}")
+            places = [("out", "out_stride"), *((f"in{k}", f"stride{k}") for k in range(n_inputs))]
+            for name, stride in places:
+                lines.append(f"  %{name}.o{lane} = mul i64 %s{lane}, %{stride}")
+                lines.append(f"  %{name}.{lane} = getelementptr double, ptr %{name}, i64 %{name}.o{lane}")
+        return lines
+
+    def _end(self) -> list[str]:
+        return [
+            f"  %next = add i64 %first, {self._lanes}",
+            "  %more = icmp slt i64 %next, %n",
+            "  br i1 %more, label %loop, label %done",
+            "done:",
+            "  ret void",
+        ]
+
+    def _walk(self, function: ca.Function) -> None:
+        """Turn CasADi's register machine into single assignments."""
+        holds: dict[int, str] = {}
+        for k in range(function.n_instructions()):
+            operation = function.instruction_id(k)
+            target, source = function.instruction_output(k), function.instruction_input(k)
+            if operation == ca.OP_INPUT:
+                holds[target[0]] = self._load(source[1])
+            elif operation == ca.OP_CONST:
+                holds[target[0]] = self._constant(float(function.instruction_constant(k)))
+            elif operation == ca.OP_OUTPUT:
+                self._store(holds[source[0]], target[1])
+            else:
+                holds[target[0]] = self._operation(operation, [holds[register] for register in source])
+
+    def _new(self, expression: str) -> str:
+        name = f"%v{self._count}"
+        self._count += 1
+        self._lines.append(f"  {name} = {expression}")
+        return name
+
+    def _constant(self, value: float) -> str:
+        bits = "0x" + struct.pack(">d", value).hex().upper()
+        return "<" + ", ".join([f"double {bits}"] * self._lanes) + ">"
+
+    def _load(self, entry: int) -> str:
+        name, j = self._inputs[entry]
+        lanes = []
+        for lane in range(self._lanes):
+            place = self._new(f"getelementptr double, ptr %in{name}.{lane}, i64 {j}")
+            lanes.append(self._new(f"load double, ptr {place}, align 8"))
+        return self._joined(lanes)
+
+    def _store(self, value: str, entry: int) -> None:
+        for lane in range(self._lanes):
+            number = self._lane(value, lane)
+            place = self._new(f"getelementptr double, ptr %out.{lane}, i64 {entry}")
+            self._lines.append(f"  store double {number}, ptr {place}, align 8")
+
+    def _lane(self, value: str, lane: int) -> str:
+        return self._new(f"extractelement {self._type} {value}, i32 {lane}")
+
+    def _joined(self, lanes: Sequence[str]) -> str:
+        value = "undef"
+        for lane, number in enumerate(lanes):
+            value = self._new(f"insertelement {self._type} {value}, double {number}, i32 {lane}")
+        return value
+
+    def _operation(self, operation: int, values: list[str]) -> str:
+        if operation in _ARITHMETIC:
+            return self._new(f"{_ARITHMETIC[operation]} {self._type} {values[0]}, {values[1]}")
+        if operation in _COMPARISONS:
+            return self._number(self._compared(_COMPARISONS[operation], *values))
+        if operation in _INTRINSICS:
+            return self._intrinsic(_INTRINSICS[operation], values)
+        if operation in _CALLS:
+            return self._called(_CALLS[operation], values)
+        special = _SPECIAL.get(operation)
+        if special is None:
+            raise UnsupportedOperationError(f"no translation of CasADi operation {operation}")
+        return special(self, *values)
+
+    def _compared(self, how: str, first: str, second: str) -> str:
+        return self._new(f"fcmp {how} {self._type} {first}, {second}")
+
+    def _number(self, truth: str) -> str:
+        return self._new(f"uitofp <{self._lanes} x i1> {truth} to {self._type}")
+
+    def _chosen(self, truth: str, if_true: str, if_false: str) -> str:
+        flags = f"<{self._lanes} x i1> {truth}"
+        return self._new(f"select {flags}, {self._type} {if_true}, {self._type} {if_false}")
+
+    def _intrinsic(self, name: str, values: Sequence[str]) -> str:
+        full = f"@llvm.{name}.v{self._lanes}f64"
+        self._declared[full] = f"declare {self._type} {full}({', '.join([self._type] * len(values))})"
+        return self._new(f"call {self._type} {full}({', '.join(f'{self._type} {value}' for value in values)})")
+
+    def _called(self, name: str, values: Sequence[str]) -> str:
+        self._declared[name] = f"declare double @{name}({', '.join(['double'] * len(values))})"
+        lanes = []
+        for lane in range(self._lanes):
+            numbers = ", ".join(f"double {self._lane(value, lane)}" for value in values)
+            lanes.append(self._new(f"call double @{name}({numbers})"))
+        return self._joined(lanes)
+
+    # Operations that take more than one instruction, or one with a constant.
+
+    def _assigned(self, x: str) -> str:
+        return x
+
+    def _negative(self, x: str) -> str:
+        return self._new(f"fneg {self._type} {x}")
+
+    def _square(self, x: str) -> str:
+        return self._new(f"fmul {self._type} {x}, {x}")
+
+    def _twice(self, x: str) -> str:
+        return self._new(f"fadd {self._type} {x}, {x}")
+
+    def _inverse(self, x: str) -> str:
+        return self._new(f"fdiv {self._type} {self._constant(1.0)}, {x}")
+
+    def _not(self, x: str) -> str:
+        return self._number(self._compared("oeq", x, self._constant(0.0)))
+
+    def _sign(self, x: str) -> str:
+        """0 of 0, and what is no number stays none."""
+        zero = self._constant(0.0)
+        below = self._chosen(self._compared("olt", x, zero), self._constant(-1.0), x)
+        return self._chosen(self._compared("ogt", x, zero), self._constant(1.0), below)
+
+    def _if_else_zero(self, condition: str, x: str) -> str:
+        return self._chosen(self._compared("une", condition, self._constant(0.0)), x, self._constant(0.0))
+
+    def _least(self, x: str, y: str) -> str:
+        return self._extreme("olt", x, y)
+
+    def _greatest(self, x: str, y: str) -> str:
+        return self._extreme("ogt", x, y)
+
+    def _extreme(self, how: str, x: str, y: str) -> str:
+        """What is no number goes through."""
+        either = self._chosen(self._compared(how, x, y), x, y)
+        return self._chosen(self._compared("uno", x, y), self._new(f"fadd {self._type} {x}, {y}"), either)
+
+    def _and(self, x: str, y: str) -> str:
+        return self._both("and", x, y)
+
+    def _or(self, x: str, y: str) -> str:
+        return self._both("or", x, y)
+
+    def _both(self, how: str, x: str, y: str) -> str:
+        zero = self._constant(0.0)
+        first, second = self._compared("une", x, zero), self._compared("une", y, zero)
+        return self._number(self._new(f"{how} <{self._lanes} x i1> {first}, {second}"))
+
+
+_SPECIAL: dict[int, Callable[..., str]] = {
+    ca.OP_ASSIGN: _Translation._assigned,
+    ca.OP_NEG: _Translation._negative,
+    ca.OP_SQ: _Translation._square,
+    ca.OP_TWICE: _Translation._twice,
+    ca.OP_INV: _Translation._inverse,
+    ca.OP_NOT: _Translation._not,
+    ca.OP_SIGN: _Translation._sign,
+    ca.OP_IF_ELSE_ZERO: _Translation._if_else_zero,
+    ca.OP_FMIN: _Translation._least,
+    ca.OP_FMAX: _Translation._greatest,
+    ca.OP_AND: _Translation._and,
+    ca.OP_OR: _Translation._or,
+}
