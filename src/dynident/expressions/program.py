@@ -6,25 +6,18 @@ in registers on several samples at once: some 25 times faster, and made in tens 
 
 from __future__ import annotations
 
-import ctypes
-import threading
 from collections.abc import Sequence
-from functools import cache, cached_property
-from typing import Any
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from llvmlite import binding as llvm
 from numpy.typing import NDArray
 
-from dynident.expressions.translation import LIBRARY_FUNCTIONS, translated
+from dynident.expressions.machine_code import NUMBER, Compiled
 
 FloatArray = NDArray[np.float64]
 
 _LANES = 4
-_NUMBER = 8
-# LLVM builds one module at a time.
-_BUILD = threading.Lock()
 
 
 class Program:
@@ -61,12 +54,12 @@ class Program:
         return ca.Function("rows", [self._symbols], [ca.cse(self._nonzeros)])
 
     @cached_property
-    def _side_by_side(self) -> _Compiled:
-        return _Compiled(self._function, self.widths, _LANES)
+    def _side_by_side(self) -> Compiled:
+        return Compiled(self._function, self.widths, _LANES)
 
     @cached_property
-    def _one_by_one(self) -> _Compiled:
-        return _Compiled(self._function, self.widths, 1)
+    def _one_by_one(self) -> Compiled:
+        return Compiled(self._function, self.widths, 1)
 
     def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate at samples.
@@ -107,57 +100,10 @@ class Program:
         return out
 
 
-class _Compiled:
-    """Machine code of a function of one vector, `lanes` samples at once."""
-
-    def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int) -> None:
-        with _BUILD:
-            module = llvm.parse_assembly(translated(function, widths, lanes))
-            # The engine owns the machine and the code: it has to live as long as the address is used.
-            self._engine = llvm.create_mcjit_compiler(module, _machine())
-            self._engine.finalize_object()
-        place, number = ctypes.c_void_p, ctypes.c_int64
-        kinds = [number, place, number, *(kind for _ in widths for kind in (place, number))]
-        self._call: Any = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
-
-    def run(self, m: int, out: FloatArray, inputs: Sequence[FloatArray]) -> None:
-        """Evaluate m samples; arrays whose rows are contiguous."""
-        arguments: list[int] = []
-        for item in inputs:
-            arguments += (item.ctypes.data, item.strides[0] // _NUMBER if item.ndim == 2 else 0)
-        self._call(m, out.ctypes.data, out.strides[0] // _NUMBER, *arguments)
-
-
-@cache
-def _target() -> llvm.Target:
-    """This computer, with the C library's functions made known; LLVM ends the process over one that it cannot find."""
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    library = ctypes.CDLL(None)
-    for name in LIBRARY_FUNCTIONS:
-        llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
-    return llvm.Target.from_default_triple()
-
-
-def _machine() -> llvm.TargetMachine:
-    """Compiles the simplest way: CasADi has removed what is computed twice, and more care takes longer than it saves."""
-    name, features = _processor()
-    return _target().create_target_machine(cpu=name, features=features, opt=0, jit=True)
-
-
-@cache
-def _processor() -> tuple[str, str]:
-    """Name and features; those that nothing is known of are left at what every such processor has."""
-    try:
-        return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
-    except RuntimeError:
-        return "", ""
-
-
 def _rows(array: FloatArray) -> bool:
     """Whether each row is contiguous, and begins a whole number of numbers after the one before."""
-    whole = array.strides[0] % _NUMBER == 0
-    return bool(array.flags.aligned and whole and (array.shape[-1] <= 1 or array.strides[-1] == _NUMBER))
+    whole = array.strides[0] % NUMBER == 0
+    return bool(array.flags.aligned and whole and (array.shape[-1] <= 1 or array.strides[-1] == NUMBER))
 
 
 def _readable(item: FloatArray) -> FloatArray:

@@ -1,0 +1,70 @@
+"""LLVM: from CasADi's list of instructions to machine code that reads and writes numpy's arrays in place."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from llvmlite import binding as llvm
+from numpy.typing import NDArray
+
+from dynident.expressions.translation import LIBRARY_FUNCTIONS, translated
+
+FloatArray = NDArray[np.float64]
+
+NUMBER = 8
+"""Bytes of a number."""
+# LLVM builds one module at a time.
+_BUILD = threading.Lock()
+
+
+class Compiled:
+    """Machine code of a function of one vector, `lanes` samples at once."""
+
+    def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int) -> None:
+        with _BUILD:
+            module = llvm.parse_assembly(translated(function, widths, lanes))
+            # The engine owns the machine and the code: it has to live as long as the address is used.
+            self._engine = llvm.create_mcjit_compiler(module, _machine())
+            self._engine.finalize_object()
+        place, number = ctypes.c_void_p, ctypes.c_int64
+        kinds = [number, place, number, *(kind for _ in widths for kind in (place, number))]
+        self._call: Any = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
+
+    def run(self, m: int, out: FloatArray, inputs: Sequence[FloatArray]) -> None:
+        """Evaluate m samples; arrays whose rows are contiguous."""
+        arguments: list[int] = []
+        for item in inputs:
+            arguments += (item.ctypes.data, item.strides[0] // NUMBER if item.ndim == 2 else 0)
+        self._call(m, out.ctypes.data, out.strides[0] // NUMBER, *arguments)
+
+
+@cache
+def _target() -> llvm.Target:
+    """This computer, with the C library's functions made known; LLVM ends the process over one that it cannot find."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    library = ctypes.CDLL(None)
+    for name in LIBRARY_FUNCTIONS:
+        llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
+    return llvm.Target.from_default_triple()
+
+
+def _machine() -> llvm.TargetMachine:
+    """Compiles the simplest way: CasADi has removed what is computed twice, and more care takes longer than it saves."""
+    name, features = _processor()
+    return _target().create_target_machine(cpu=name, features=features, opt=0, jit=True)
+
+
+@cache
+def _processor() -> tuple[str, str]:
+    """Name and features; those that nothing is known of are left at what every such processor has."""
+    try:
+        return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    except RuntimeError:
+        return "", ""
