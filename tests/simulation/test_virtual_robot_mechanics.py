@@ -21,14 +21,12 @@ def _run(robot_name: str, duration: float, h: float, effects: tuple[TrueEffect, 
     dynamics = build_dynamics(robot, effects, robot.inertias, smooth_sign=1e-3)
     zero = np.zeros(robot.n)
     steps = round(duration / h)
-    run = build_step(dynamics, h, zero, zero).mapaccum("run", steps)
     start = np.array([np.mean(joint.limits.position or (-0.5, 1.5)) for joint in robot.joints]) + 0.3
     model = to_pinocchio(robot)
     fall = pin.aba(model, model.createData(), start, zero, zero)
     # The velocity stands half a step before the position.
     state = np.concatenate([start, -0.5 * h * fall, fall, start, np.zeros(len(dynamics.signals.memory_signals))])
-    _, samples = run(state, np.zeros((dynamics.n_inputs, steps)))
-    return np.asarray(samples).T
+    return build_step(dynamics).run(state, np.zeros((steps, dynamics.n_inputs)), h, zero, zero)[1]
 
 
 @pytest.mark.parametrize("name", ["franka_panda", "ur10"])

@@ -38,10 +38,9 @@ def test_the_simulated_robot_has_the_identified_parameters(identified):
     q = np.array([[0.3, -1.0, 0.8, 0.2, 0.5, -0.4]])
     still = np.zeros_like(q)
     acceleration = np.full_like(q, 0.7)
-    rest = np.asarray(
-        virtual.dynamics.rest(q[0], still[0], acceleration[0], still[0], np.zeros(0), 0.0, still[0], np.zeros(0))
-    ).reshape(-1)
-    torque = np.asarray(virtual.dynamics.rigid(q[0], still[0], acceleration[0])).reshape(-1) + rest
+    nothing, clock = np.zeros(0), np.zeros(1)
+    rest = virtual.dynamics.rest(q, still, acceleration, still, nothing, clock, still, nothing)
+    torque = (virtual.dynamics.rigid(q, still, acceleration) + rest)[0]
     expected = pinocchio_torque(ROBOT, q, still, acceleration)[0] + IA * 0.7
     assert torque == pytest.approx(expected, rel=0.03, abs=1.5)
 

@@ -56,7 +56,7 @@ def _target() -> llvm.Target:
 
 
 def _machine() -> llvm.TargetMachine:
-    """Compiles the simplest way: CasADi has removed what is computed twice, and more care takes longer than it saves."""
+    """Compiles the simplest way: CasADi has removed what is computed twice, and more care costs more than it saves."""
     name, features = _processor()
     return _target().create_target_machine(cpu=name, features=features, opt=0, jit=True)
 

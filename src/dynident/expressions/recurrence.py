@@ -12,40 +12,40 @@ FloatArray = NDArray[np.float64]
 
 
 class Recurrence:
-    """x_(k+1), y_k = f(x_k, u_k) in machine code.
+    """x_(k+1), y_k = f(x_k, u_k, p) in machine code.
 
     Parameters
     ----------
-    state, inputs : SX column vectors
-        x (s,) and u (w,).
+    state, inputs, constants : SX column vectors
+        x (s,), u (w,) and p (c,).
     following, sample : SX
-        x_(k+1) (s,) and y (p,).
+        x_(k+1) (s,) and y (o,).
     """
 
-    def __init__(self, state: ca.SX, inputs: ca.SX, following: ca.SX, sample: ca.SX) -> None:
-        self.n_state, self._n_inputs = int(state.numel()), int(inputs.numel())
+    def __init__(self, state: ca.SX, inputs: ca.SX, constants: ca.SX, following: ca.SX, sample: ca.SX) -> None:
+        self._sizes = (int(state.numel()), int(inputs.numel()), int(constants.numel()))
         outputs = ca.densify(ca.vertcat(following, sample))
         self._width = int(outputs.numel())
-        function = ca.Function("step", [ca.vertcat(state, inputs)], [ca.cse(outputs)])
-        self._compiled = Compiled(function, (self.n_state, self._n_inputs), 1)
+        function = ca.Function("step", [ca.vertcat(state, inputs, constants)], [ca.cse(outputs)])
+        self._compiled = Compiled(function, self._sizes, 1)
 
-    def run(self, state: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The state (s,) after m steps from a first one (s,) with inputs (m, w), and the samples y (m, p).
+    def run(self, state: FloatArray, inputs: FloatArray, constants: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The state (s,) after m steps from a first one (s,) with inputs (m, w), and the samples y (m, o).
 
         Raises
         ------
         ValueError
-            For a state or inputs of another size.
+            For a state, inputs or constants of another size.
         """
         m = len(inputs)
-        if state.shape != (self.n_state,) or inputs.shape != (m, self._n_inputs):
-            raise ValueError(
-                f"a state of {state.shape} and inputs of {inputs.shape}; ({self.n_state},) and (m, {self._n_inputs}) "
-                "are needed"
-            )
+        given, n_state = (state.shape, inputs.shape, constants.shape), self._sizes[0]
+        needed = ((n_state,), (m, self._sizes[1]), (self._sizes[2],))
+        if given != needed:
+            raise ValueError(f"state, inputs and constants of {given}; {needed} are needed")
         # Row k + 1 takes what step k gives and is what step k + 1 reads: one sample at a time, in order.
         table = np.empty((m + 1, self._width))
-        table[0, : self.n_state] = state
+        table[0, :n_state] = state
         if m:
-            self._compiled.run(m, table[1:], [table[:-1, : self.n_state], np.ascontiguousarray(inputs, np.float64)])
-        return table[-1, : self.n_state].copy(), table[1:, self.n_state :]
+            others = [np.ascontiguousarray(item, np.float64) for item in (inputs, constants)]
+            self._compiled.run(m, table[1:], [table[:-1, :n_state], *others])
+        return table[-1, :n_state].copy(), table[1:, n_state:]

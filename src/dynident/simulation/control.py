@@ -49,13 +49,13 @@ def joint_gains(controller: Controller, dynamics: Dynamics, path: ReferencePath,
     some = times[:: max(1, len(times) // _STATES)]
     q, dq, _ = path.at(some)
     states = len(some)
-    inertia = _map(dynamics.mass_diagonal, q).mean(axis=0)
-    load = _map(dynamics.rigid, q, np.zeros_like(q), np.zeros_like(q))
+    inertia = dynamics.mass_diagonal(q).mean(axis=0)
+    load = dynamics.rigid(q, np.zeros_like(q), np.zeros_like(q))
     heat = path.temperature_at(some)
     memory = np.ones((states, len(dynamics.signals.memory_signals)))
     still = np.zeros_like(q)
     runs = np.ones((states, len(dynamics.runs)))
-    resistance = np.abs(_map(dynamics.rest, q, dq, still, load, memory, some[:, None], heat, runs)).max(axis=0)
+    resistance = np.abs(dynamics.rest(q, dq, still, load, memory, some[:, None], heat, runs)).max(axis=0)
     wanted = 2 * np.pi * controller.bandwidth
     frequency = np.clip(np.sqrt(resistance / controller.largest_lag / inertia), wanted, max(wanted, _FASTEST))
     return Gains(inertia * frequency**2, 2 * controller.damping_ratio * inertia * frequency)
@@ -67,11 +67,5 @@ def feed_forward_torque(controller: Controller, dynamics: Dynamics, path: Refere
     if controller.feed_forward == "none":
         return np.zeros_like(q)
     if controller.feed_forward == "gravity":
-        return _map(dynamics.rigid, q, np.zeros_like(q), np.zeros_like(q))
-    return _map(dynamics.rigid, q, dq, ddq)
-
-
-def _map(function: object, *columns: FloatArray) -> FloatArray:
-    """Evaluate a function of columns on rows: arguments (k, width), result (k, width)."""
-    mapped = function.map(len(columns[0]))  # type: ignore[attr-defined]
-    return np.asarray(mapped(*(item.T for item in columns)), dtype=np.float64).T
+        return dynamics.rigid(q, np.zeros_like(q), np.zeros_like(q))
+    return dynamics.rigid(q, dq, ddq)

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from dynident.effects import MemorySignal, RunSignal
+from dynident.expressions import Program, Recurrence
 from dynident.robot.model import FloatArray, Robot
 from dynident.simulation.signals import SimulatedSignals
 from dynident.simulation.truth import TrueColumns, TrueEffect, true_columns, true_reference
@@ -39,9 +41,9 @@ class _Expressions:
 class Dynamics:
     """The equation of motion of one virtual robot.
 
-    rigid : Function (q, dq, ddq) -> torque of the links
-    mass_diagonal : Function q -> diagonal of the mass matrix with all that turns with acceleration
-    rest : Function (q, dq, ddq, load, z, time, temperature, runs) -> torque of all effects other than the links
+    rigid : (q, dq, ddq) -> torque of the links
+    mass_diagonal : q -> diagonal of the mass matrix with all that turns with acceleration
+    rest : (q, dq, ddq, load, z, time, temperature, runs) -> torque of all effects other than the links
     runs : the run signals among its inputs, each 1 in its runs and 0 in all others
     """
 
@@ -49,9 +51,9 @@ class Dynamics:
     signals: SimulatedSignals
     runs: tuple[RunSignal, ...]
     parts: _Expressions
-    rigid: ca.Function
-    mass_diagonal: ca.Function
-    rest: ca.Function
+    rigid: Program
+    mass_diagonal: Program
+    rest: Program
 
     @property
     def n_state(self) -> int:
@@ -99,9 +101,9 @@ def build_dynamics(
         signals=signals,
         runs=runs,
         parts=parts,
-        rigid=ca.Function("rigid", [signals.q, signals.dq, signals.ddq], [ca.cse(links)]),
-        mass_diagonal=ca.Function("mass_diagonal", [signals.q], [ca.cse(ca.densify(ca.diag(inertia)))]),
-        rest=ca.Function("rest", _rest_inputs(signals, runs), [ca.cse(ca.densify(parts.rest + parts.position_torque))]),
+        rigid=Program([signals.q, signals.dq, signals.ddq], ca.densify(links)),
+        mass_diagonal=Program([signals.q], ca.densify(ca.diag(inertia))),
+        rest=Program(_rest_inputs(signals, runs), ca.densify(parts.rest + parts.position_torque)),
     )
 
 
@@ -150,33 +152,48 @@ def _expressions(
     )
 
 
-def build_step(dynamics: Dynamics, time_step: float, stiffness: FloatArray, damping: FloatArray) -> ca.Function:
-    """Build the function (state, inputs) -> (state, sample) of one step under joint control.
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step of a robot under joint control, `h` s long."""
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    time_step : float
-        Length of the step in s.
-    stiffness, damping : (n,)
-        Gains of the joint controller on the errors of position and velocity.
+    recurrence: Recurrence
 
-    Returns
-    -------
-    casadi.Function
-        state = [q, v, a, q_last, z]: position at the step; velocity half a step before it; acceleration and position
-        of the last step; hysteresis states there. inputs = [q_r, dq_r, feed-forward torque, time, temperature (n),
-        runs]. sample = [q, dq, ddq, tau] at the step.
-    """
-    signals, parts, h = dynamics.signals, dynamics.parts, time_step
+    def run(
+        self, state: FloatArray, inputs: FloatArray, h: float, stiffness: FloatArray, damping: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The state (s,) after m steps, and the samples (m, 4 n) at them.
+
+        Parameters
+        ----------
+        state : (s,)
+            [q, v, a, q_last, z]: position at the step; velocity half a step before it; acceleration and position of
+            the last step; hysteresis states there.
+        inputs : (m, w)
+            [q_r, dq_r, feed-forward torque, time, temperature (n), runs].
+        h : float
+            Length of a step in s.
+        stiffness, damping : (n,)
+            Gains of the joint controller on the errors of position and velocity.
+
+        Returns
+        -------
+        The state, and [q, dq, ddq, tau] at every step.
+        """
+        return self.recurrence.run(state, inputs, np.concatenate([[h], stiffness, damping]))
+
+
+def build_step(dynamics: Dynamics) -> Step:
+    """Build the step of a robot."""
+    signals, parts, h = dynamics.signals, dynamics.parts, ca.SX.sym("h")
     robot, n = dynamics.robot, dynamics.robot.n
+    stiffness, damping = ca.SX.sym("stiffness", n), ca.SX.sym("damping", n)
     velocity, before, last = ca.SX.sym("v", n), ca.SX.sym("a", n), ca.SX.sym("q_last", n)
     memory = ca.SX.sym("z", len(signals.memory_signals))
     reference, reference_rate = ca.SX.sym("q_r", n), ca.SX.sym("dq_r", n)
     feed_forward = ca.SX.sym("tau_ff", n)
 
     predicted = velocity + 0.5 * h * before
-    tau = feed_forward + ca.DM(stiffness) * (reference - signals.q) + ca.DM(damping) * (reference_rate - predicted)
+    tau = feed_forward + stiffness * (reference - signals.q) + damping * (reference_rate - predicted)
     tau = ca.vertcat(*(_within(tau[j], robot.joints[j].limits.effort) for j in range(n)))
 
     states = _moved(signals.memory_signals, memory, signals.q - last)
@@ -204,8 +221,7 @@ def build_step(dynamics: Dynamics, time_step: float, stiffness: FloatArray, damp
     inputs = ca.vertcat(reference, reference_rate, feed_forward, signals.time, signals.temperature, runs)
     following = ca.vertcat(signals.q + h * after, after, ddq, signals.q, states)
     sample = ca.vertcat(signals.q, middle, ddq, tau)
-    following, sample = ca.cse([ca.densify(following), ca.densify(sample)])
-    return ca.Function("step", [state, inputs], [following, sample])
+    return Step(Recurrence(state, inputs, ca.vertcat(h, stiffness, damping), following, sample))
 
 
 def _within(torque: ca.SX, limit: float | None) -> ca.SX:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import signal
 
 from dynident.effects.memory import MemoryStates
+from dynident.expressions import Program
 from dynident.robot.model import FloatArray, Robot
 from dynident.simulation.measurement import Truth
 from dynident.simulation.signals import SensorSignals, SimulatedSignals
@@ -35,7 +36,7 @@ class Sensing:
     robot: Robot
     effects: tuple[TrueEffect, ...]
     delay: float
-    added: ca.Function | None
+    added: Program | None
     signals: SensorSignals
 
     @classmethod
@@ -69,19 +70,18 @@ class Sensing:
         if self.added is not None:
             third, fourth = _higher_derivatives(t, truth.ddq)
             memory = MemoryStates(self.signals.memory_signals).push(truth.q)
-            present = np.tile([float(one.is_in(run)) for one in self.effects], (len(t), 1))
-            clock, period = t[:, None], np.full((len(t), 1), _period(t))
+            present = np.array([float(one.is_in(run)) for one in self.effects])
+            clock, period = t[:, None], np.array([_period(t)])
             state = (truth.q, truth.dq, truth.ddq, third, fourth)
             inputs = (*state, clock, period, temperature, memory, truth.tau, present)
-            found = self.added.map(len(t))(*(item.T for item in inputs))
-            shown = shown + np.asarray(ca.DM(found), dtype=np.float64).T
+            shown = shown + self.added(*inputs)
         if self.delay:
             shown = np.column_stack([np.interp(t - self.delay, t, column) for column in shown.T])
         return shown
 
 
-def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: FloatArray) -> ca.Function:
-    """Function (q, dq, ddq, dddq, ddddq, t, T, temperature, z, motor torque, presence of each effect) -> torque."""
+def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: FloatArray) -> Program:
+    """(q, dq, ddq, dddq, ddddq, t, T, temperature, z, motor torque, presence of each effect) -> torque."""
     n, motor = signals.robot.n, signals.predicted.motor
     present = ca.SX.sym("present", len(effects))
     of_motion, of_torque = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
@@ -109,7 +109,7 @@ def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: Flo
         motor,
         present,
     ]
-    return ca.Function("added", inputs, [ca.cse(ca.densify(total))])
+    return Program(inputs, ca.densify(total))
 
 
 def _everywhere(torque: ca.SX, signals: SensorSignals) -> ca.SX:

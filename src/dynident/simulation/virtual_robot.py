@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
-import casadi as ca
 import numpy as np
 
 from dynident.effects import effect_by_id
@@ -20,7 +20,7 @@ from dynident.simulation.control import (
     feed_forward_torque,
     joint_gains,
 )
-from dynident.simulation.dynamics import Dynamics, build_dynamics, build_step
+from dynident.simulation.dynamics import Dynamics, Step, build_dynamics, build_step
 from dynident.simulation.measurement import Measurement, Truth
 from dynident.simulation.reference import Reference, ReferencePath, check_reference
 from dynident.simulation.sensing import Sensing
@@ -135,6 +135,10 @@ class VirtualRobot:
             tracking_error=np.abs(truth.q - path.at(t)[0]).max(axis=0),
         )
 
+    @cached_property
+    def _step(self) -> Step:
+        return build_step(self.dynamics)
+
     def _follow(
         self, path: ReferencePath, reference: Reference, h: float, taken: IntArray, run_label: str, progress: Progress
     ) -> FloatArray:
@@ -143,7 +147,6 @@ class VirtualRobot:
         coarse = np.arange(0.0, reference.duration + 2 / FEED_FORWARD_RATE, 1 / FEED_FORWARD_RATE) + start
         gains: Gains = joint_gains(self.controller, self.dynamics, path, coarse)
         feed_forward = feed_forward_torque(self.controller, self.dynamics, path, coarse)
-        run = build_step(self.dynamics, h, gains.stiffness, gains.damping).mapaccum("run", _CHUNK)
         state = self._initial_state(path, start, h)
         present = np.array([float(not one.runs or run_label in one.runs) for one in self.dynamics.runs])
         out = np.empty((len(taken), 4 * self.robot.n))
@@ -154,9 +157,7 @@ class VirtualRobot:
             torque = np.column_stack([np.interp(t, coarse, feed_forward[:, j]) for j in range(self.robot.n)])
             runs = np.broadcast_to(present, (_CHUNK, len(present)))
             inputs = np.hstack([q, dq, torque, t[:, None], path.temperature_at(t), runs])
-            states, samples = run(state, inputs.T)
-            state = states[:, -1]
-            rows = np.asarray(ca.DM(samples), dtype=np.float64).T
+            state, rows = self._step.run(state, inputs, h, gains.stiffness, gains.damping)
             wanted = taken[done : int(np.searchsorted(taken, first + _CHUNK))] - first
             out[done : done + len(wanted)] = rows[wanted]
             done += len(wanted)
@@ -165,10 +166,10 @@ class VirtualRobot:
             progress(min(1.0, (first + last) / n_steps), f"simulated {t[last - 1] - start:.1f} s")
         return out
 
-    def _initial_state(self, path: ReferencePath, start: float, h: float) -> ca.DM:
+    def _initial_state(self, path: ReferencePath, start: float, h: float) -> FloatArray:
         q, dq, ddq = (values[0] for values in path.at(np.array([start])))
         memory = np.zeros(len(self.dynamics.signals.memory_signals))
-        return ca.DM(np.concatenate([q, dq - 0.5 * h * ddq, ddq, q, memory]))
+        return np.concatenate([q, dq - 0.5 * h * ddq, ddq, q, memory])
 
     def _check_temperature(self, reference: Reference) -> None:
         heated = [one.effect for one in self.effects if effect_by_id(one.effect).needs_temperature]
