@@ -158,13 +158,15 @@ def _differences(
 
 
 def _central(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
-    """First and second central difference (m, n); the first and last row are not set."""
+    """First and second central difference (m, n); the first and last row are zero."""
     first, second = np.empty_like(values), np.empty_like(values)
     np.subtract(values[2:], values[:-2], out=first[1:-1])
     first[1:-1] *= 0.5 * rate
     np.subtract(values[2:], values[1:-1], out=second[1:-1])
     second[1:-1] -= values[1:-1] - values[:-2]
     second[1:-1] *= rate * rate
+    for derivative in (first, second):
+        derivative[0], derivative[-1] = 0.0, 0.0
     return first, second
 
 
