@@ -30,10 +30,10 @@ def deviations(rows: FloatArray, held: FloatArray | None = None) -> FloatArray:
     return np.asarray(np.where(loose, np.inf, np.linalg.norm(determined, axis=1) / size))
 
 
-def null_space(rows: FloatArray) -> FloatArray:
-    """(c, k): orthonormal columns that the rows (h, c) make zero."""
+def null_space(rows: FloatArray, size: float = float(np.finfo(float).tiny)) -> FloatArray:
+    """(c, k): orthonormal columns that the rows (h, c) make zero, beside the largest singular value or `size`."""
     _, singular, vt = np.linalg.svd(rows, full_matrices=True)
-    rank = int(np.count_nonzero(singular > _NULL * max(float(singular.max(initial=0.0)), np.finfo(float).tiny)))
+    rank = int(np.count_nonzero(singular > _NULL * max(float(singular.max(initial=0.0)), size)))
     return np.asarray(vt[rank:].T)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.effects import Column
 from dynident.errors import DynidentError
 from dynident.estimation import Information
-from dynident.estimation.deviations import owed_to_known
+from dynident.estimation.deviations import null_space, owed_to_known
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
 from dynident.identification.fit import Fit
@@ -148,7 +148,7 @@ def parted(model: Model, belief: Belief) -> Parted:
     row_size = np.linalg.norm(np.where(model.base.written, scaled, 0.0), axis=1)
     scaled = scaled / row_size[:, None]
     unknown = np.where(model.base.written, scaled, 0.0)[:, ~belief.stated]
-    untouched = _left_null_space(unknown)
+    untouched = null_space(unknown.T, size=1.0).T
     seen = untouched @ scaled[:, belief.stated]
     left, singular, right = np.linalg.svd(seen, full_matrices=False)
     enough = singular > _NULL * max(float(singular.max(initial=0.0)), 1.0)
@@ -158,13 +158,6 @@ def parted(model: Model, belief: Belief) -> Parted:
     rest = np.zeros((int(belief.stated.sum()), len(belief.mean)))
     rest[:, belief.stated] = np.eye(len(rest)) - right[enough].T @ right[enough]
     return Parted(base, rest)
-
-
-def _left_null_space(matrix: FloatArray) -> FloatArray:
-    """(k, b): orthonormal rows whose product with the matrix (b, m) is zero."""
-    left, singular, _ = np.linalg.svd(matrix, full_matrices=True)
-    rank = int(np.count_nonzero(singular > _NULL * max(float(singular.max(initial=0.0)), 1.0)))
-    return np.asarray(left[:, rank:].T)
 
 
 def with_prior_said(model: Model, data: Data, fit: Fit, choices: IdentificationChoices) -> Fit:
