@@ -22,6 +22,11 @@ def velocity_scale(robot: Robot, joint: int) -> float:
     return limit if limit is not None and limit > 0 else _VELOCITY_WHERE_UNKNOWN
 
 
+def slowest_velocity(robot: Robot) -> float:
+    """The smallest of the joints' velocity scales: what the width of a smooth sign of friction is measured by."""
+    return min(velocity_scale(robot, joint) for joint in range(robot.n))
+
+
 class _OneColumnFriction(Effect):
     """Friction with one parameter and one expression a joint."""
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.effects import effect_by_id
-from dynident.effects.friction import velocity_scale
+from dynident.effects.friction import slowest_velocity
 from dynident.errors import DynidentError
 from dynident.progress import Progress, silent
 from dynident.robot.drive_chain import currents_of
@@ -74,7 +74,7 @@ class VirtualRobot:
         self.inertias = true_inertias(robot, inertias)
         self.controller = Controller() if controller is None else controller
         self.longest_step = longest_step
-        sign_width = _SIGN_WIDTH * min(velocity_scale(robot, joint) for joint in range(robot.n))
+        sign_width = _SIGN_WIDTH * slowest_velocity(robot)
         self.dynamics: Dynamics = build_dynamics(robot, self.effects, self.inertias, smooth_sign=sign_width)
         self.sensing = Sensing.of(self.effects, self.inertias, self.dynamics.signals)
 

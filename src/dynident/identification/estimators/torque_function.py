@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.effects import Signals, columns_of
-from dynident.effects.friction import velocity_scale
+from dynident.effects.friction import slowest_velocity
 from dynident.errors import DynidentError
 from dynident.estimation.kalman import TorqueSlopes
 from dynident.regressors.model import Model
@@ -27,7 +27,7 @@ class TorqueFunction:
 
     def __init__(self, model: Model) -> None:
         robot, n = model.robot, model.robot.n
-        signals = Signals(robot, smooth_sign=_SIGN_WIDTH * min(velocity_scale(robot, joint) for joint in range(n)))
+        signals = Signals(robot, smooth_sign=_SIGN_WIDTH * slowest_velocity(robot))
         made = {column.key: column for column in columns_of(model.effects, signals)}
         kept = [made[column.key] for column in model.kept]
         motion = {symbol.name() for part in (signals.q, signals.dq, signals.ddq) for symbol in ca.symvar(part)}
