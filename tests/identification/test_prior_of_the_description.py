@@ -13,7 +13,8 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, solve, weighted_factor
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.prior import Belief, belief_of, parted, prior_of
+from dynident.identification.belief import Belief, parted
+from dynident.identification.prior import belief_of, prior_of
 from dynident.identification.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model

@@ -57,9 +57,10 @@ def kr300(read):
 FEASIBLE = IdentificationChoices(COUNTERBALANCED, estimator="feasible", prior="description", free_links=("joint6",))
 
 
-def test_a_kr300_is_predicted_with_the_prior_and_a_free_payload(kr300):
+@pytest.mark.parametrize("prior", ["description", "description_entropic"])
+def test_a_kr300_is_predicted_with_the_prior_and_a_free_payload(kr300, prior):
     # Ordinary least squares: 42 and 47 %; drawings and payload by hand: 15.5 and 15.2 %.
-    for found in kr300(FEASIBLE):
+    for found in kr300(replace(FEASIBLE, prior=prior)):
         assert found.held_out.relative_total <= 0.156
         assert found.inertia_matrix_positive_definite
         assert smallest_pseudo_inertia(found.standard.inertias(found.model)).min() > 0

@@ -62,6 +62,11 @@ def test_parameters_come_with_intervals_and_the_prior_with_narrower_ones(bench: 
         assert other["standard_deviation"] <= 1.5 * one["standard_deviation"] + 1e-9
 
 
+def test_bodies_of_the_description_can_be_believed_the_same_in_every_frame(bench: Bench) -> None:
+    found = bench.identified(estimator="feasible", prior="description_entropic")
+    assert found.result["validation"]["relative_total"] < 0.3
+
+
 def test_essential_parameters_and_correlations_are_there_without_the_data(bench: Bench) -> None:
     model = bench.identified()
     essential = bench.client.identifications.essential(model)
@@ -107,6 +112,7 @@ def test_a_choice_that_there_is_not_is_refused_with_its_field(
         ({"model": "base_wrench"}, "wrench"),
         ({"model": "energy", "strategy": "sequential"}, "energy"),
         ({"prior": "description", "free_links": ["nose"]}, "nose"),
+        ({"prior": "description_entropic", "estimator": "wls"}, "feasible"),
     ],
 )
 def test_choices_that_do_not_fit_one_another_or_the_data_fail_in_words(

@@ -125,5 +125,11 @@ Estimator = Annotated[
     ),
 ]
 Prior = Annotated[
-    str, typer.Option("--prior", metavar="description", help="Believe the inertias of the robot's description, too.")
+    str,
+    typer.Option(
+        "--prior",
+        metavar="description|description_entropic",
+        help="Believe the inertias of the robot's description, too; description_entropic believes bodies, the same in "
+        "every frame, and goes with --estimator feasible.",
+    ),
 ]

@@ -10,6 +10,7 @@ from dynident_service.models.common import Asked, Computed, EffectChoice, Identi
 
 MODELS = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
 STRATEGIES = Literal["global", "sequential", "separate_friction"]
+PRIORS = Literal["description", "description_entropic"]
 ESTIMATORS = Literal["ols", "wls", "irls", "feasible", "iv", "didim", "ekf"]
 STEPS = Literal["link_by_link", "wrist_then_shoulder"]
 DEFAULT_EFFECTS = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
@@ -40,8 +41,10 @@ class IdentificationRequest(Asked):
     strategy: STRATEGIES = "global"
     estimator: ESTIMATORS = "wls"
     steps: STEPS = Field(default="link_by_link", description="Of the sequential strategy")
-    prior: Literal["description"] | None = Field(
-        default=None, description="Inertias that the robot's description gives, weighted by their uncertainty"
+    prior: PRIORS | None = Field(
+        default=None,
+        description="Inertias that the robot's description gives, weighted by their uncertainty; description_entropic "
+        "believes bodies, the same in every frame, and goes with the estimator feasible",
     )
     free_links: list[str] = Field(
         default=[], max_length=100, description="Joints whose links the prior is not believed of, such as a loaded one"

@@ -7,7 +7,15 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
-from dynident_service.models.identifications import ESTIMATORS, MODELS, STEPS, STRATEGIES, ErrorsView, UsedPreprocessing
+from dynident_service.models.identifications import (
+    ESTIMATORS,
+    MODELS,
+    PRIORS,
+    STEPS,
+    STRATEGIES,
+    ErrorsView,
+    UsedPreprocessing,
+)
 
 ValidationKind = Literal["direct", "cross", "inertia_matrix", "payload", "methods", "simulation", "filters"]
 VerdictWord = Literal["pass", "fail", "not_evaluated"]
@@ -20,7 +28,7 @@ class MethodRequest(Asked):
     strategy: STRATEGIES = "global"
     estimator: ESTIMATORS = "wls"
     steps: STEPS = Field(default="link_by_link", description="Of the sequential strategy")
-    prior: Literal["description"] | None = None
+    prior: PRIORS | None = None
 
 
 class ValidationRequest(Asked):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
+from types import MappingProxyType
 from typing import Literal, get_args
 
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
@@ -16,12 +18,15 @@ ModelName = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
 StrategyName = Literal["global", "sequential", "separate_friction"]
 EstimatorName = Literal["ols", "wls", "irls", "feasible", "iv", "didim", "ekf"]
 StepsName = Literal["link_by_link", "wrist_then_shoulder"]
-PriorName = Literal["description"]
+PriorName = Literal["description", "description_entropic"]
 
 AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic", "filtered", "energy", "power", "base_wrench")
 AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential", "separate_friction")
 AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls", "irls", "feasible", "iv", "didim", "ekf")
-AVAILABLE_PRIORS: tuple[PriorName, ...] = ("description",)
+AVAILABLE_PRIORS: tuple[PriorName, ...] = ("description", "description_entropic")
+PRIOR_WORDS: Mapping[PriorName, str] = MappingProxyType(
+    {"description": "description", "description_entropic": "description (entropic)"}
+)
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,8 @@ class IdentificationChoices:
 
     `steps` are those of the sequential strategy; `prior` None: the data alone count; `free_links`, by their joints, are
     those that the prior is not believed of, for instance the last one where it carries an unknown payload, and
-    `prior_error` the share by which the others are usually off (see `usual_errors`). `pole` is a of [12.29] in rad/s,
+    `prior_error` the share by which the others are usually off (see `usual_errors` and, for description_entropic, whose
+    distance is the same in every frame, `entropic`). `pole` is a of [12.29] in rad/s,
     for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model, `preprocessing` the filters:
     None where the data decide. `tolerance` decides which columns count as dependent.
     """
@@ -55,6 +61,13 @@ class IdentificationChoices:
         _known("steps", self.steps, get_args(StepsName), get_args(StepsName))
         if self.prior is not None:
             _known("prior", self.prior, get_args(PriorName), AVAILABLE_PRIORS)
+            if self.prior == "description_entropic" and self.estimator != "feasible":
+                raise DynidentError(
+                    f"the entropic prior is a distance between bodies that can exist: it goes with the estimator "
+                    f"feasible, not {self.estimator}; choose that, or the prior description",
+                    pointer="/prior",
+                    title="Choices that do not fit",
+                )
         elif self.free_links:
             raise DynidentError(
                 "free_links are links that the prior is not believed of, and there is no prior; choose description, or "

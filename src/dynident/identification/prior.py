@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from dynident.effects import Column
 from dynident.errors import DynidentError
 from dynident.estimation import Information
-from dynident.estimation.deviations import null_space, owed_to_known
+from dynident.estimation.deviations import owed_to_known
+from dynident.identification.belief import Belief, parted
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
+from dynident.identification.entropic import entropic_prior
 from dynident.identification.fit import Fit
-from dynident.regressors.base_parameters import BoolArray
 from dynident.regressors.model import Model
-from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
+from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.robot.pseudo_inertia import smallest_pseudo_inertia
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
@@ -24,31 +25,6 @@ _TITLE = "No prior"
 _ALIKE = 1e-6
 # How far below zero rounded drawings may bring a pseudo-inertia, of a unit diagonal.
 _IMPOSSIBLE = 0.01
-_NULL = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class Belief:
-    """A belief about standard parameters: each is `mean` (c,) with the standard deviation `size` (c,).
-
-    Where `stated` (c,) is false nothing is believed: mean and size are then only the order of magnitude.
-    """
-
-    mean: FloatArray
-    size: FloatArray
-    stated: BoolArray
-
-
-@dataclass(frozen=True, eq=False)
-class Parted:
-    """A belief in two independent parts: what it says of base parameters, and the rest.
-
-    `base`: rows for the base parameters (b,). `rest` (k, c): rows for the standard parameters, counted from their mean
-    and in units of their size, that say what the base parameters do not.
-    """
-
-    base: Information
-    rest: FloatArray
 
 
 def prior_of(model: Model, choices: IdentificationChoices) -> Information | None:
@@ -58,6 +34,8 @@ def prior_of(model: Model, choices: IdentificationChoices) -> Information | None
     β with mean G μ and covariance G D Gᵀ. Of sums with something unknown in them (a rotor's inertia, friction, a free
     link) nothing is known.
 
+    Of the entropic prior this is what it says near the description.
+
     Raises
     ------
     DynidentError
@@ -66,7 +44,10 @@ def prior_of(model: Model, choices: IdentificationChoices) -> Information | None
     if choices.prior is None:
         return None
     check_description(model.robot, choices.free_links)
-    return parted(model, belief_of(model, choices)).base
+    belief = belief_of(model, choices)
+    if choices.prior == "description_entropic":
+        belief = entropic_prior(model, choices, belief).belief_at(belief, belief.mean)
+    return parted(model, belief).base
 
 
 def check_description(robot: Robot, free_links: Sequence[str]) -> None:
@@ -138,26 +119,6 @@ def belief_of(model: Model, choices: IdentificationChoices) -> Belief:
 
 def _payload_parameter(column: Column) -> int:
     return [f"{name}p" for name in INERTIAL_NAMES].index(column.parameter)
-
-
-def parted(model: Model, belief: Belief) -> Parted:
-    """The belief as rows for the base parameters, and rows for what the base parameters leave open."""
-    grouping = model.base.grouping
-    # In units of the beliefs' sizes, and each base parameter in that of its own.
-    scaled = grouping * belief.size
-    row_size = np.linalg.norm(np.where(model.base.written, scaled, 0.0), axis=1)
-    scaled = scaled / row_size[:, None]
-    unknown = np.where(model.base.written, scaled, 0.0)[:, ~belief.stated]
-    untouched = null_space(unknown.T, size=1.0).T
-    seen = untouched @ scaled[:, belief.stated]
-    left, singular, right = np.linalg.svd(seen, full_matrices=False)
-    enough = singular > _NULL * max(float(singular.max(initial=0.0)), 1.0)
-    whiten = (left[:, enough] / singular[enough]).T @ untouched
-    factor = whiten / row_size
-    base = Information(factor, factor @ (grouping @ np.where(belief.stated, belief.mean, 0.0)))
-    rest = np.zeros((int(belief.stated.sum()), len(belief.mean)))
-    rest[:, belief.stated] = np.eye(len(rest)) - right[enough].T @ right[enough]
-    return Parted(base, rest)
 
 
 def with_prior_said(model: Model, data: Data, fit: Fit, choices: IdentificationChoices) -> Fit:

@@ -8,8 +8,8 @@ from typing import get_args
 from dynident.identification.choices import (
     AVAILABLE_ESTIMATORS,
     AVAILABLE_MODELS,
-    AVAILABLE_PRIORS,
     AVAILABLE_STRATEGIES,
+    PRIOR_WORDS,
     EstimatorName,
     IdentificationChoices,
     ModelName,
@@ -18,8 +18,12 @@ from dynident.identification.choices import (
     StrategyName,
 )
 
-# Estimators on reduced data, which rows of prior knowledge can be stacked under.
-_WITH_PRIOR: tuple[EstimatorName, ...] = ("wls", "feasible")
+# Estimators on reduced data, which prior knowledge can be put beside.
+_WITH_PRIOR: tuple[tuple[EstimatorName, PriorName], ...] = (
+    ("wls", "description"),
+    ("feasible", "description"),
+    ("feasible", "description_entropic"),
+)
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Method:
         """The method as a person names it."""
         strategy = self.steps if self.strategy == "sequential" else self.strategy
         names = f"{self.model}, {strategy}, {self.estimator}".replace("_", " ")
-        return names if self.prior is None else f"{names}, prior from the {self.prior}"
+        return names if self.prior is None else f"{names}, prior from the {PRIOR_WORDS[self.prior]}"
 
     def of(self, choices: IdentificationChoices) -> IdentificationChoices:
         """These choices with this method."""
@@ -75,10 +79,5 @@ def available_methods(choices: IdentificationChoices) -> tuple[Method, ...]:
         for steps in (get_args(StepsName) if strategy == "sequential" else get_args(StepsName)[:1])
     ]
     found += [Method(choices.model, "global", estimator) for estimator in AVAILABLE_ESTIMATORS]
-    found += [
-        Method(choices.model, "global", estimator, prior)
-        for prior in AVAILABLE_PRIORS
-        for estimator in AVAILABLE_ESTIMATORS
-        if estimator in _WITH_PRIOR
-    ]
+    found += [Method(choices.model, "global", estimator, prior) for estimator, prior in _WITH_PRIOR]
     return tuple(dict.fromkeys(found))

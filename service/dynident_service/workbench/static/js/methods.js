@@ -33,6 +33,7 @@ export const ESTIMATORS = [
 export const PRIORS = [
   ["", "none", "The data alone count."],
   ["description", "the description's inertias", "Believes the robot's description as far as descriptions can usually be believed: for small motions."],
+  ["description_entropic", "the description's bodies (entropic)", "Believes them as bodies, the same in every frame; goes with the estimator physically feasible."],
 ];
 
 /** Name of a value of one of these lists. */

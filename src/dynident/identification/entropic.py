@@ -1,0 +1,108 @@
+"""The entropic prior: how far bodies are from those of the description, whatever the frame they are written in.
+
+The distance of a body with the pseudo-inertia J from the description's with J₀ is the divergence
+
+    d(J ‖ J₀) = tr(J₀⁻¹ J) - log det(J₀⁻¹ J) - 4
+
+(Wensing, Kim and Slotine 2018; Lee, Wensing and Park 2019): that of Kullback and Leibler between normal distributions
+with these second moments, doubled. It is convex, the same in every frame and every unit, and without bound where a body
+stops being possible. Near J₀ it is ½ tr((J₀⁻¹ dJ)²). With 2 / p² of it beside the squares of the weighted residuals
+the mass, and the second moment of the mass about any plane, are believed within the share p of themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.estimation.factors import IntArray
+from dynident.identification.belief import Belief
+from dynident.identification.bodies import bodies_of
+from dynident.identification.choices import IdentificationChoices
+from dynident.regressors.model import Model
+from dynident.robot.model import FloatArray
+from dynident.robot.pseudo_inertia import inertial_parameters, pseudo_inertia, smallest_pseudo_inertia
+
+# Smallest eigenvalue of a believed pseudo-inertia, of a unit diagonal: flatter bodies are at the edge of what can be.
+_FLAT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class EntropicPrior:
+    """The divergence of bodies from those of a description.
+
+    `columns` (k, 10) are their standard parameters, `nominal` (k, 4, 4) their pseudo-inertias J₀, `share` is p.
+    """
+
+    columns: IntArray
+    nominal: FloatArray
+    share: float
+
+    def value(self, values: FloatArray) -> float:
+        """The cost 2 / p² Σ d(J ‖ J₀) of standard parameters (c,): infinite for bodies that cannot be."""
+        matrices = pseudo_inertia(values[self.columns])
+        if not len(matrices):
+            return 0.0
+        if not np.linalg.eigvalsh(matrices).min() > 0:
+            return float("inf")
+        relative = np.linalg.solve(self.nominal, matrices)
+        divergence = np.trace(relative, axis1=1, axis2=2) - np.linalg.slogdet(relative)[1] - 4.0
+        return float(2.0 / self.share**2 * divergence.sum())
+
+    def belief_at(self, belief: Belief, values: FloatArray) -> Belief:
+        """The normal belief whose cost has the value's slope and curvature at standard parameters (c,) of real bodies.
+
+        Its mean is 2 J - J J₀⁻¹ J and its errors are p L Δ Lᵀ with J = L Lᵀ, the entries of the symmetric Δ being
+        independent.
+        """
+        mean, spread = belief.mean.copy(), np.diag(belief.size)
+        for columns, nominal in zip(self.columns, self.nominal, strict=True):
+            matrix = pseudo_inertia(values[columns])
+            root = np.linalg.cholesky(matrix)
+            mean[columns] = inertial_parameters(2.0 * matrix - matrix @ np.linalg.solve(nominal, matrix))
+            spread[np.ix_(columns, columns)] = self.share * inertial_parameters(root @ _DIRECTIONS @ root.T).T
+        return replace(belief, mean=mean, spread=spread)
+
+
+def entropic_prior(model: Model, choices: IdentificationChoices, belief: Belief) -> EntropicPrior:
+    """The entropic prior of the links that a belief says something of.
+
+    Raises
+    ------
+    DynidentError
+        Where the description of one of them is flat or without mass: no body with volume is near it.
+    """
+    believed = [body for body in bodies_of(model.columns) if belief.stated[body.columns].all()]
+    nominal = np.array([belief.mean[body.columns] for body in believed]).reshape(-1, 10)
+    _check(model.robot.name, [body.name for body in believed], nominal)
+    columns = np.array([body.columns for body in believed], dtype=np.intp).reshape(-1, 10)
+    return EntropicPrior(columns, pseudo_inertia(nominal), choices.prior_error)
+
+
+def _check(robot: str, names: Sequence[str], nominal: FloatArray) -> None:
+    flat = [name for name, least in zip(names, smallest_pseudo_inertia(nominal), strict=True) if not least > _FLAT]
+    if flat:
+        raise DynidentError(
+            f"the description of {robot} gives {', '.join(flat)} no mass or no extent in some direction: the entropic "
+            "prior has no distance from such a body; correct it, name it among free_links, or choose the prior "
+            "description",
+            pointer="/prior",
+            title="No prior",
+        )
+
+
+def _directions() -> FloatArray:
+    """(10, 4, 4): symmetric matrices that are orthonormal."""
+    made = []
+    for row in range(4):
+        for column in range(row + 1):
+            one = np.zeros((4, 4))
+            one[row, column] = one[column, row] = 1.0 if row == column else np.sqrt(0.5)
+            made.append(one)
+    return np.array(made)
+
+
+_DIRECTIONS = _directions()
