@@ -12,6 +12,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import ordinary, statistics
 from dynident.identification import IdentificationChoices, identify, remove
+from dynident.identification.commanded_motion import commanded_motion
 from dynident.identification.data import torque_of
 from dynident.identification.estimators.simulated_motion import movable_simulator, simulated_motion
 from dynident.identification.estimators.simulating import instrumental_variables
@@ -144,3 +145,52 @@ def test_instrumental_variables_remove_the_bias_that_encoder_noise_leaves_in_lea
     # Held against the spread of the estimates themselves, which knows nothing of our statistics.
     spread = np.std(found, axis=0, ddof=1)
     assert np.sqrt(np.mean(((np.mean(found, axis=0) - big.truth) / (spread / np.sqrt(runs))) ** 2)) < 4.0
+
+
+def commanded_run(late: float = 0.0, encoder: float = 0.0, noise: float = 0.0, seed: int = 0, wrong: float = 1.0):
+    """A run of the small arm that follows its command so many seconds later; `wrong`: the command's scale."""
+    told, made = SMALL.motion, SMALL.recorded(seed, encoder, noise)
+    rows = next(made.source.rows(0, made.n_samples, made.n_samples))
+    t = told.t + late
+    command = wrong * np.column_stack([np.interp(t, told.t, told.q[:, joint]) for joint in range(SMALL.robot.n)])
+    return record(SMALL.robot, replace(told, q=rows.q), rows.tau, command=command)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.03])
+def test_the_command_is_brought_as_late_as_the_motion(late):
+    found = commanded_motion(commanded_run(late, 1e-4), Preprocessing(40.0, None, 1))
+    np.testing.assert_allclose(found.delay, late, atol=1e-3)
+    assert found.followed
+
+
+@pytest.mark.parametrize("estimator", ["iv", "didim"])
+def test_a_robot_that_follows_its_command_late_is_identified_from_the_command(estimator):
+    found = identify(SMALL.robot, [commanded_run(0.02)], [], choices(estimator))
+    assert "the commanded positions, delayed by up to 20 ms" in found.warnings[0]
+    torque = found.solution.scales
+    assert np.abs((found.values - SMALL.truth) * torque).max() < 2e-2 * np.abs(SMALL.truth * torque).max()
+
+
+def test_with_a_command_the_noise_of_encoders_does_not_reach_what_output_error_finds():
+    changes = {}
+    for run in (lambda encoder: commanded_run(0.01, encoder, 0.1), lambda encoder: SMALL.recorded(0, encoder, 0.1)):
+        quiet, noisy = (identify(SMALL.robot, [run(encoder)], [], choices("didim")) for encoder in (0.0, 2e-3))
+        told = "commanded" in noisy.warnings[0]
+        changes[told] = np.linalg.norm((noisy.values - quiet.values) * quiet.solution.scales)
+    assert changes[True] < 0.2 * changes[False]
+
+
+def test_a_command_that_the_robot_did_not_follow_is_left_out_with_a_warning():
+    found = identify(SMALL.robot, [commanded_run(wrong=0.7)], [], choices("iv"))
+    assert any("commanded positions of run are not used" in warning for warning in found.warnings)
+    assert "measured positions below" in found.warnings[0]
+
+
+def test_a_command_with_holes_is_left_out_with_a_warning():
+    run = commanded_run()
+    command = SMALL.motion.q.copy()
+    command[500, 1] = np.nan
+    rows = next(run.source.rows(0, run.n_samples, run.n_samples))
+    holes = record(SMALL.robot, replace(SMALL.motion, q=rows.q), rows.tau, command=command)
+    found = identify(SMALL.robot, [holes], [], choices("iv"))
+    assert any("not all of them are numbers" in warning for warning in found.warnings)

@@ -49,6 +49,7 @@ class Layout:
     tau: tuple[Column, ...]
     dq: tuple[Column, ...] = ()
     ddq: tuple[Column, ...] = ()
+    q_command: tuple[Column, ...] = ()
     temperature: tuple[Column, ...] = ()
     wrench: tuple[Column, ...] = ()
     mixing: FloatArray | None = None
@@ -56,7 +57,7 @@ class Layout:
     @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of signals that are stored, in the order of their columns."""
-        optional = tuple(kind for kind in ("dq", "ddq", "wrench", "temperature") if getattr(self, kind))
+        optional = tuple(kind for kind in ("dq", "ddq", "q_command", "wrench", "temperature") if getattr(self, kind))
         return ("q", "tau", *optional)
 
     @property
@@ -66,7 +67,7 @@ class Layout:
 
     @property
     def needed(self) -> IntArray:
-        """Which of `columns` have to hold a number in every row: dq and ddq serve the checks, temperature is held."""
+        """Which of `columns` have to hold a number in every row: not dq, ddq, q_command; temperature is held."""
         needed = [kind in ("q", "tau", "wrench") for kind in self.kinds for _ in getattr(self, kind)]
         return np.flatnonzero(needed)
 
@@ -137,6 +138,7 @@ def find_columns(
         tau=tuple(tau),
         dq=finder.find_all("dq"),
         ddq=finder.find_all("ddq"),
+        q_command=finder.find_all("q_command"),
         temperature=finder.find_all("temperature"),
         wrench=finder.find_wrench(),
         mixing=None if np.array_equal(mixing, np.eye(n)) else mixing,
@@ -278,8 +280,8 @@ class _Finder:
         for ours, theirs in self.metadata.columns.items():
             if ours not in known:
                 raise RecordingError(
-                    f"columns maps {ours!r}, which is no column of ours; ours are t, segment, and q, dq, ddq, tau, "
-                    f"current, temperature with a joint's number (q1) or name (q_{self.joint_names[0]}), and "
+                    f"columns maps {ours!r}, which is no column of ours; ours are t, segment, and q, q_command, dq, "
+                    f"ddq, tau, current, temperature with a joint's number (q1) or name (q_{self.joint_names[0]}), and "
                     f"{', '.join(WRENCH_NAMES)}.",
                     pointer=f"/columns/{ours}",
                     title="Unknown column",

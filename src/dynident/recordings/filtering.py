@@ -189,11 +189,13 @@ def _join(parts: list[StoredRows]) -> StoredRows:
         return parts[0]
     temperatures = [rows.temperature for rows in parts if rows.temperature is not None]
     wrenches = [rows.wrench for rows in parts if rows.wrench is not None]
+    commands = [rows.command for rows in parts if rows.command is not None]
     return StoredRows(
         np.concatenate([rows.q for rows in parts]),
         np.concatenate([rows.tau for rows in parts]),
         np.concatenate(temperatures) if temperatures else None,
         np.concatenate(wrenches) if wrenches else None,
+        np.concatenate(commands) if commands else None,
     )
 
 
@@ -211,5 +213,5 @@ def _take(passing: deque[StoredRows], count: int) -> StoredRows:
 
 
 def _cut(rows: StoredRows, part: slice) -> StoredRows:
-    temperature = None if rows.temperature is None else rows.temperature[part]
-    return StoredRows(rows.q[part], rows.tau[part], temperature, None if rows.wrench is None else rows.wrench[part])
+    rest = (None if values is None else values[part] for values in (rows.temperature, rows.wrench, rows.command))
+    return StoredRows(rows.q[part], rows.tau[part], *rest)

@@ -90,13 +90,14 @@ def import_recording(
                 joint_names=tuple(joint_names),
                 sampling_rate=1.0 / base.period,
                 segments=segments,
-                source=ParquetSource(temporary, tuple(joint_names), bool(layout.temperature), bool(layout.wrench)),
+                source=_stored(temporary, joint_names, layout),
                 windows=metadata.windows,
                 role=metadata.role,
                 payload=metadata.payload,
                 has_temperature=bool(layout.temperature),
                 path=temporary,
                 has_wrench=bool(layout.wrench),
+                has_command=bool(layout.q_command),
             )
             sink.describe(recording)
         found = [torque_source, *time_checks(base, layout.t.source)]
@@ -106,8 +107,12 @@ def import_recording(
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    stored = ParquetSource(destination, recording.joint_names, recording.has_temperature, recording.has_wrench)
-    return replace(recording, source=stored, path=destination), checks
+    return replace(recording, source=_stored(destination, joint_names, layout), path=destination), checks
+
+
+def _stored(path: Path, joint_names: Sequence[str], layout: Layout) -> ParquetSource:
+    has = (bool(columns) for columns in (layout.temperature, layout.wrench, layout.q_command))
+    return ParquetSource(path, tuple(joint_names), *has)
 
 
 def recording_from_arrays(
@@ -121,6 +126,7 @@ def recording_from_arrays(
     windows: Windows = (),
     name: str = "recording",
     wrench: FloatArray | None = None,
+    command: FloatArray | None = None,
 ) -> Recording:
     """Make a recording of arrays in SI units, held in memory; the same way as a file, without the checks of motion.
 
@@ -128,29 +134,33 @@ def recording_from_arrays(
     ----------
     t : (m,) in s; q, tau : (m, n); temperature : (m, n) in degC or None; segment : (m,) integers or None;
     wrench : (m, 6) or None, force in N and moment in N m of the base on the robot, in the base frame
+    command : (m, n) or None, the positions that the robot was told to take
 
     Raises
     ------
     RecordingError
         For unsorted time, or what is no number inside the windows.
     """
-    source = _Arrays(t, q, tau, temperature, segment, tuple(joint_names), wrench)
+    source = _Arrays(t, q, tau, temperature, segment, tuple(joint_names), wrench, command)
     layout = source.layout
     metadata = RecordingMetadata(name=name, windows=windows)
     base = scan_time(source, layout, windows)
     sink = ArraySink()
     segments, _ = _convert(source, layout, base, metadata, sink, silent, sampled=False)
     values = sink.values()
-    q, tau, heat, forces = (values[:, layout.place(kind)] for kind in ("q", "tau", "temperature", "wrench"))
+    q, tau = (values[:, layout.place(kind)] for kind in ("q", "tau"))
+    optional = ((kind, getattr(layout, kind)) for kind in ("temperature", "wrench", "q_command"))
+    rest = (values[:, layout.place(kind)] if columns else None for kind, columns in optional)
     return Recording(
         name=name,
         joint_names=tuple(joint_names),
         sampling_rate=1.0 / base.period,
         segments=segments,
-        source=ArraySource(q, tau, None if temperature is None else heat, None if wrench is None else forces),
+        source=ArraySource(q, tau, *rest),
         windows=windows,
         has_temperature=temperature is not None,
         has_wrench=wrench is not None,
+        has_command=command is not None,
     )
 
 
@@ -215,6 +225,7 @@ class _Arrays:
     segment: IntArray | None
     joint_names: tuple[str, ...]
     wrench: FloatArray | None = None
+    command: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.wrench is not None and self.wrench.shape != (len(self.t), 6):
@@ -222,7 +233,8 @@ class _Arrays:
                 f"wrench has shape {self.wrench.shape}; {(len(self.t), 6)} is needed.", pointer="wrench"
             )
         shape = (len(self.t), len(self.joint_names))
-        for name, values in (("q", self.q), ("tau", self.tau), ("temperature", self.temperature)):
+        given = {"q": self.q, "tau": self.tau, "temperature": self.temperature, "command": self.command}
+        for name, values in given.items():
             if values is not None and values.shape != shape:
                 raise RecordingError(f"{name} has shape {values.shape}; {shape} is needed.", pointer=name)
 
@@ -233,13 +245,18 @@ class _Arrays:
 
         temperature = of("temperature") if self.temperature is not None else ()
         wrench = tuple(Column(name) for name in WRENCH_NAMES) if self.wrench is not None else ()
-        return Layout(Column("t"), None, of("q"), of("tau"), temperature=temperature, wrench=wrench)
+        command = of("q_command") if self.command is not None else ()
+        return Layout(Column("t"), None, of("q"), of("tau"), q_command=command, temperature=temperature, wrench=wrench)
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
         yield RawRows(0, np.asarray(self.t, dtype=np.float64), self._labels(), np.empty((len(self.t), 0)))
 
     def rows(self, layout: Layout) -> Iterator[RawRows]:
-        parts = [self.q, self.tau, *(part for part in (self.wrench, self.temperature) if part is not None)]
+        parts = [
+            self.q,
+            self.tau,
+            *(part for part in (self.command, self.wrench, self.temperature) if part is not None),
+        ]
         yield RawRows(0, np.asarray(self.t, dtype=np.float64), self._labels(), np.concatenate(parts, axis=1))
 
     def _labels(self) -> IntArray:

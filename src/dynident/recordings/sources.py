@@ -21,17 +21,19 @@ LAYOUT_VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class ArraySource:
-    """Rows held in memory: q, tau (m, n), temperature (m, n) or None, the base's wrench (m, 6) or None."""
+    """Rows held in memory: q, tau (m, n); temperature, command (m, n) and the base's wrench (m, 6) or None."""
 
     q: FloatArray
     tau: FloatArray
     temperature: FloatArray | None = None
     wrench: FloatArray | None = None
+    command: FloatArray | None = None
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
         """Give the rows as one block: they are in memory anyway."""
         part = slice(first, first + length)
-        yield StoredRows(self.q[part], self.tau[part], _part(self.temperature, part), _part(self.wrench, part))
+        rest = (_part(values, part) for values in (self.temperature, self.wrench, self.command))
+        yield StoredRows(self.q[part], self.tau[part], *rest)
 
 
 def _part(values: FloatArray | None, part: slice) -> FloatArray | None:
@@ -46,13 +48,15 @@ class ParquetSource:
     joint_names: tuple[str, ...]
     has_temperature: bool = False
     has_wrench: bool = False
+    has_command: bool = False
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
         """Stream `length` rows from row `first` on in blocks of at most `block_length`."""
         heat = stored_columns("temperature", self.joint_names) if self.has_temperature else ()
         wrench = stored_columns("wrench", self.joint_names) if self.has_wrench else ()
         q, tau = (stored_columns(kind, self.joint_names) for kind in ("q", "tau"))
-        columns = [*q, *tau, *heat, *wrench]
+        command = stored_columns("q_command", self.joint_names) if self.has_command else ()
+        columns = [*q, *tau, *heat, *wrench, *command]
         with streamed_parquet(self.path) as file:
             groups, skipped = _groups(file.metadata, first, length)
             skip, left = first - skipped, length
@@ -67,6 +71,7 @@ class ParquetSource:
                     stacked(taken, tau),
                     stacked(taken, heat) if heat else None,
                     stacked(taken, wrench) if wrench else None,
+                    stacked(taken, command) if command else None,
                 )
                 if not left:
                     return
@@ -112,6 +117,7 @@ def describe(recording: Recording) -> bytes:
         "payload": recording.payload,
         "has_temperature": recording.has_temperature,
         "has_wrench": recording.has_wrench,
+        "has_command": recording.has_command,
     }
     return json.dumps(content).encode()
 
@@ -140,11 +146,18 @@ def open_recording(path: Path | str) -> Recording:
         joint_names=joint_names,
         sampling_rate=content["sampling_rate"],
         segments=tuple(Segment(*segment) for segment in content["segments"]),
-        source=ParquetSource(path, joint_names, content["has_temperature"], content.get("has_wrench", False)),
+        source=ParquetSource(
+            path,
+            joint_names,
+            content["has_temperature"],
+            content.get("has_wrench", False),
+            content.get("has_command", False),
+        ),
         windows=tuple((start, end) for start, end in content["windows"]),
         role=content["role"],
         payload=content["payload"],
         has_temperature=content["has_temperature"],
         path=path,
         has_wrench=content.get("has_wrench", False),
+        has_command=content.get("has_command", False),
     )

@@ -87,8 +87,9 @@ class RecordingMetadata:
     columns : mapping
         Our column name to the file's: {"q1": "shoulder_angle"}.
     units : mapping
-        Unit by kind of signal ("q", "dq", "ddq", "tau", "current", "temperature", "base_force", "base_moment", "t") or
-        by one of our columns ("q3", "q_elbow", "base_fx"); SI where nothing is said, temperature in degC.
+        Unit by kind of signal ("q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force",
+        "base_moment", "t") or by one of our columns ("q3", "q_elbow", "base_fx"); SI where nothing is said,
+        temperature in degC.
     role : str or None
         "identification", "validation", "friction" or "payload".
     windows : pairs (from, to)
@@ -146,13 +147,15 @@ WRENCH_NAMES = ("base_fx", "base_fy", "base_fz", "base_mx", "base_my", "base_mz"
 class StoredRows(NamedTuple):
     """Consecutive stored rows in SI units: positions and torques (m, n), temperature (m, n) in degC or None.
 
-    `wrench` (m, 6) or None: force in N, then moment in N m, of the base on the robot.
+    `wrench` (m, 6) or None: force in N, then moment in N m, of the base on the robot. `command` (m, n) or None: the
+    positions that the robot was told to take.
     """
 
     q: FloatArray
     tau: FloatArray
     temperature: FloatArray | None
     wrench: FloatArray | None = None
+    command: FloatArray | None = None
 
 
 class SampleSource(Protocol):
@@ -178,6 +181,7 @@ class Recording:
     has_temperature: bool = False
     path: Path | None = None
     has_wrench: bool = False
+    has_command: bool = False
 
     @property
     def n(self) -> int:

@@ -17,6 +17,8 @@ FACTORS: dict[tuple[str, JointKind | None], dict[str, float]] = {
     ("t", None): {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
     ("q", "revolute"): _ANGLE,
     ("q", "prismatic"): _LENGTH,
+    ("q_command", "revolute"): _ANGLE,
+    ("q_command", "prismatic"): _LENGTH,
     ("dq", "revolute"): {f"{unit}/s": factor for unit, factor in _ANGLE.items()}
     | {"rpm": 2.0 * pi / 60.0, "rev/min": 2.0 * pi / 60.0},
     ("dq", "prismatic"): {f"{unit}/s": factor for unit, factor in _LENGTH.items()},
@@ -36,7 +38,7 @@ FACTORS: dict[tuple[str, JointKind | None], dict[str, float]] = {
 OFFSETS = {"K": -273.15, "degF": -32.0 * 5.0 / 9.0}
 """Added after the factor (temperatures only)."""
 
-JOINT_KINDS = ("q", "dq", "ddq", "tau", "current", "temperature")
+JOINT_KINDS = ("q", "q_command", "dq", "ddq", "tau", "current", "temperature")
 """Signals that every joint has."""
 
 KINDS = ("t", *JOINT_KINDS, "base_force", "base_moment")

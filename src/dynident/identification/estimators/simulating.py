@@ -15,6 +15,7 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, instrumental, statistics, weighted
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.commanded_motion import commanded_motion
 from dynident.identification.data import Data
 from dynident.identification.estimators.simulated_motion import (
     BANDWIDTH,
@@ -63,7 +64,7 @@ def instrumental_variables(
         Where nothing can be simulated, or the simulated motion is no instrument for the measured one.
     """
     check_simulable(model, choices, data)
-    cutoff = _cutoff(data, _HARMONICS * motion_band(data.recordings))
+    references = _references(data, _HARMONICS * motion_band(data.recordings))
     strength = 1.0
 
     def solved(both: Reduction) -> Fit:
@@ -72,13 +73,13 @@ def instrumental_variables(
         strength = found.strength
         return Fit(found.solution, found.statistics)
 
-    settled = _alternated(model, data, cutoff, known, solved)
+    settled = _alternated(model, data, references, known, solved)
     said = (
-        f"Instrumental variables from a simulated robot ({BANDWIDTH:g} Hz of control bandwidth) that follows the "
-        f"measured positions below {cutoff:.2g} Hz; settled after {settled.rounds} rounds; the weakest correlation "
+        f"Instrumental variables from a simulated robot ({BANDWIDTH:g} Hz of control bandwidth) that follows "
+        f"{references.words}; settled after {settled.rounds} rounds; the weakest correlation "
         f"between simulated and measured columns is {strength:.3f}."
     )
-    warnings = (said, *settled.warnings)
+    warnings = (said, *references.warnings, *settled.warnings)
     if strength < _STRONG:
         warnings += ("The instruments are weak in some direction: the standard deviations there are rough.",)
     return Fit(settled.fit.solution, settled.fit.statistics, warnings)
@@ -96,8 +97,7 @@ def output_error(model: Model, choices: IdentificationChoices, data: Data, known
         Where nothing can be simulated.
     """
     check_simulable(model, choices, data)
-    wide = choose_preprocessing(data.recordings).position_cutoff
-    cutoff = _cutoff(data, np.inf if wide is None else wide)
+    references = _references(data, choose_preprocessing(data.recordings).position_cutoff)
     c = model.n_parameters
     error = 0.0
 
@@ -109,12 +109,47 @@ def output_error(model: Model, choices: IdentificationChoices, data: Data, known
         error = float(np.sqrt(np.mean(found.noise**2)))
         return Fit(solution, found)
 
-    settled = _alternated(model, data, cutoff, known, solved)
+    settled = _alternated(model, data, references, known, solved)
     said = (
-        f"Output error: torque simulated along the measured positions below {cutoff:.2g} Hz under a control bandwidth "
-        f"of {BANDWIDTH:g} Hz; settled after {settled.rounds} rounds at a simulated torque error of {error:.3g} rms."
+        f"Output error: torque simulated along {references.words} under a control bandwidth of {BANDWIDTH:g} Hz; "
+        f"settled after {settled.rounds} rounds at a simulated torque error of {error:.3g} rms."
     )
-    return Fit(settled.fit.solution, settled.fit.statistics, (said, *settled.warnings))
+    return Fit(settled.fit.solution, settled.fit.statistics, (said, *references.warnings, *settled.warnings))
+
+
+@dataclass(frozen=True, eq=False)
+class _References:
+    """What simulated robots follow: the segments of every recording; in words; what the user must know of it."""
+
+    motions: list[tuple[RecordedMotion, ...]]
+    words: str
+    warnings: tuple[str, ...]
+
+
+def _references(data: Data, measured: float | None) -> _References:
+    """The commanded motions where they are recorded and were followed; else the measured ones below `measured` Hz.
+
+    Commands hold no noise of encoders, and may be taken up to what the data's own filter leaves.
+    """
+    cutoff, wide = _cutoff(data, measured), _cutoff(data, None)
+    motions, warnings, delays = [], [], []
+    for recording in data.recordings:
+        found = commanded_motion(recording, Preprocessing(wide, None, 1)) if recording.has_command else None
+        if found is not None and found.followed:
+            motions.append(found.segments)
+            delays.append(float(np.abs(found.delay).max()))
+            continue
+        motions.append(whole_segments(recording, Preprocessing(cutoff, None, 1)))
+        if found is not None:
+            how = f"even delayed, they are off the measured ones by {found.rest:.0%} of the motion"
+            why = how if np.isfinite(found.rest) else "not all of them are numbers"
+            warnings.append(f"The commanded positions of {recording.name} are not used: {why}.")
+    words = []
+    if delays:
+        words.append(f"the commanded positions, delayed by up to {1e3 * max(delays):.2g} ms as the robot was")
+    if len(delays) < len(motions):
+        words.append(f"the measured positions below {cutoff:.2g} Hz")
+    return _References(motions, " or ".join(words), tuple(warnings))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,16 +160,14 @@ class _Settled:
 
 
 def _alternated(
-    model: Model, data: Data, cutoff: float, known: Information | None, solved: Callable[[Reduction], Fit]
+    model: Model, data: Data, references: _References, known: Information | None, solved: Callable[[Reduction], Fit]
 ) -> _Settled:
     """Simulate with the last estimates, solve with what was simulated, and so on until the estimates settle."""
-    smooth = Preprocessing(cutoff, None, 1)
-    motions = [whole_segments(recording, smooth) for recording in data.recordings]
     values = _first_estimate(model, data, known)
     change = np.inf
     found: Fit | None = None
     for number in range(1, _ROUNDS + 1):
-        found = solved(_beside_simulated(model, data, _simulated(model, data, motions, values)))
+        found = solved(_beside_simulated(model, data, _simulated(model, data, references.motions, values)))
         deviations = np.maximum(found.statistics.standard_deviations, np.finfo(float).tiny)
         change = float(np.max(np.abs(found.solution.values - values) / deviations))
         values = found.solution.values
@@ -205,11 +238,11 @@ def _beside_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) 
     return uncounted(folded(rows_of, columns, 2 * b, data.recordings), observation, data.recordings)
 
 
-def _cutoff(data: Data, wanted: float) -> float:
-    """Hz, as wanted but below what the sampling rate and the chosen filter of positions leave."""
+def _cutoff(data: Data, wanted: float | None) -> float:
+    """Hz, as wanted (None: all) but below what the sampling rate and the chosen filter of positions leave."""
     rate = min(recording.sampling_rate for recording in data.recordings)
     own = data.preprocessing.position_cutoff
-    return float(min(wanted, _NYQUIST_SHARE * 0.5 * rate, np.inf if own is None else own))
+    return float(min(np.inf if wanted is None else wanted, _NYQUIST_SHARE * 0.5 * rate, np.inf if own is None else own))
 
 
 def check_simulable(model: Model, choices: IdentificationChoices, data: Data) -> None:

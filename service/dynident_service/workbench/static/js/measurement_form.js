@@ -49,7 +49,7 @@ export function measurementForm(robot, { onStored, onRobot, count }) {
     "div",
     {},
     dropZone("Drop recordings here (CSV or Parquet), or choose them:", { accept: ".csv,.txt,.parquet,.pq", multiple: true, id: "recordings" }, add),
-    h("p", { class: "note" }, `Columns: t, q_<joint> or q1, q2, … and tau… or current…; dq…, ddq…, temperature…, segment if there are any; base_fx … base_mz, the wrench of the base on the robot. Joints: ${robot.joints.map((one) => one.name).join(", ")}.`),
+    h("p", { class: "note" }, `Columns: t, q_<joint> or q1, q2, … and tau… or current…; dq…, ddq…, q_command…, temperature…, segment if there are any; base_fx … base_mz, the wrench of the base on the robot. Joints: ${robot.joints.map((one) => one.name).join(", ")}.`),
     forms,
     driveGains(robot, onRobot),
   );

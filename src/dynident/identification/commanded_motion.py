@@ -1,0 +1,64 @@
+"""The commanded motion of a recording, as late as the robot made it: a reference without the noise of encoders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.identification.recorded_motion import RecordedMotion, whole_segments
+from dynident.recordings import Preprocessing, Recording
+from dynident.recordings.commanded import commanded
+from dynident.robot.model import FloatArray
+
+# What is left between the motion and the delayed command, of the motion, above which the robot did not follow it.
+_FOLLOWED = 0.05
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class CommandedMotion:
+    """The command of every segment, delayed by `delay` (n,) in s, which brings it nearest to the measured motion.
+
+    `rest`: what is left between the two, of the motion, of the joint where that is largest.
+    """
+
+    segments: tuple[RecordedMotion, ...]
+    delay: FloatArray
+    rest: float
+
+    @property
+    def followed(self) -> bool:
+        """Whether the robot followed the command but for the delay."""
+        return self.rest <= _FOLLOWED
+
+
+def commanded_motion(recording: Recording, smooth: Preprocessing) -> CommandedMotion:
+    """The commanded motion behind a zero-phase filter, as late as the measured one behind the same filter."""
+    measured = whole_segments(recording, smooth)
+    ahead = whole_segments(commanded(recording), smooth)
+    delay = np.zeros(recording.n)
+    for _ in range(_ROUNDS):
+        late = tuple(_delayed(one, delay) for one in ahead)
+        gap = np.concatenate([m.reference.q - c.reference.q for m, c in zip(measured, late, strict=True)])
+        slope = np.concatenate([c.reference.dq for c in late])
+        squares = np.sum(slope**2, axis=0)
+        delay = delay - np.sum(gap * slope, axis=0) / np.where(squares > 0, squares, np.inf)
+    if not np.isfinite(delay).all():
+        return CommandedMotion(measured, np.zeros(recording.n), np.inf)
+    late = tuple(_delayed(one, delay) for one in ahead)
+    gap = np.concatenate([m.reference.q - c.reference.q for m, c in zip(measured, late, strict=True)])
+    size = np.std(np.concatenate([m.reference.q for m in measured]), axis=0)
+    moving = size > 1e-3 * size.max()
+    rest = np.sqrt(np.mean(gap**2, axis=0))[moving] / size[moving]
+    return CommandedMotion(late, delay, float(rest.max(initial=0.0)))
+
+
+def _delayed(motion: RecordedMotion, delay: FloatArray) -> RecordedMotion:
+    """The motion, every joint by so many seconds later."""
+    given = motion.reference
+    q, dq, ddq = (
+        np.column_stack([np.interp(given.t - late, given.t, part[:, joint]) for joint, late in enumerate(delay)])
+        for part in (given.q, given.dq, given.ddq)
+    )
+    return replace(motion, reference=replace(given, q=q, dq=dq, ddq=ddq))

@@ -1,0 +1,27 @@
+"""A recording with the commanded positions in place of the measured ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from dynident.recordings.types import Recording, SampleSource, StoredRows
+
+
+@dataclass(frozen=True, eq=False)
+class _Commanded:
+    """Rows of another source, their positions those that were commanded."""
+
+    source: SampleSource
+
+    def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
+        for rows in self.source.rows(first, length, block_length):
+            assert rows.command is not None
+            yield rows._replace(q=rows.command)
+
+
+def commanded(recording: Recording) -> Recording:
+    """The recording as it was commanded: its positions are those that the robot was told to take."""
+    if not recording.has_command:
+        raise ValueError(f"{recording.name} holds no commanded positions")
+    return replace(recording, source=_Commanded(recording.source), path=None)
