@@ -32,7 +32,7 @@ from dynident.excitation.limits.bounds import Bounds, bounds_of
 from dynident.excitation.limits.shrinking import Shrinking
 from dynident.excitation.observation.model import DesignModel, design_model
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.optimise import optimise
+from dynident.excitation.optimising.optimise import search
 from dynident.excitation.optimising.problem import DesignProblem
 from dynident.excitation.optimising.random_trajectories import Judge, random_candidates
 from dynident.excitation.trajectories.family import Family
@@ -94,7 +94,7 @@ def main() -> None:
     scene = Scene(robot, model, family, bounds, starts, asked.seed, 0.0, asked.patience)
     if asked.goal is None:
         began = time.perf_counter()
-        best = our_design(scene)
+        best = our_design(replace(scene, patience=60.0))
         print(f"best of {N_STARTS} starts: {best:.1f}, in {time.perf_counter() - began:.1f} s")
     scene = replace(scene, goal=asked.goal or 1.06 * best)
     conditions = [candidate.values.condition_number for candidate in candidates]
@@ -130,15 +130,14 @@ def pivoted(model: DesignModel) -> DesignModel:
 
 
 def our_design(scene: Scene) -> float:
-    """Starts one after the other until the goal is reached."""
+    """Search until the goal is reached."""
     yardstick = yardstick_of(scene.model, CriterionChoice(), {})
     judge = Judge(scene.family, scene.model, yardstick)
     candidates = random_candidates(scene.family, scene.bounds, scene.model, judge, count=N_STARTS, seed=scene.seed)
     problem = DesignProblem(scene.family, scene.model, yardstick.smooth, scene.bounds)
     shrinking = Shrinking(scene.family, scene.bounds, scene.model)
     best = np.inf
-    for candidate in candidates:
-        found = optimise(problem, shrinking, judge, [candidate], Budget(1, scene.patience), silent)
+    for found in search(problem, shrinking, judge, candidates, Budget(N_STARTS, scene.patience), silent):
         best = min(best, scene.condition(found.best.x))
         if best <= scene.goal:
             break

@@ -38,10 +38,10 @@ def sensor_noise(recording: Recording) -> SensorNoise:
     torque: list[FloatArray] = []
     for block in filtered_blocks(recording, unfiltered):
         used = np.flatnonzero(block.used)
-        if len(used) > 2 * _DIFFERENCES:
-            rows = slice(used[0], used[-1] + 1)
-            position.append(np.diff(block.q[rows], _DIFFERENCES, axis=0))
-            torque.append(np.diff(block.tau[rows], _DIFFERENCES, axis=0))
+        for run in np.split(used, np.flatnonzero(np.diff(used) > 1) + 1):
+            if len(run) > 2 * _DIFFERENCES:
+                position.append(np.diff(block.q[run], _DIFFERENCES, axis=0))
+                torque.append(np.diff(block.tau[run], _DIFFERENCES, axis=0))
     if not position:
         raise DynidentError(
             f"{recording.name} has too few samples inside its windows to tell its noise", pointer="/measurement_ids"

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from dynident.excitation.criteria.choice import CriterionChoice, check_criterion
 from dynident.excitation.criteria.variances import Deciding, relative_variances
@@ -22,6 +23,8 @@ Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
 _SCHATTEN = 8.0
 # Eigenvalues below this share of the largest are rounding errors: W has lost rank.
 _FLOOR = 1e-14
+# M beyond this is inverted by its eigenvalues.
+_ILL_CONDITIONED = 1e11
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +55,43 @@ class _Spectrum:
 
 
 def condition_number(w: FloatArray) -> tuple[float, FloatArray]:
-    """Logarithm of the smooth condition number, ½ log(‖M‖p ‖M⁻¹‖p); [12.12]."""
+    """Logarithm of the smooth condition number, ½ log(‖M‖p ‖M⁻¹‖p); [12.12].
+
+    From powers of M and M⁻¹, which take a fraction of the time of its eigenvalues; those where M is nearly singular.
+    """
+    m = w.T @ w
+    inverse = _inverse(m)
+    if inverse is None:
+        return _condition_number_of_spectrum(w)
+    large, slope_large = _log_norm_of(m)
+    small, slope_small = _log_norm_of(inverse)
+    # ∂ of a function of M⁻¹: -M⁻¹ (…) M⁻¹.
+    slope = 0.5 * (slope_large - inverse @ slope_small @ inverse)
+    return 0.5 * (large + small), 2.0 * (w @ slope)
+
+
+def _log_norm_of(m: FloatArray) -> tuple[float, FloatArray]:
+    """log (tr M⁸)^(1/8) of a positive definite M and its derivative M⁷ / tr M⁸: the Schatten norm for p = 8."""
+    size = float(np.trace(m))
+    first = m / size
+    second = first @ first
+    fourth = second @ second
+    total = float(np.sum(fourth * fourth))
+    return np.log(size) + np.log(total) / _SCHATTEN, fourth @ (second @ first) / (total * size)
+
+
+def _inverse(m: FloatArray) -> FloatArray | None:
+    """M⁻¹ by Cholesky; None where M is so near to singular that its small eigenvalues are lost in it."""
+    factor, failed = dpotrf(m, lower=1)
+    if failed:
+        return None
+    lower, failed = dpotri(factor, lower=1)
+    inverse: FloatArray = np.tril(lower) + np.tril(lower, -1).T
+    ill = failed or not np.trace(m) * np.trace(inverse) < _ILL_CONDITIONED
+    return None if ill else inverse
+
+
+def _condition_number_of_spectrum(w: FloatArray) -> tuple[float, FloatArray]:
     spectrum = _Spectrum.of(w)
     large, slope_large = spectrum.log_norm(_SCHATTEN)
     small, slope_small = spectrum.log_norm(-_SCHATTEN)

@@ -85,7 +85,7 @@ def _best(
             break
 
         def tell(done: float, message: str, start: int = start) -> None:
-            share = 0.2 + 0.75 * budget.fraction(start, done)
+            share = 0.2 + 0.75 * budget.fraction(start + done)
             task.progress(share, f"start {start + 1}, {message}")
 
         sequence, finished = improved(

@@ -30,9 +30,9 @@ class Budget:
         """Whether the time is over."""
         return self.share_spent >= 1.0
 
-    def fraction(self, start: int, done: float) -> float:
-        """Share of the budget used, while `done` (0 to 1) of the start with this number is."""
-        shares = [] if self.starts is None else [(start + done) / self.starts]
+    def fraction(self, starts: float) -> float:
+        """Share of the budget used when so many starts are done, parts of them included."""
+        shares = [] if self.starts is None else [starts / self.starts]
         if self.seconds is not None:
             shares.append(self.share_spent)
         return min(1.0, max(shares))

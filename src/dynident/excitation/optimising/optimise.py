@@ -1,9 +1,14 @@
-"""Optimised periodic trajectories: augmented Lagrangian and L-BFGS with exact gradients, from several starts."""
+"""Optimised periodic trajectories: augmented Lagrangian and L-BFGS with exact gradients, from several starts.
+
+A third of a start's iterations bring it most of the way and tell what it is worth. Starts are therefore tried in heats:
+all of a heat go that far, then they are finished in the order of what they have reached.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
@@ -20,6 +25,9 @@ _PENALTY_GROWTH = 4.0
 _ENOUGH_PROGRESS = 0.3
 """The worst excess must fall to this share of the last one, or the penalty grows."""
 _ITERATIONS = (40, 30, 30, 30, 30, 30)
+_SKETCH = 2
+"""Rounds after which a start shows what it is worth."""
+_HEAT = 4
 _SMALL_EXCESS = 2e-3
 """Within what the margin between samples leaves: shrinking takes the rest."""
 _SETTLED = 2e-3
@@ -43,72 +51,118 @@ def optimise(
     budget: Budget,
     progress: Progress,
 ) -> Optimisation:
-    """Improve random candidates, best first, one after the other, until the budget is spent.
+    """Improve random candidates, best first, until the budget is spent.
 
     What is returned keeps the limits on a fine grid and is never worse than the best candidate. A start that the
     budget cuts short still counts with what it has reached.
     """
-    best, completed = candidates[0], 0
-    wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
-    for index in range(wanted):
-        if budget.spent:
-            break
+    *_, last = search(problem, shrinking, judge, candidates, budget, progress)
+    return last
 
-        def tell(iteration: int, done: float, at: Evaluation, start: int = index) -> None:
+
+def search(
+    problem: DesignProblem,
+    shrinking: Shrinking,
+    judge: Judge,
+    candidates: Sequence[Candidate],
+    budget: Budget,
+    progress: Progress,
+) -> Iterator[Optimisation]:
+    """The same step by step: what there is at first, after every sketch of a start and after its end."""
+    found = Optimisation(candidates[0], 0, budget.spent)
+    yield found
+    wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
+    for first in range(0, wanted, _HEAT):
+        heat = [_Start(problem, k, candidates[k].x) for k in range(first, min(first + _HEAT, wanted))]
+        worth: dict[int, float] = {}
+
+        def told(start: _Start, at: Evaluation, before: int = first, heat: Sequence[_Start] = heat) -> None:
             progress(
-                budget.fraction(start, done),
-                f"start {start + 1}, iteration {iteration}: criterion {np.exp(at.criterion):.4g}, "
+                budget.fraction(before + sum(one.share_done for one in heat)),
+                f"start {start.number + 1}, iteration {start.iterations}: criterion {np.exp(at.criterion):.4g}, "
                 f"tightest limit at {100 * (1 + at.worst):.0f} %",
             )
 
-        x, finished = _one_start(problem, candidates[index].x, budget, tell)
-        fitting = shrinking.shrink(x)
-        completed += finished
-        if fitting is not None:
-            reached = Candidate(fitting, judge.values(fitting))
-            if reached.values.criterion < best.values.criterion:
-                best = reached
-    return Optimisation(best, completed, budget.spent)
+        for rounds in (_SKETCH, len(_ITERATIONS)):
+            for start in sorted(heat, key=lambda one: worth.get(one.number, 0.0)):
+                if start.finished:
+                    continue
+                if budget.spent:
+                    return
+                start.advance(rounds, budget, partial(told, start))
+                reached = _within_limits(start.x, shrinking, judge)
+                worth[start.number] = np.inf if reached is None else reached.values.criterion
+                found = _with(found, reached, start.finished, budget)
+                yield found
 
 
-def _one_start(
-    problem: DesignProblem, x: FloatArray, budget: Budget, tell: Callable[[int, float, Evaluation], None]
-) -> tuple[FloatArray, bool]:
-    """Coefficients (m, n) after one run of the augmented Lagrangian, and whether it came to its end."""
-    multipliers = problem.no_multipliers(_PENALTY)
-    flat, iterations = x.ravel().copy(), 0
-    worst, before = np.inf, np.inf
-    for number, allowed in enumerate(_ITERATIONS):
-        descent = _Descent(problem, multipliers)
+def _within_limits(x: FloatArray, shrinking: Shrinking, judge: Judge) -> Candidate | None:
+    fitting = shrinking.shrink(x)
+    return None if fitting is None else Candidate(fitting, judge.values(fitting))
 
-        def after_iteration(
-            intermediate_result: OptimizeResult, descent: _Descent = descent, number: int = number
-        ) -> None:
-            nonlocal iterations
-            iterations += 1
-            tell(iterations, (number + 0.5) / len(_ITERATIONS), descent.last)
+
+def _with(found: Optimisation, reached: Candidate | None, finished: bool, budget: Budget) -> Optimisation:
+    better = reached is not None and reached.values.criterion < found.best.values.criterion
+    best = reached if reached is not None and better else found.best
+    return Optimisation(best, found.starts + finished, budget.spent)
+
+
+@dataclass(eq=False)
+class _Start:
+    """One run of the augmented Lagrangian, from coefficients x (m, n) on, some rounds at a time."""
+
+    problem: DesignProblem
+    number: int
+    x: FloatArray
+    iterations: int = 0
+    finished: bool = False
+    _round: int = 0
+    _worst: float = np.inf
+    _before: float = np.inf
+    _multipliers: Multipliers = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._multipliers = self.problem.no_multipliers(_PENALTY)
+
+    @property
+    def share_done(self) -> float:
+        """Rounds that are done, of those that it may take."""
+        return 1.0 if self.finished else self._round / len(_ITERATIONS)
+
+    def advance(self, rounds: int, budget: Budget, tell: Callable[[Evaluation], None]) -> None:
+        """Go on until so many rounds altogether are done, the start is finished, or the time is over."""
+        while self._round < rounds and not self.finished and not budget.spent:
+            self._one_round(budget, tell)
+
+    def _one_round(self, budget: Budget, tell: Callable[[Evaluation], None]) -> None:
+        descent = _Descent(self.problem, self._multipliers)
+
+        def after_iteration(intermediate_result: OptimizeResult) -> None:
+            self.iterations += 1
+            tell(descent.last)
             if budget.spent:
                 raise StopIteration
 
         result = minimize(
             descent,
-            flat,
+            self.x.ravel(),
             jac=True,
             method="L-BFGS-B",
             callback=after_iteration,
-            options={"maxiter": allowed, "maxcor": _CORRECTIONS, "gtol": 1e-5, "ftol": 1e-10},
+            options={"maxiter": _ITERATIONS[self._round], "maxcor": _CORRECTIONS, "gtol": 1e-5, "ftol": 1e-10},
         )
-        flat = result.x
-        at = problem.evaluate(flat, multipliers)
+        self.x = result.x.reshape(self.x.shape)
+        at = self.problem.evaluate(result.x, self._multipliers)
         if budget.spent:
-            return flat.reshape(x.shape), False
-        settled = abs(before - at.criterion) < _SETTLED
-        if at.worst < _SMALL_EXCESS and settled:
-            break
-        penalty = multipliers.penalty * (1.0 if at.worst < _ENOUGH_PROGRESS * worst else _PENALTY_GROWTH)
-        multipliers = multipliers.raised(at, penalty)
-        worst, before = at.worst, at.criterion
-    return flat.reshape(x.shape), True
+            return
+        self._round += 1
+        settled = abs(self._before - at.criterion) < _SETTLED
+        self.finished = self._round == len(_ITERATIONS) or (at.worst < _SMALL_EXCESS and settled)
+        enough = at.worst < _ENOUGH_PROGRESS * self._worst
+        self._multipliers = self._multipliers.raised(
+            at, self._multipliers.penalty * (1.0 if enough else _PENALTY_GROWTH)
+        )
+        self._worst, self._before = at.worst, at.criterion
 
 
 class _Descent:
