@@ -1,6 +1,6 @@
 """How often 95 % intervals hold the true parameter, by class of parameter, over simulated recordings.
 
-python benchmarks/interval_coverage.py [recordings]
+python benchmarks/interval_coverage.py [recordings [estimator]]
 
 Torque of Pinocchio along another random motion each time, white torque noise of 1 % of the largest torque, encoders of
 2^17 counts a turn that are one count unsteady; filters are chosen from the data as for a user. Beside it: intervals
@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import pinocchio
@@ -20,6 +21,7 @@ from common import FloatArray
 
 from dynident.effects import Column, EffectChoice
 from dynident.identification import IdentificationChoices, identify_model
+from dynident.identification.choices import EstimatorName
 from dynident.progress import silent
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays
 from dynident.regressors.model import build_model
@@ -87,8 +89,8 @@ def class_of(column: Column) -> str:
     return "first moments" if column.parameter.startswith("M") else "inertia"
 
 
-def study(recordings: int, first: int = 0) -> Coverage:
-    """Identify so many recordings, the first with the seed `first`, and count."""
+def study(recordings: int, first: int = 0, estimator: EstimatorName = "wls") -> Coverage:
+    """Identify so many recordings with an estimator, the first with the seed `first`, and count."""
     arm = VirtualArm()
     model = build_model(arm.robot, EFFECTS)
     truth = model.base.grouping @ arm.standard
@@ -96,7 +98,7 @@ def study(recordings: int, first: int = 0) -> Coverage:
     for seed in range(first, first + recordings):
         recording = arm.recorded(seed)
         filters = choose_preprocessing([recording])
-        choices = IdentificationChoices(effects=EFFECTS, preprocessing=filters)
+        choices = IdentificationChoices(effects=EFFECTS, preprocessing=filters, estimator=estimator)
         found = identify_model(model, [recording], [], choices, filters, np.zeros(14 * arm.robot.n), silent)
         low, high = np.array([parameter.interval for parameter in found.parameters]).T
         held.append((low <= truth) & (truth <= high))
@@ -118,8 +120,9 @@ def study(recordings: int, first: int = 0) -> Coverage:
 
 def main() -> None:
     recordings = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    estimator = cast(EstimatorName, sys.argv[2]) if len(sys.argv) > 2 else "wls"
     begun = time.perf_counter()
-    found = study(recordings)
+    found = study(recordings, estimator=estimator)
     print(f"{found.recordings} recordings of {DURATION:g} s in {time.perf_counter() - begun:.0f} s")
     print(f"{'class':16s} {'95 % interval':>14s} {'rows independent':>18s} {'largest bias / sd':>18s}")
     for name, share in found.honest.items():
