@@ -56,7 +56,6 @@ def test_the_hidden_effect_is_named_and_the_error_of_its_joints_falls_to_the_noi
     assert shown.any()
     assert np.all(after[shown] < FLOOR)
     assert found["ladder"][-1]["held_out"] < found["ladder"][0]["held_out"]
-    assert found["seconds"] < 170
 
 
 @pytest.mark.slow

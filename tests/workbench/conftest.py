@@ -26,6 +26,8 @@ FLAGS = [
 ]
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright")
+# On a machine that is busy with other tests the page may take its time.
+playwright.expect.set_options(timeout=60_000)
 
 
 @dataclass

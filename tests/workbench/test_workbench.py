@@ -297,9 +297,9 @@ def test_a_running_job_is_shown_with_its_progress_and_can_be_cancelled(page: Any
     body = {"robot_id": robot, "time_budget": 300, "starts": 500, "trajectory": trajectory}
     job = page.request.post("/v1/designs", data=body).json()["job_id"]
     strip = page.locator("#jobs .progress", has_text="design")
-    expect(strip).to_be_visible(timeout=15_000)
+    expect(strip).to_be_visible()
     strip.get_by_role("button", name="Cancel").click()
-    expect(strip).to_have_count(0, timeout=15_000)
+    expect(strip).to_have_count(0)
     assert ask(page, f"/jobs/{job}")["state"] == "cancelled"
 
 
