@@ -1,4 +1,4 @@
-"""What all tests share: slow ones run only when asked for with --slow."""
+"""What all tests share: slow ones run only when asked for with --slow, and as long studies with --thorough."""
 
 from __future__ import annotations
 
@@ -13,12 +13,19 @@ import pytest  # noqa: E402
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="also run the tests that take more than a few seconds")
+    parser.addoption("--thorough", action="store_true", help="with all their cases: about an hour; implies --slow")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.getoption("--slow"):
-        return
-    skip = pytest.mark.skip(reason="slow: run with --slow")
+    thorough = config.getoption("--thorough")
+    left_out = {"thorough": not thorough, "slow": not (thorough or config.getoption("--slow"))}
     for item in items:
-        if "slow" in item.keywords:
-            item.add_marker(skip)
+        for name, out in left_out.items():
+            if out and name in item.keywords:
+                item.add_marker(pytest.mark.skip(reason=f"{name}: run with --{name}"))
+
+
+@pytest.fixture(scope="session")
+def thorough(pytestconfig: pytest.Config) -> bool:
+    """Whether all cases of a study are wanted, and not only as many as show that something broke."""
+    return bool(pytestconfig.getoption("--thorough"))
