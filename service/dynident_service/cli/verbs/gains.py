@@ -60,7 +60,7 @@ def gains(
         inputs.loaded(measurements, machine, options, part(progress, 0.0, 0.6), loaded) as (without, carrying),
     ):
         heavy = [replace(recording, payload=payload) for recording in inputs.recordings_of(carrying)]
-        found = identify_gains(machine, inputs.recordings_of(without), heavy)
+        found = identify_gains(machine, inputs.recordings_of(without), heavy, progress=part(progress, 0.6, 1.0))
         progress(1.0, "solved")
     if as_json:
         terminal.print_json(

@@ -21,6 +21,7 @@ from dynident.estimation import EquationFactors, EstimationError, Reduction, sta
 from dynident.estimation.information import deviations_of
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification.loads.payloads import PLAIN_EFFECTS, known_payload, loaded_data, scaled
+from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 from dynident.robot.model import FloatArray
@@ -95,6 +96,7 @@ def identify_gains(
     effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
     stated: Sequence[float] | None = None,
     preprocessing: Preprocessing | None = None,
+    progress: Progress = silent,
 ) -> DriveGains:
     """Identify the drive gains from the same motion without and with a known payload.
 
@@ -123,7 +125,7 @@ def identify_gains(
             title="Coupled drives",
         )
     payloads = [known_payload(recording) for recording in loaded]
-    data = loaded_data(robot, unloaded, loaded, effects, preprocessing)
+    data = loaded_data(robot, unloaded, loaded, effects, preprocessing, progress)
     # A planar arm does not feel how high the load is.
     unfelt = {data.model.columns[k].key for k in data.model.base.without_effect}
     unfelt_names = {(name, runs) for _, name, _, runs in unfelt}
@@ -137,12 +139,7 @@ def identify_gains(
     scale = _stated(robot, stated)
     deviations = np.sqrt(np.diag(covariance)) / np.abs(factors)
     identifiable = tuple(bool(d <= _IDENTIFIABLE) for d in deviations)
-    warnings = tuple(
-        f"The gain of {name} is not identifiable from this data: its standard deviation is {deviation:.0%}. The "
-        "payload changes too little of what this joint feels: carry a heavier one, or move more."
-        for name, deviation, good in zip(robot.joint_names, deviations, identifiable, strict=True)
-        if not good
-    )
+    warnings = (*_vague(robot, deviations, identifiable), *_negative(robot, factors))
     return DriveGains(
         robot.joint_names, factors * scale, covariance * np.outer(scale, scale), scale, identifiable, warnings
     )
@@ -157,6 +154,7 @@ def payload_mass(
     gains: DriveGains | None = None,
     effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
     preprocessing: Preprocessing | None = None,
+    progress: Progress = silent,
 ) -> PayloadEstimate:
     """Weigh what a recording carries, by what it changes against recordings without it.
 
@@ -171,7 +169,7 @@ def payload_mass(
     DynidentError
         Where the recordings do not determine the model.
     """
-    data = loaded_data(robot, unloaded, [loaded], effects, preprocessing)
+    data = loaded_data(robot, unloaded, [loaded], effects, preprocessing, progress)
     column = data.payload_column(loaded, "Mp")
     factors = np.ones(robot.n) if gains is None else gains.factors
     reduction = scaled(data.reduction, factors)
@@ -206,6 +204,8 @@ def total_least_squares(reduction: Reduction, known: Mapping[int, float]) -> tup
     free = np.array([k for k in range(c) if k not in known], dtype=np.intp)
     values, inverse = _start(reduction, fixed, free)
     for _ in range(_ROUNDS):
+        if not np.isfinite([*values, *inverse]).all():
+            raise _unsettled()
         linear = _linearised(reduction, free, values, inverse)
         solution = weighted(linear)
         before = inverse
@@ -215,14 +215,19 @@ def total_least_squares(reduction: Reduction, known: Mapping[int, float]) -> tup
         if np.abs(inverse - before).max() <= _SETTLED * np.abs(inverse).max():
             break
     else:
-        raise EstimationError(
-            "the gains do not settle: the payload's torque is too small beside the noise; carry a heavier one",
-            pointer="/loaded_ids",
-            title="Not identifiable",
-        )
+        raise _unsettled()
     covariance = statistics(linear, solution).covariance[len(free) :, len(free) :]
     slope = 1.0 / inverse**2
     return 1.0 / inverse, np.asarray(covariance[:n, :n] * np.outer(slope, slope))
+
+
+def _unsettled() -> EstimationError:
+    return EstimationError(
+        "the gains do not settle: the payload's torque is too small beside the noise; carry a heavier one, and check "
+        "the mass that is stated",
+        pointer="/loaded_ids",
+        title="Not identifiable",
+    )
 
 
 def _start(reduction: Reduction, fixed: FloatArray, free: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -245,6 +250,8 @@ def _start(reduction: Reduction, fixed: FloatArray, free: IntArray) -> tuple[Flo
             pointer="/loaded_ids",
             title="Not identifiable",
         )
+    if not np.isfinite(sizes).all():
+        raise _unsettled()
     vector = np.linalg.svd(rows / sizes)[2][-1] / sizes
     vector = vector / vector[len(free)]
     values = fixed.copy()
@@ -278,6 +285,25 @@ def _contributions(reduction: Reduction, noise: FloatArray, row: FloatArray) -> 
         return float(row[equation.columns] @ score)
 
     return np.array([share(e, float(s)) for e, s in zip(reduction.equations, noise, strict=True)])
+
+
+def _vague(robot: Robot, deviations: FloatArray, identifiable: Sequence[bool]) -> list[str]:
+    return [
+        f"The gain of {name} is not identifiable from this data: its standard deviation is {deviation:.0%}. The "
+        "payload changes too little of what this joint feels: carry a heavier one, or move more."
+        for name, deviation, good in zip(robot.joint_names, deviations, identifiable, strict=True)
+        if not good
+    ]
+
+
+def _negative(robot: Robot, factors: FloatArray) -> list[str]:
+    names = [name for name, factor in zip(robot.joint_names, factors, strict=True) if factor < 0]
+    if not names:
+        return []
+    return [
+        f"Against those that were stated, the gains of {', '.join(names)} come out negative. Were runs with the load "
+        "taken for runs without it? Else the sign of these torque columns is wrong."
+    ]
 
 
 def _stated(robot: Robot, stated: Sequence[float] | None) -> FloatArray:

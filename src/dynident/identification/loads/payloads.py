@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.checks import check_recordings, check_reduction
+from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.stream import reduce_recordings
@@ -69,19 +71,24 @@ def known_payload(recording: Recording) -> KnownPayload:
     DynidentError
         Where there is none, or its mass or centre is no usable number.
     """
-    if recording.payload is None:
-        raise _unusable(recording, "", 'no payload is stated; give "payload": {"mass": …} in kg')
-    mass = _number(recording.payload.get("mass"))
+    return stated_payload(recording.name, recording.payload)
+
+
+def stated_payload(name: str, payload: Mapping[str, Any] | None) -> KnownPayload:
+    """The same of a recording that is not at hand, by its name and what is stated of its payload."""
+    if payload is None:
+        raise _unusable(name, "", 'no payload is stated; give "payload": {"mass": …} in kg')
+    mass = _number(payload.get("mass"))
     if not (math.isfinite(mass) and mass > 0):
-        stated = recording.payload.get("mass")
-        raise _unusable(recording, "/mass", f"the payload's mass is {stated!r}; give a number of kg above zero")
-    centre = recording.payload.get("centre")
+        stated = payload.get("mass")
+        raise _unusable(name, "/mass", f"the payload's mass is {stated!r}; give a number of kg above zero")
+    centre = payload.get("centre")
     if centre is None:
         return KnownPayload(mass)
     numbers = [_number(x) for x in centre] if isinstance(centre, Sequence) else []
     if len(numbers) != 3 or not all(math.isfinite(x) for x in numbers):
         raise _unusable(
-            recording, "/centre", f"the payload's centre is {centre!r}; give x, y and z in m in the last joint's frame"
+            name, "/centre", f"the payload's centre is {centre!r}; give x, y and z in m in the last joint's frame"
         )
     return KnownPayload(mass, (numbers[0], numbers[1], numbers[2]))
 
@@ -92,6 +99,7 @@ def loaded_data(
     loaded: Sequence[Recording],
     effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
     preprocessing: Preprocessing | None = None,
+    progress: Progress = silent,
 ) -> LoadedData:
     """Reduce recordings without and with a payload.
 
@@ -123,7 +131,7 @@ def loaded_data(
     carried = [EffectChoice("payload", runs=(recording.name,)) for recording in loaded]
     model = build_model(robot, [*effects, *carried])
     chosen = preprocessing or choose_preprocessing(recordings)
-    reduction = reduce_recordings(model.observation, recordings, chosen, np.zeros(10 * robot.n))
+    reduction = reduce_recordings(model.observation, recordings, chosen, np.zeros(10 * robot.n), progress)
     check_reduction(model, reduction)
     return LoadedData(model, reduction, tuple(loaded))
 
@@ -142,5 +150,5 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 
-def _unusable(recording: Recording, where: str, detail: str) -> DynidentError:
-    return DynidentError(f"{recording.name}: {detail}", pointer=f"/payload{where}", title=_TITLE)
+def _unusable(name: str, where: str, detail: str) -> DynidentError:
+    return DynidentError(f"{name}: {detail}", pointer=f"/payload{where}", title=_TITLE)
