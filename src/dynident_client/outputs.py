@@ -1,4 +1,4 @@
-"""Collections of what comes out: identifications, comparisons, diagnoses, validations, reports."""
+"""Collections of what comes out: identifications, comparisons, diagnoses, validations, drive gains, reports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from dynident_client.collection import Collection
-from dynident_client.records import Comparison, Diagnosis, Identification, Record, Report, Validation, id_of
+from dynident_client.records import Comparison, Diagnosis, DriveGains, Identification, Record, Report, Validation, id_of
 
 Effects = Sequence[Mapping[str, Any] | str]
 
@@ -174,6 +174,42 @@ class Validations(Collection[Validation]):
         measurement_ids = None if measurements is None else [id_of(one) for one in measurements]
         body = {"identification_id": id_of(identification), "kind": kind, "measurement_ids": measurement_ids}
         return self._post({**body, "name": name, **more})
+
+
+class DriveGainSets(Collection[DriveGains]):
+    """Drive gains from runs without and with a known load."""
+
+    kind = DriveGains
+
+    def create(
+        self,
+        robot: Record | str,
+        unloaded: Sequence[Record | str],
+        loaded: Sequence[Record | str],
+        *,
+        mass: float | None = None,
+        centre: Sequence[float] | None = None,
+        weigh: Sequence[Record | str] | None = None,
+        weigh_unloaded: Sequence[Record | str] | None = None,
+        name: str | None = None,
+    ) -> DriveGains:
+        """Identify the drive gains from the same motion without and with a load of known mass.
+
+        `mass` (kg) and `centre` (m, in the last joint's frame) of the load, where the loaded measurements do not state
+        them. `weigh`: measurements of other loads, weighed with the gains against `weigh_unloaded` (`unloaded` where
+        not given).
+        """
+        body: dict[str, Any] = {
+            "robot_id": id_of(robot),
+            "unloaded": [id_of(one) for one in unloaded],
+            "loaded": [id_of(one) for one in loaded],
+            "mass": mass,
+            "centre": None if centre is None else list(centre),
+            "weigh": None if weigh is None else [id_of(one) for one in weigh],
+            "weigh_unloaded": None if weigh_unloaded is None else [id_of(one) for one in weigh_unloaded],
+            "name": name,
+        }
+        return self._post(body)
 
 
 class Reports(Collection[Report]):

@@ -153,6 +153,12 @@ class Validation(Computed):
     path = "/v1/validations"
 
 
+class DriveGains(Computed):
+    """Drive gains from runs without and with a known load."""
+
+    path = "/v1/drive_gains"
+
+
 class Report(Computed):
     """A report."""
 

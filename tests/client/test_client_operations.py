@@ -25,6 +25,7 @@ COLLECTIONS = (
     "comparisons",
     "diagnoses",
     "validations",
+    "drive_gains",
     "reports",
 )
 STREAM = {"content-type": "text/event-stream"}
@@ -73,6 +74,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.diagnoses.create("i1"),
         lambda c: c.diagnoses.evidence("x1", 1, "elbow"),
         lambda c: c.validations.create("i1", "cross"),
+        lambda c: c.drive_gains.create("r1", ["m1"], ["m2"], mass=2.0, weigh=["m3"]),
         lambda c: c.reports.create("i1"),
         lambda c: c.reports.content("x1"),
         lambda c: c.jobs.page(),

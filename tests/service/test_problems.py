@@ -27,7 +27,14 @@ def test_a_method_not_allowed_lists_all_that_are(client: TestClient) -> None:
 
 @pytest.mark.parametrize("content", [b"{", b"", b"[]", b"null", b'"x"', b"\xff\xfe", b"[" * 50_000, b'{"name": NaN}'])
 def test_a_body_that_is_no_request_gives_a_problem_and_never_a_500(client: TestClient, content: bytes) -> None:
-    for path in ("/v1/robots", "/v1/identifications", "/v1/designs", "/v1/simulations", "/v1/reports"):
+    for path in (
+        "/v1/robots",
+        "/v1/identifications",
+        "/v1/designs",
+        "/v1/simulations",
+        "/v1/drive_gains",
+        "/v1/reports",
+    ):
         answer = client.post(path, content=content, headers={"content-type": "application/json"})
         assert answer.status_code in (400, 422), (path, answer.text)
         assert answer.headers["content-type"] == "application/problem+json"

@@ -7,6 +7,7 @@ from dynident_service.routes import (
     comparisons,
     designs,
     diagnoses,
+    drive_gains,
     effects,
     identifications,
     jobs,
@@ -31,6 +32,7 @@ ROUTERS = (
     comparisons.router,
     diagnoses.router,
     validations.router,
+    drive_gains.router,
     reports.router,
     jobs.router,
 )

@@ -26,6 +26,7 @@ PATHS: dict[str, str] = {
     "comparison": "comparisons",
     "diagnosis": "diagnoses",
     "validation": "validations",
+    "drive_gains": "drive_gains",
     "simulation": "simulations",
     "report": "reports",
 }

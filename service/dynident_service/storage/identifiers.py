@@ -14,6 +14,7 @@ PREFIXES = {
     "comparison": "cmp",
     "diagnosis": "dia",
     "validation": "val",
+    "drive_gains": "gai",
     "simulation": "sim",
     "report": "rep",
     "job": "job",

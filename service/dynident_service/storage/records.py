@@ -15,11 +15,21 @@ Kind = Literal[
     "comparison",
     "diagnosis",
     "validation",
+    "drive_gains",
     "simulation",
     "report",
 ]
 JobKind = Literal[
-    "design", "identification", "extension", "removal", "comparison", "diagnosis", "validation", "simulation", "report"
+    "design",
+    "identification",
+    "extension",
+    "removal",
+    "comparison",
+    "diagnosis",
+    "validation",
+    "drive_gains",
+    "simulation",
+    "report",
 ]
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 

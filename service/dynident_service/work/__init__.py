@@ -4,10 +4,20 @@ from dynident_service.work import (
     comparisons,
     designs,
     diagnoses,
+    drive_gains,
     identifications,
     reports,
     simulations,
     validations,
 )
 
-__all__ = ["comparisons", "designs", "diagnoses", "identifications", "reports", "simulations", "validations"]
+__all__ = [
+    "comparisons",
+    "designs",
+    "diagnoses",
+    "drive_gains",
+    "identifications",
+    "reports",
+    "simulations",
+    "validations",
+]

@@ -1,0 +1,109 @@
+"""Drive gains from runs without and with a load of known mass."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from dynident.errors import DynidentError
+from dynident_service.models.common import Page, plain
+from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsView
+from dynident_service.models.robots import RobotResult
+from dynident_service.problems import unusable
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
+from dynident_service.routes.needs import needed_measurements, needed_robot
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+
+router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
+
+JOB = NewJob("drive_gains", "dynident_service.work.drive_gains:find_gains")
+
+
+@router.post("", status_code=202)
+def create_drive_gains(
+    body: DriveGainsRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
+) -> DriveGainsView:
+    """Identify the drive gains from the same motion without and with a load of known mass."""
+    robot = needed_robot(services, body.robot_id)
+    _check_drives(robot)
+    needs = (RestsOn(robot.id, "robot", "robot", "/robot_id"), *_measurements(services, body, robot))
+    _check_loads(services, body)
+    new = NewResource("drive_gains", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
+    return show(make(services, new, response))
+
+
+@router.get("")
+def list_drive_gains(
+    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
+) -> Page[DriveGainsView]:
+    """List the drive gains, newest first; those of one robot if asked."""
+    return page_of(services, "drive_gains", query, show, robot_id)
+
+
+@router.get("/{drive_gains_id}")
+def get_drive_gains(drive_gains_id: str, services: ServicesDep) -> DriveGainsView:
+    """Show drive gains, with the result once there is one."""
+    return show(services.resources.get("drive_gains", drive_gains_id))
+
+
+@router.delete("/{drive_gains_id}", status_code=204)
+def delete_drive_gains(drive_gains_id: str, services: ServicesDep) -> None:
+    """Delete drive gains; the robot keeps those that it states."""
+    services.resources.delete("drive_gains", drive_gains_id)
+
+
+def show(resource: Resource) -> DriveGainsView:
+    """Show stored drive gains."""
+    return computed(DriveGainsView, resource)
+
+
+def _check_drives(robot: Resource) -> None:
+    joints = RobotResult.model_validate(robot.result).joints
+    coupled = [joint.name for joint in joints if joint.coupling]
+    if coupled:
+        raise unusable(
+            f"the motors of {', '.join(coupled)} of this robot act on several joints; gains are identified for motors "
+            "of one joint each",
+            "/robot_id",
+            title="Coupled drives",
+        )
+
+
+def _measurements(services: Services, body: DriveGainsRequest, robot: Resource) -> tuple[RestsOn, ...]:
+    """The runs, each without or with its load and not both."""
+    if body.weigh is None and body.weigh_unloaded is not None:
+        raise unusable("nothing is to be weighed: give weigh, or leave weigh_unloaded out", "/weigh_unloaded")
+    without = body.unloaded if body.weigh_unloaded is None else body.weigh_unloaded
+    for field, loaded, unloaded in (("loaded", body.loaded, body.unloaded), ("weigh", body.weigh or [], without)):
+        for index, identifier in enumerate(loaded):
+            if identifier in unloaded:
+                detail = f"the measurement {identifier!r} is named as a run without the load too"
+                raise unusable(detail, f"/{field}/{index}")
+    groups = (
+        ("unloaded", body.unloaded),
+        ("loaded", body.loaded),
+        ("weigh", body.weigh or []),
+        ("weigh_unloaded", body.weigh_unloaded or []),
+    )
+    return tuple(
+        need for field, ids in groups for need in needed_measurements(services, robot, ids, field, f"/{field}")
+    )
+
+
+def _check_loads(services: Services, body: DriveGainsRequest) -> None:
+    """Somebody must say what the load weighs: the request, or each measurement of itself."""
+    from dynident.identification.loads.payloads import stated_payload
+    from dynident_service.adapters.drive_gains import stated_load
+
+    for index, identifier in enumerate(body.loaded):
+        measurement = services.resources.get("measurement", identifier)
+        payload = stated_load(body, measurement.request.get("payload"))
+        if "mass" not in (payload or {}):
+            detail = f'{identifier!r} does not state "payload": {{"mass": …}}; give mass, in kg'
+            raise unusable(detail, "/mass")
+        try:
+            stated_payload(measurement.name or identifier, payload)
+        except DynidentError as error:
+            raise unusable(error.detail, f"/loaded/{index}", title=error.title) from error

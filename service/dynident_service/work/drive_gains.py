@@ -1,0 +1,89 @@
+"""Jobs that identify drive gains."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+from dynident.errors import DynidentError
+from dynident.identification import DriveGains, PayloadEstimate, identify_gains, payload_mass
+from dynident.progress import Progress, part
+from dynident.recordings import Recording
+from dynident.robot import Robot
+from dynident_service.adapters.drive_gains import describe_gains, stated_load
+from dynident_service.jobs.work import Outcome, Task
+from dynident_service.models.common import plain
+from dynident_service.models.drive_gains import DriveGainsRequest
+from dynident_service.work.means import recording_by_id, robot_by_id
+
+
+def find_gains(task: Task) -> Outcome:
+    """Identify the drive gains from runs without and with a load, and weigh other loads with them."""
+    request = DriveGainsRequest.model_validate(task.subject.request)
+    robot = robot_by_id(task, request.robot_id)
+    weigh = request.weigh or []
+    steps = 1 + len(weigh)
+    found = _gains(task, request, robot, part(task.progress, 0.0, 1 / steps))
+    loads = []
+    for index, identifier in enumerate(weigh):
+        progress = part(task.progress, (1 + index) / steps, (2 + index) / steps)
+        name = task.resources.get("measurement", identifier).name or identifier
+        loads.append((identifier, name, _weighed(task, request, robot, found, identifier, progress)))
+    warnings = [
+        f"{name} is one of the runs that the gains are from: that its load weighs what was stated tells nothing new."
+        for identifier, name, _ in loads
+        if identifier in request.loaded
+    ]
+    return Outcome(plain(describe_gains(robot, found, loads, warnings)))
+
+
+def _gains(task: Task, request: DriveGainsRequest, robot: Robot, progress: Progress) -> DriveGains:
+    unloaded, heavy = _recordings(task, request.unloaded, request.loaded)
+    loaded = [replace(one, payload=stated_load(request, one.payload)) for one in heavy]
+    with _told_of("/unloaded", "/loaded", len(unloaded)):
+        return identify_gains(robot, unloaded, loaded, progress=progress)
+
+
+def _weighed(
+    task: Task, request: DriveGainsRequest, robot: Robot, gains: DriveGains, identifier: str, progress: Progress
+) -> PayloadEstimate:
+    without, at = request.unloaded, "/unloaded"
+    if request.weigh_unloaded is not None:
+        without, at = request.weigh_unloaded, "/weigh_unloaded"
+    unloaded, (loaded,) = _recordings(task, without, [identifier])
+    with _told_of(at, "/weigh", len(unloaded)):
+        return payload_mass(robot, unloaded, loaded, gains=gains, progress=progress)
+
+
+def _recordings(task: Task, unloaded: Sequence[str], loaded: Sequence[str]) -> tuple[list[Recording], list[Recording]]:
+    """Open measurements; where several have the same name, their ids tell them apart."""
+    identifiers = [*unloaded, *loaded]
+    found = [recording_by_id(task, one) for one in identifiers]
+    names = Counter(recording.name for recording in found)
+    told = [
+        replace(recording, name=f"{recording.name} ({one})") if names[recording.name] > 1 else recording
+        for one, recording in zip(identifiers, found, strict=True)
+    ]
+    return told[: len(unloaded)], told[len(unloaded) :]
+
+
+@contextmanager
+def _told_of(unloaded: str, loaded: str, count: int) -> Iterator[None]:
+    """Point errors of the science to fields of the request; `count` of the recordings are without the load."""
+    try:
+        yield
+    except DynidentError as error:
+        _, field, *rest = error.pointer.split("/") if error.pointer.startswith("/") else ("", "")
+        if field == "measurement_ids" and rest and rest[0].isdigit():
+            index = int(rest[0])
+            error.pointer = f"{unloaded}/{index}" if index < count else f"{loaded}/{index - count}"
+        elif field == "unloaded_ids":
+            error.pointer = unloaded
+        elif field == "drives":
+            error.pointer = "/robot_id"
+        else:
+            # What the runs do not determine between them is mended by other runs with the load.
+            error.pointer = loaded
+        raise
