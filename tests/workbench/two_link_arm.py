@@ -30,12 +30,12 @@ URDF = """<robot name="two_links">
 """
 
 
-def write_recording(path: Path, seed: int, duration: float = 30.0, rate: float = 200.0) -> Path:
-    """A CSV file of t, q and tau of a motion drawn at random."""
+def write_recording(path: Path, seed: int, duration: float = 30.0, rate: float = 200.0, load: float = 0.0) -> Path:
+    """A CSV file of t, q and tau of a motion drawn at random, with a load of so many kg at the end of the fore arm."""
     random = np.random.default_rng(seed)
     t = np.arange(round(duration * rate)) / rate
     q, dq, ddq = _motion(t, random)
-    tau = _torque(q, dq, ddq) + random.normal(0.0, NOISE, q.shape)
+    tau = _torque(q, dq, ddq, load) + random.normal(0.0, NOISE, q.shape)
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["t", "q_shoulder", "q_elbow", "tau_shoulder", "tau_elbow"])
@@ -55,9 +55,12 @@ def _motion(t: FloatArray, random: np.random.Generator) -> tuple[FloatArray, Flo
     return q, dq, (-amplitudes * rates**2 * np.sin(angle)).sum(axis=1)
 
 
-def _torque(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+def _torque(q: FloatArray, dq: FloatArray, ddq: FloatArray, load: float = 0.0) -> FloatArray:
     """The textbook's two-link arm in the vertical plane; turning about +y lowers what points along +x."""
     (m1, m2), (c1, c2), (i1, i2) = MASS, CENTRE, INERTIA
+    # The load is a point on the fore arm, as far out as the upper arm is long.
+    c2, i2 = (m2 * c2 + load * LENGTH) / (m2 + load), i2 + m2 * load / (m2 + load) * (LENGTH - c2) ** 2
+    m2 += load
     cos2, sin2 = np.cos(q[:, 1]), np.sin(q[:, 1])
     shared = m2 * LENGTH * c2
     a11 = i1 + i2 + m1 * c1**2 + m2 * (LENGTH**2 + c2**2) + 2.0 * shared * cos2

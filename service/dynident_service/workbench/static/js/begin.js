@@ -2,6 +2,7 @@
 
 import { get } from "./api.js";
 import { h, put } from "./dom.js";
+import { driveGainsPanel } from "./drive_gains.js";
 import { counted, number } from "./format.js";
 import { identificationForm } from "./identification_form.js";
 import { remember } from "./location.js";
@@ -32,7 +33,8 @@ export async function beginPage(target, wanted, signal) {
     state.measurements = (await get("/measurements", { robot_id: robot.id, limit: 200 }, signal)).items;
     if (robot !== state.robot || signal.aborted) return;
     state.form = await identificationForm(robot);
-    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { onStored: stored, onRobot: choose, count: () => state.measurements.length }));
+    state.gains = driveGainsPanel(robot, choose, signal);
+    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { onStored: stored, onRobot: choose, count: () => state.measurements.length }), state.gains.element);
     showIdentification();
   };
   const stored = (measurement) => {
@@ -43,6 +45,8 @@ export async function beginPage(target, wanted, signal) {
   };
   const showIdentification = () => {
     state.form.update(state.measurements);
+    state.gains.update(state.measurements);
+    state.gains.element.hidden = state.measurements.length < 2;
     if (state.form.element.isConnected) return;
     put(steps.identification, state.measurements.length ? state.form.element : h("p", { class: "note" }, "First upload a measurement."));
   };

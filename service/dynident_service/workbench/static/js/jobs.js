@@ -99,7 +99,7 @@ export async function lookForJobs() {
 }
 
 async function track(job) {
-  const bar = progressBar(job.id, job.kind);
+  const bar = progressBar(job.id, job.kind.replaceAll("_", " "));
   const entry = { id: job.id, kind: job.kind, resource: job.resource, state: job.state, bar };
   live.set(job.id, entry);
   bar.update({ state: job.state, ...job.progress });
