@@ -121,6 +121,24 @@ def test_columns_of_larger_tables_are_read_and_written_in_place():
     np.testing.assert_array_equal(backwards, result[::-1, 1:-1])
 
 
+def test_a_result_in_the_place_of_an_input_is_that_of_the_input_as_it_was():
+    shifted = Program([X], ca.vertcat(c, a, ca.sin(b)))
+    table = np.random.default_rng(5).normal(size=(31, 3))
+    expected = shifted(table.copy())
+    np.testing.assert_array_equal(shifted(table, out=table), expected)
+    longer = np.vstack([table, np.zeros(3)])
+    expected = shifted(longer[:-1].copy())
+    np.testing.assert_array_equal(shifted(longer[:-1], out=longer[1:]), expected)
+
+
+def test_a_result_that_is_read_only_is_refused():
+    held = np.zeros((5, ALL.numel()))
+    held.flags.writeable = False
+    with pytest.raises(ValueError, match="read-only"):
+        EVERYTHING(np.zeros((5, 3)), np.zeros((5, 1)), out=held)
+    assert not held.any()
+
+
 def test_what_is_no_number_goes_through():
     x = np.full((5, 3), np.nan)
     run = Program([X, Y], ca.vertcat(ca.sign(a), ca.fmin(a, b), ca.fmax(Y, a), ca.if_else(a > 0, a, 0)))

@@ -68,7 +68,7 @@ class Program:
         ----------
         inputs : one array an input, each (m, width), or (width,) for a value that holds for all samples.
         out : (m, n_outputs), optional
-            Where to put the result; rows of contiguous numbers.
+            Where to put the result; in place where its rows are of contiguous numbers and it is none of the inputs.
 
         Returns
         -------
@@ -77,7 +77,7 @@ class Program:
         Raises
         ------
         ValueError
-            For inputs of different lengths or other widths.
+            For inputs of different lengths or other widths, or a result of another shape or that is read-only.
         """
         lengths = {item.shape[0] for item in inputs if item.ndim == 2}
         if len(lengths) != 1:
@@ -90,9 +90,13 @@ class Program:
             out = np.empty((m, self.n_outputs))
         if out.shape != (m, self.n_outputs) or out.dtype != np.float64:
             raise ValueError(f"a result of {out.shape} {out.dtype}; ({m}, {self.n_outputs}) float64 is needed")
+        # Machine code asks nobody before it writes.
+        if not out.flags.writeable:
+            raise ValueError("a result that is read-only")
         if m == 0 or self.n_outputs == 0:
             return out
-        if not _rows(out):
+        # Some entries are written before all are read, and the last samples may be computed twice.
+        if not _rows(out) or any(np.may_share_memory(out, item) for item in inputs):
             out[:] = self(*inputs)
             return out
         compiled = self._side_by_side if m >= _LANES else self._one_by_one
