@@ -66,6 +66,15 @@ def stored(services: Services) -> Callable[[], tuple[set[Path], int]]:
     return look
 
 
+def test_a_measurement_says_whether_it_holds_commanded_positions(client: TestClient, robot: dict[str, Any]) -> None:
+    columns = sound()
+    assert not upload(client, robot, as_csv(columns)).json()["has_command"]
+    told = {**columns, "q_command1": columns["q1"], "q_command2": columns["q2"]}
+    made = upload(client, robot, as_csv(told)).json()
+    assert made["has_command"]
+    assert client.get(f"/v1/measurements/{made['id']}").json()["has_command"]
+
+
 def test_a_sound_recording_is_stored_and_comes_back_as_it_was(client: TestClient, robot: dict[str, Any]) -> None:
     content = as_csv(sound())
     answer = upload(client, robot, content)

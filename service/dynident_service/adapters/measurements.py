@@ -67,6 +67,7 @@ def describe_recording(recording: Recording, checks: Sequence[Check], sha256: st
         ],
         has_temperature=recording.has_temperature,
         has_wrench=recording.has_wrench,
+        has_command=recording.has_command,
         checks=show_checks(checks),
     )
 

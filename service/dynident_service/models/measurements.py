@@ -57,6 +57,9 @@ class MeasurementResult(Shown):
     segments: list[SegmentView]
     has_temperature: bool
     has_wrench: bool = Field(default=False, description="Whether the wrench of the base was recorded")
+    has_command: bool = Field(
+        default=False, description="Whether the commanded positions of all joints were recorded, for iv and didim"
+    )
     checks: list[CheckView]
 
 
