@@ -13,8 +13,10 @@ from running_commands import ROBOT, dynident, write_run
 
 from dynident.effects import CATALOGUE
 from dynident.identification import from_bytes
+from dynident.reports.numbers import number
 from dynident.robot import urdf_from_robot
 from dynident_service.cli.inputs import robot_of
+from dynident_service.cli.parsing import windows_of
 
 ERRORS = {"rms", "relative", "relative_total"}
 
@@ -76,6 +78,22 @@ def test_choices_of_effects_estimator_filters_and_windows_are_followed(desk: Pat
     assert (used["position_cutoff"], used["torque_cutoff"], used["decimation"]) == (9.0, 7.0, 2)
     # Two windows of 7 s at 50 Hz, less what the filters need to settle.
     assert 0.6 * 700 < found["n_equations"] / ROBOT.n < 700
+
+
+def test_every_measurement_gets_the_windows_that_stand_behind_its_name() -> None:
+    found = windows_of(["run1=2:9,11:18,run2=3:15"], ["run1", "run2"])
+    assert found == {"run1": ((2.0, 9.0), (11.0, 18.0)), "run2": ((3.0, 15.0),)}
+    assert windows_of(["2:9", "run2=11:18"], ["run1", "run2"]) == {
+        "run1": ((2.0, 9.0),),
+        "run2": ((2.0, 9.0), (11.0, 18.0)),
+    }
+
+
+def test_the_condition_number_and_the_equations_per_parameter_are_told(desk: Path) -> None:
+    document = dynident("identify", desk / "arm.json", desk / "run1.csv", "--json").document
+    shown = dynident("identify", desk / "arm.json", desk / "run1.csv").out
+    assert f"Condition number of W: {number(document['condition_number'])}" in shown
+    assert f"{document['equations_per_parameter']:.0f} equations per parameter" in shown
 
 
 def test_currents_columns_and_units_of_other_names_give_the_same_model(desk: Path, tmp_path: Path) -> None:

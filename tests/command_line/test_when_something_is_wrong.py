@@ -67,6 +67,10 @@ CASES = {
         ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--windows", "run7=3:9"],
         ["--windows", "run7", "run1"],
     ),
+    "windows that overlap": (
+        ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--windows", "3:9", "--windows", "5:12"],
+        ["--windows", "3:9", "5:12", "run1", "overlap"],
+    ),
     "a window beyond the recording": (
         ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--windows", "300:900"],
         ["300", "run1.csv"],

@@ -30,8 +30,12 @@ from dynident_service.cli import parsing
 from dynident_service.models.robots import RobotRequest
 from dynident_service.problems import fields_of
 
-# How the contract words it, to be said in the words of the command line.
-_ACCEPT = re.compile(r'say "accept": \["(\w+)"\]')
+# How the contract words it, and the same in the words of the command line.
+_REWORDED = (
+    (re.compile(r'say "accept": \["(\w+)"\]'), r"say --accept \1"),
+    (re.compile(r'"windows": \[\[([^,\]]+), ([^,\]]+)\]\]'), r"--windows {name}=\1:\2"),
+    (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give --drive-gains in N m/A"),
+)
 _URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')
 
 
@@ -149,10 +153,16 @@ def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetada
         )
     except RecordingError as error:
         # Which of the files: the science knows columns, rows and times alone.
-        said = _ACCEPT.sub(r"say --accept \1", error.detail)
-        error.detail = f"{path.name}: {said}"
+        error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
         raise
-    return Loaded(recording, checks)
+    return Loaded(recording, tuple(replace(one, detail=_reworded(one.detail, metadata.name)) for one in checks))
+
+
+def _reworded(detail: str, name: str) -> str:
+    """What is wrong with the measurement of that name, with options in place of the contract's fields."""
+    for pattern, words in _REWORDED:
+        detail = pattern.sub(words.replace("{name}", name), detail)
+    return detail
 
 
 def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
@@ -213,7 +223,7 @@ def document_of(path: Path) -> Mapping[str, Any]:
     try:
         document = json.loads(read_text(path))
     except json.JSONDecodeError as error:
-        raise DynidentError(f"{path.name} is no JSON: {error}", pointer=str(path)) from error
+        raise DynidentError(f"this is no JSON: {error}", pointer=str(path)) from error
     if not isinstance(document, dict):
         raise DynidentError(f"{path.name} holds no JSON object", pointer=str(path))
     return document

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from dynident.errors import DynidentError
@@ -60,16 +61,37 @@ def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
 
 
 def windows_of(given: Sequence[str], names: Sequence[str]) -> dict[str, tuple[Window, ...]]:
-    """Windows by measurement: `from:to` for all of them, `name=from:to` for one; several with commas between."""
+    """Windows by measurement: `from:to` for all of them, `name=from:to` for one; several with commas between.
+
+    What follows a named window without a name of its own belongs to the same measurement.
+    """
     found: dict[str, tuple[Window, ...]] = {}
     for text in given:
-        name, sign, rest = text.rpartition("=")
-        if sign and name not in names:
-            raise DynidentError(f"there is no measurement {name!r}; there are: {', '.join(names)}", pointer="--windows")
-        windows = tuple(_window(item) for item in _items(rest))
-        for one in [name] if sign else names:
-            found[one] = found.get(one, ()) + windows
+        wanted = list(names)
+        for item in _items(text):
+            name, sign, rest = item.rpartition("=")
+            if sign and name not in names:
+                raise DynidentError(
+                    f"there is no measurement {name!r}; there are: {', '.join(names)}", pointer="--windows"
+                )
+            wanted = [name] if sign else wanted
+            for one in wanted:
+                found[one] = (*found.get(one, ()), _window(rest))
+    for name, windows in found.items():
+        _check_apart(name, windows)
     return found
+
+
+def _check_apart(name: str, windows: Sequence[Window]) -> None:
+    """Refuse windows that overlap: most likely each was meant for a file of its own."""
+    in_time = sorted(windows)
+    for first, second in pairwise(in_time):
+        if second[0] < first[1]:
+            raise DynidentError(
+                f"the windows {first[0]:g}:{first[1]:g} and {second[0]:g}:{second[1]:g} of {name} overlap; a window "
+                f"for one measurement alone is written {name}={first[0]:g}:{first[1]:g}",
+                pointer="--windows",
+            )
 
 
 def effect_texts(given: Sequence[str]) -> list[str]:

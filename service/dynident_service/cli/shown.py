@@ -45,6 +45,11 @@ def show_identification(console: Console, found: Identification, *, parameters: 
         console.print(_parameters_table(found))
         for sentence in parameter_dependence(found).sentences:
             console.print(f"  {sentence}", markup=False)
+        console.print(
+            f"Condition number of W: {number(found.condition_number)}; {found.equations_per_parameter:.0f} equations "
+            "per parameter",
+            markup=False,
+        )
     for warning in found.warnings:
         console.print(f"! {warning}", markup=False, style="yellow")
 
