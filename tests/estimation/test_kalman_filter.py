@@ -8,12 +8,11 @@ from scipy.integrate import solve_ivp
 
 from dynident.estimation import EstimationError, known_values
 from dynident.estimation.factors import triangular
-from dynident.estimation.kalman import KalmanFilter, KalmanNoise, RoughMotion, TorqueSlopes
+from dynident.estimation.kalman import KalmanFilter, KalmanNoise, TorqueSlopes
 
 # Inertia, first moment times gravity, viscous friction.
 TRUTH = np.array([0.4, 3.0, 0.25])
 PERIOD = 0.01
-STILL = RoughMotion(np.zeros(1), np.zeros(1))
 
 
 def pendulum(q, dq, ddq, values) -> TorqueSlopes:
@@ -48,30 +47,23 @@ def started(values, deviation=0.5, position=1e-4, torque=0.05, acceleration=300.
     return KalmanFilter(pendulum, PERIOD, noise, np.array(values), np.eye(3) * deviation**2)
 
 
-def rough_motion(q) -> list[RoughMotion]:
-    """Differences over eleven samples of a smoothed position: off by some per cent."""
+def rough_acceleration(q):
+    """Second differences over eleven samples of a smoothed position: off by some per cent."""
     smooth = np.convolve(np.pad(q, 10, mode="edge"), np.ones(5) / 5, mode="same")
-    dq = ((smooth[10:] - smooth[:-10]) / (10 * PERIOD))[5:-5]
-    ddq = ((smooth[10:] - 2 * smooth[5:-5] + smooth[:-10]) / (5 * PERIOD) ** 2)[5:-5]
-    return [RoughMotion(np.array([velocity]), np.array([change])) for velocity, change in zip(dq, ddq, strict=True)]
+    return ((smooth[10:] - 2 * smooth[5:-5] + smooth[:-10]) / (5 * PERIOD) ** 2)[5:-5]
 
 
 def run(one: KalmanFilter, q, tau):
-    rough = rough_motion(q)
-    one.begin(q[:1], q[1:2], tau[1:2], rough[1])
-    return [one.step(q[k : k + 1], tau[k : k + 1], rough[k]) for k in range(2, len(q))]
+    ddq = rough_acceleration(q)
+    one.begin(q[:1], q[1:2], tau[1:2], ddq[1:2])
+    return [one.step(q[k : k + 1], tau[k : k + 1], ddq[k : k + 1]) for k in range(2, len(q))]
 
 
 def test_every_step_is_that_of_a_filter_with_the_parameters_in_its_state_written_out_with_finite_differences():
     q, tau = driven(0.5, 0.05, 1e-4)
-    ddq = np.array([rough.acceleration[0] for rough in rough_motion(q)])
-
-    def here(velocity, k):
-        """The filter's own velocity, which is where one with the parameters in its state is linearised."""
-        return RoughMotion(np.array([velocity + 0.5 * PERIOD * ddq[k]]), ddq[k : k + 1])
-
+    ddq = rough_acceleration(q)
     one = started([0.5, 2.5, 0.4], acceleration=20.0)
-    one.begin(q[:1], q[1:2], tau[1:2], here((q[1] - q[0]) / PERIOD, 1))
+    one.begin(q[:1], q[1:2], tau[1:2], ddq[1:2])
     state = np.concatenate([one.motion, one.values])
     r, quotient = 1e-8, 1e-8 / PERIOD
     covariance = np.diag([0, 0, *np.full(3, 0.25)])
@@ -102,7 +94,7 @@ def test_every_step_is_that_of_a_filter_with_the_parameters_in_its_state_written
         state, a = state + change[:5], a + change[5]
         f = slopes(moved, state, a)
         state, covariance = moved(state, a), f @ wide @ f.T
-        one.step(q[k : k + 1], tau[k : k + 1], here(state[1], k))
+        one.step(q[k : k + 1], tau[k : k + 1], ddq[k : k + 1])
         np.testing.assert_allclose(np.concatenate([one.motion, one.values]), state, rtol=1e-6, atol=1e-8)
         np.testing.assert_allclose(one.covariance, covariance[2:, 2:], rtol=1e-4, atol=1e-10)
 
@@ -159,12 +151,12 @@ def test_with_noise_of_the_size_it_expects_its_deviations_are_the_spread_of_its_
 
 def test_estimates_are_there_after_every_sample_and_become_surer():
     q, tau = driven(10.0, 0.3, 1e-3)
-    rough = rough_motion(q)
+    ddq = rough_acceleration(q)
     one = started([0.5, 2.5, 0.4], position=1e-3, torque=0.3)
-    one.begin(q[:1], q[1:2], tau[1:2], rough[1])
+    one.begin(q[:1], q[1:2], tau[1:2], ddq[1:2])
     sizes = []
     for k in range(2, len(q)):
-        one.step(q[k : k + 1], tau[k : k + 1], rough[k])
+        one.step(q[k : k + 1], tau[k : k + 1], ddq[k : k + 1])
         sizes.append(np.trace(one.covariance))
     assert all(np.diff(sizes) <= 1e-12)
     assert sizes[-1] < 0.05 * sizes[0]
@@ -175,7 +167,7 @@ def test_a_new_stretch_keeps_the_parameters_and_forgets_the_motion():
     one = started([0.5, 2.5, 0.4], position=1e-3, torque=0.3)
     run(one, q, tau)
     values, covariance = one.values.copy(), one.covariance.copy()
-    one.begin(np.array([1.0]), np.array([1.005]), np.array([0.0]), STILL)
+    one.begin(np.array([1.0]), np.array([1.005]), np.array([0.0]), np.array([0.0]))
     np.testing.assert_array_equal(one.values, values)
     np.testing.assert_array_equal(one.covariance, covariance)
     np.testing.assert_allclose(one.motion, [1.005, 0.5])
@@ -183,11 +175,11 @@ def test_a_new_stretch_keeps_the_parameters_and_forgets_the_motion():
 
 def test_a_torque_that_is_no_number_is_an_error_in_words():
     one = started([0.5, 2.5, 0.4])
-    one.begin(np.zeros(1), np.zeros(1), np.array([np.nan]), STILL)
+    one.begin(np.zeros(1), np.zeros(1), np.array([np.nan]), np.zeros(1))
     with pytest.raises(EstimationError, match="not finite"):
-        one.step(np.zeros(1), np.ones(1), STILL)
+        one.step(np.zeros(1), np.ones(1), np.zeros(1))
 
 
 def test_a_sample_before_the_beginning_of_a_stretch_is_a_mistake():
     with pytest.raises(ValueError, match="begin a stretch"):
-        started([1.0, 1.0, 1.0]).step(np.zeros(1), np.zeros(1), STILL)
+        started([1.0, 1.0, 1.0]).step(np.zeros(1), np.zeros(1), np.zeros(1))

@@ -215,6 +215,16 @@ def test_a_home_outside_its_limits_is_refused(panda):
         design_experiment(panda, replace(QUICK, home=(0.0,) * 7))
 
 
+def test_limits_wider_than_the_robots_own_are_said_not_to_be_followed(panda):
+    own = panda.joints[0].limits.velocity
+    wider = replace(QUICK, kind="random", limits={"joint1": Limits(velocity=9.0), "joint2": Limits(velocity=0.5)})
+    notes = design_experiment(panda, wider).notes
+    said = [note for note in notes if "wider" in note]
+    assert len(said) == 1
+    assert f"velocity 9 of joint1 (its own is {own:g})" in said[0]
+    assert "joint2" not in said[0]
+
+
 def test_what_is_not_known_of_limits_is_said(panda):
     bare = replace(
         panda,

@@ -58,6 +58,19 @@ def test_in_every_run_only_the_named_joints_move_and_all_of_them_do(scara, sets)
     assert all(margin.share <= 1 for margin in design.margins)
 
 
+def test_a_set_that_cannot_tell_all_parameters_names_them_and_what_would(scara):
+    request = replace(
+        request_for("wrist_then_shoulder", duration=1.0, harmonics=2),
+        effects=(*EFFECTS, EffectChoice("rotor_inertia")),
+        random_trajectories=1,
+    )
+    notes = design_experiment(scara, request).notes
+    said = [note for note in notes if "full rank" in note]
+    assert len(said) == 1
+    assert "Ia2" in said[0]
+    assert "vandanjon" in said[0]
+
+
 def test_vandanjons_sets_lock_all_joints_but_one_or_two_and_move_between_two_points(scara, vandanjon):
     kinds = {run.label.split(",")[0] for run in vandanjon.runs}
     assert kinds == {"inertia", "centrifugal coupling", "inertial coupling", "gravity"}

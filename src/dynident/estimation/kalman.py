@@ -9,8 +9,8 @@ before q, a sample makes
 so that velocity and acceleration are the central differences of [12.16], and every torque sample enters one step alone:
 its noise stays white, which the filter takes it for. To predict the acceleration from the torque instead gives the same
 filter where a is not known at all, but needs the inverse of an inertia matrix that is still being estimated, and takes
-W at an acceleration that holds the noise of the torque: that biases the parameters (Ljung 1979). Here W is taken at a
-rough velocity and acceleration, which have nothing of that noise in them.
+W at an acceleration that holds the noise of the torque: that biases the parameters (Ljung 1979). Here W is taken at the
+rough acceleration, which has nothing of that noise in it.
 
 Motion and parameters are held apart (the two-stage filter of Friedland 1969, the same estimates as those of the joint
 state): what the motion's estimate owes to an error of χ is linear in it. So every sample makes linear equations of χ
@@ -20,7 +20,7 @@ with white noise of size one, and the estimate is that of least squares on them,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -57,13 +57,6 @@ class KalmanNoise:
 
     position: FloatArray
     torque: FloatArray
-    acceleration: FloatArray
-
-
-class RoughMotion(NamedTuple):
-    """Velocity and acceleration (n,) of one sample, known roughly: where the filter is linearised."""
-
-    velocity: FloatArray
     acceleration: FloatArray
 
 
@@ -104,12 +97,12 @@ class KalmanFilter:
         self.motion = np.zeros(2 * n)
         self._motion_covariance = np.zeros((2 * n, 2 * n))
         self._sensitivity = np.zeros((2 * n, len(values)))
-        self._pending: tuple[FloatArray, RoughMotion] | None = None
+        self._pending: tuple[FloatArray, FloatArray] | None = None
         one, none = np.eye(n), np.zeros((n, n))
         self._step = np.block([[one, period * one, period**2 * one], [none, one, period * one]])
         self._measured = np.diag(np.concatenate([noise.torque, noise.position]) ** 2)
 
-    def begin(self, before: FloatArray, q: FloatArray, tau: FloatArray, rough: RoughMotion) -> None:
+    def begin(self, before: FloatArray, q: FloatArray, tau: FloatArray, acceleration: FloatArray) -> None:
         """Begin an unbroken stretch at its second sample, `before` being the position of the first; all (n,)."""
         n, variance = self._n, self._noise.position**2
         self.motion = np.concatenate([q, (q - before) / self._period])
@@ -121,10 +114,10 @@ class KalmanFilter:
         shared = variance / self._period
         self._motion_covariance[positions, velocities] = self._motion_covariance[velocities, positions] = shared
         self._sensitivity = np.zeros((2 * n, len(self.values)))
-        self._pending = np.array(tau), rough
+        self._pending = np.array(tau), np.array(acceleration)
 
-    def step(self, q: FloatArray, tau: FloatArray, rough: RoughMotion) -> KalmanSample:
-        """Take the next sample: position and torque (n,), and its rough motion.
+    def step(self, q: FloatArray, tau: FloatArray, acceleration: FloatArray) -> KalmanSample:
+        """Take the next sample: position, torque and rough acceleration (n,).
 
         Raises
         ------
@@ -134,26 +127,25 @@ class KalmanFilter:
         if self._pending is None:
             raise ValueError("begin a stretch before its second sample")
         sample = self._corrected(q, *self._pending)
-        self._pending = np.array(tau), rough
+        self._pending = np.array(tau), np.array(acceleration)
         return sample
 
-    def _corrected(self, q: FloatArray, tau: FloatArray, rough: RoughMotion) -> KalmanSample:
+    def _corrected(self, q: FloatArray, tau: FloatArray, acceleration: FloatArray) -> KalmanSample:
         """Use the torque at the state's own instant and the position one period later, and move on to that."""
         n, period = self._n, self._period
-        moving = np.concatenate([self.motion, rough.acceleration])
+        moving = np.concatenate([self.motion, acceleration])
         covariance = np.zeros((3 * n, 3 * n))
         covariance[: 2 * n, : 2 * n] = self._motion_covariance
         covariance[range(2 * n, 3 * n), range(2 * n, 3 * n)] = self._noise.acceleration**2
         owed = np.vstack([self._sensitivity, np.zeros((n, len(self.values)))])
 
-        slopes = self._model(moving[:n], rough.velocity, rough.acceleration, self.values)
-        mean = moving[n : 2 * n] + 0.5 * period * rough.acceleration
-        torque = slopes.torque + slopes.by_velocity @ (mean - rough.velocity)
+        mean = moving[n : 2 * n] + 0.5 * period * acceleration
+        slopes = self._model(moving[:n], mean, acceleration, self.values)
         by_acceleration = slopes.by_acceleration + 0.5 * period * slopes.by_velocity
         by_motion = np.vstack([np.hstack([slopes.by_position, slopes.by_velocity, by_acceleration]), self._step[:n]])
         by_values = by_motion @ owed
         by_values[:n] += slopes.by_parameters
-        innovation = np.concatenate([tau - torque, q - self._step[:n] @ moving])
+        innovation = np.concatenate([tau - slopes.torque, q - self._step[:n] @ moving])
 
         cross = covariance @ by_motion.T
         spread = by_motion @ cross + self._measured

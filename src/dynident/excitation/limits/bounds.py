@@ -115,7 +115,7 @@ def bounds_of(
         check_limits(stated, name, pointer(name, within=at))
     assumed = _Assumed()
     completed = [_completed(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
-    notes = assumed.notes()
+    notes = [*_too_wide(robot, overrides), *assumed.notes()]
     torque = np.array([np.inf if item.effort is None else item.effort for item in completed])
     unlimited = [name for name, bound in zip(robot.joint_names, torque, strict=True) if not np.isfinite(bound)]
     power = np.array([np.inf if item.power is None else item.power for item in completed])
@@ -152,6 +152,23 @@ def bounds_of(
         notes=tuple(notes),
         space=space,
     )
+
+
+def _too_wide(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
+    """Say which of the stated limits are not followed, because the robot's own are tighter."""
+    names = []
+    for joint in robot.joints:
+        wanted = stated.get(joint.name, Limits())
+        for kind in ("velocity", "acceleration", "jerk", "effort", "power"):
+            own, asked = getattr(joint.limits, kind), getattr(wanted, kind)
+            if own is not None and asked is not None and asked > own:
+                names.append(f"{kind} {asked:g} of {joint.name} (its own is {own:g})")
+        reach, asked = joint.limits.position, wanted.position
+        if reach is not None and asked is not None and (asked[0] < reach[0] or asked[1] > reach[1]):
+            names.append(f"position {list(asked)} of {joint.name} (its own is [{reach[0]:g}, {reach[1]:g}])")
+    if not names:
+        return []
+    return [f"Limits wider than the robot's own are not followed: {listed(names)}. Change the robot's description."]
 
 
 def _range(limits: Limits) -> tuple[float, float]:

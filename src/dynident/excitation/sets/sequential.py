@@ -199,7 +199,13 @@ def _not_shown(task: Task, valued: Valued) -> list[str]:
     missing = [one.name for one in valued.expected if one.share < _NOT_SHOWN]
     if not missing:
         return []
-    return [f"W has no full rank: the runs do not show {listed(missing)}."]
+    note = f"W has no full rank: the runs do not show {listed(missing)}."
+    if task.request.trajectory.sets != "vandanjon":
+        note += (
+            " Their joints never move together with those that would tell; choose the set 'vandanjon', or state a run "
+            "of all joints as an earlier measurement."
+        )
+    return [note]
 
 
 def _baseline(task: Task, placed: list[_RunMade]) -> Baseline | None:

@@ -62,8 +62,8 @@ def kalman(model: Model, choices: IdentificationChoices, data: Data, known: Info
 
     Initial parameters come from the beginning of the data by weighted least squares, widely doubted. The noises:
     position noise from the spectrum of the positions, torque noise from that of the torque and from the residual of the
-    initial parameters. The filter goes through all of the data, unfiltered; it is linearised at the filtered
-    motion.
+    initial parameters. The filter goes through all of the data, unfiltered; it is linearised at the acceleration of the
+    filtered motion.
 
     Standard deviations are not those of the filter, which takes its noises for white and known: what its equations of
     the parameters leave is judged as the residuals of least squares are, with its correlation in time, joint by joint.

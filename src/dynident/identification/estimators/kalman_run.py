@@ -12,7 +12,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, Information, Reduction
 from dynident.estimation.factors import triangular
 from dynident.estimation.information import covariance_of
-from dynident.estimation.kalman import KalmanFilter, KalmanNoise, KalmanSample, RoughMotion
+from dynident.estimation.kalman import KalmanFilter, KalmanNoise, KalmanSample
 from dynident.identification.data import Data
 from dynident.identification.estimators.torque_function import TorqueFunction
 from dynident.recordings import Preprocessing, Recording, filtered_blocks
@@ -106,7 +106,7 @@ class _Way:
                 torque = np.where(silent[segment], _TELLS_NOTHING, 1.0) * self._noise.torque
                 noise = replace(self._noise, torque=torque)
                 one = KalmanFilter(self._torque, recording.period, noise, self.values, self.covariance)
-                one.begin(now.before, now.q, now.tau, now.rough)
+                one.begin(now.before, now.q, now.tau, now.ddq)
             elif now.place > 1:
                 assert one is not None
                 rows.append(self._stepped(one, now, recording).rows)
@@ -122,7 +122,7 @@ class _Way:
 
     def _stepped(self, one: KalmanFilter, now: _Sample, recording: Recording) -> KalmanSample:
         try:
-            made = one.step(now.q, now.tau, now.rough)
+            made = one.step(now.q, now.tau, now.ddq)
         except EstimationError as error:
             raise diverged(f"at t = {now.t:.2f} s of {recording.name} {error.detail}") from error
         self._lost = self._lost + 1 if made.surprise > _LOST else 0
@@ -138,7 +138,7 @@ class _Way:
 
 
 class _Sample(NamedTuple):
-    """A used sample: its place in its unbroken stretch, position of the sample before, q, tau (n,), rough motion."""
+    """A used sample: its place in its unbroken stretch, position of the sample before, q, tau and rough q̈ (n,)."""
 
     t: float
     segment: int
@@ -146,11 +146,11 @@ class _Sample(NamedTuple):
     before: FloatArray
     q: FloatArray
     tau: FloatArray
-    rough: RoughMotion
+    ddq: FloatArray
 
 
 def _samples(recording: Recording, filters: Preprocessing) -> Iterator[_Sample]:
-    """Measured positions and torques, unfiltered, beside the filtered motion."""
+    """Measured positions and torques, unfiltered, beside the acceleration of the filtered motion."""
     raw = (q for block in filtered_blocks(recording, Preprocessing(None, None)) for q in block.q)
     place = -1
     before = np.zeros(recording.n)
@@ -161,8 +161,7 @@ def _samples(recording: Recording, filters: Preprocessing) -> Iterator[_Sample]:
             q = next(raw)
             place = place + 1 if used else -1
             if used:
-                rough = RoughMotion(block.dq[k], block.ddq[k])
-                yield _Sample(float(block.t[k]), block.segment, place, before, q, block.tau[k], rough)
+                yield _Sample(float(block.t[k]), block.segment, place, before, q, block.tau[k], block.ddq[k])
             before = q
 
 

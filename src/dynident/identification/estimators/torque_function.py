@@ -12,9 +12,8 @@ from dynident.estimation.kalman import TorqueSlopes
 from dynident.regressors.model import Model
 from dynident.robot.model import FloatArray
 
-# sign(q̇) changes over this share of the slowest joint's velocity limit, as it does on real arms; wider takes from
-# viscous friction what it gives to Coulomb friction.
-_SIGN_WIDTH = 5e-4
+# sign(q̇) changes over this share of the slowest joint's velocity limit: a filter needs its slope.
+_SIGN_WIDTH = 2e-3
 
 
 class TorqueFunction:
