@@ -111,6 +111,15 @@ def test_parameters_are_flagged_by_ten_times_the_smallest_relative_deviation(ide
     assert any("poorly identified" in warning for warning in identified.warnings) == (not good.all())
 
 
+def test_a_fit_that_leaves_much_unexplained_points_at_the_columns_and_the_description(identified):
+    other = torque(ROBOT, OTHER_MOTION)[: len(MOTION.t)]
+    other = np.resize(other, (len(MOTION.t), ROBOT.n))
+    found = identify(ROBOT, [record(ROBOT, MOTION, other)], [], choices())
+    assert found.fit.relative_total > 0.2
+    assert any("order, signs and units" in warning for warning in found.warnings)
+    assert not any("order, signs and units" in warning for warning in identified.warnings)
+
+
 def test_standard_inertia_gives_the_torque_of_the_base_parameters(identified):
     q, dq, ddq = (s[:50] for s in (OTHER_MOTION.q, OTHER_MOTION.dq, OTHER_MOTION.ddq))
     links, drives = np.split(identified.next_reference(), [60])

@@ -82,6 +82,13 @@ def test_what_is_no_number_is_refused_with_column_row_and_time(tmp_path, name, v
     assert error.time == pytest.approx(1234 / 200)
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_time_in_a_smaller_unit_is_refused_with_the_unit_that_it_seems_to_have(tmp_path, unit, factor):
+    error = refused(tmp_path, changed("t", lambda t: factor * t))
+    assert error.pointer == "t"
+    assert f'"units": {{"t": "{unit}"}}' in error.detail
+
+
 def test_jitter_is_reported_with_its_worst_row(tmp_path):
     def shake(t):
         t = t + np.random.default_rng(0).uniform(-1e-3, 1e-3, len(t))

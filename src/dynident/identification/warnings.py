@@ -17,6 +17,7 @@ _HIGH_CONDITION = 200.0
 _EQUATIONS_PER_PARAMETER = 500.0
 _TINY = 1e-9
 _OVERFIT = 1.5
+_MISFIT = 0.2
 
 
 def unseen_parameters(model: Model, reduction: Reduction, known: Information | None = None) -> list[str]:
@@ -52,6 +53,7 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
             "The inertia matrix is not positive definite in every posture: the parameters are not physically possible "
             "as they stand, so use them for prediction near the recorded motion only."
         )
+    found += _misfit(identification)
     found += _other_equations(identification)
     found += _excitation(identification)
     found += _overfit(identification)
@@ -60,6 +62,18 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
     if absorbed:
         found.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")
     return tuple(found)
+
+
+def _misfit(identification: Identification) -> list[str]:
+    """A fit that leaves much of the torque it was made from is mostly no matter of effects, but of wrong data."""
+    left = identification.fit.relative_total
+    if identification.choices.model not in ("dynamic", "filtered") or left <= _MISFIT:
+        return []
+    worst = identification.model.robot.joint_names[int(np.argmax(identification.fit.rms))]
+    return [
+        f"Even in the fit {left:.0%} of the torque is left unexplained, most on {worst}: look at the order, signs and "
+        "units of the columns, at the joints' axes and gravity in the description, and for loads that it lacks."
+    ]
 
 
 def _other_equations(identification: Identification) -> list[str]:
@@ -100,8 +114,12 @@ def _excitation(identification: Identification) -> list[str]:
         )
     poor = [p for p in identification.parameters if not p.well_identified]
     if poor:
-        names = ", ".join(p.name for p in poor[:12]) + (", …" if len(poor) > 12 else "")
-        found.append(f"{len(poor)} of {len(identification.parameters)} parameters are poorly identified: {names}.")
+        names = ", ".join(p.name for p in poor[:12]) + (f" and {len(poor) - 12} more" if len(poor) > 12 else "")
+        smallest = min(p.relative_standard_deviation for p in identification.parameters)
+        found.append(
+            f"{len(poor)} of {len(identification.parameters)} parameters are poorly identified (relative standard "
+            f"deviation above {10 * smallest:.2g}, ten times the smallest, or known from elsewhere): {names}."
+        )
     return found
 
 
@@ -112,7 +130,8 @@ def _overfit(identification: Identification) -> list[str]:
         return [
             f"The error on validation data is {identification.held_out.relative_total:.1%} against "
             f"{identification.fit.relative_total:.1%} in the fit: the data do not determine the model, or the "
-            "validation motion shows what the identification motion did not."
+            "validation motion shows what the identification motion did not, or holds standstill, where friction has "
+            "no sign (choose windows)."
         ]
     return []
 

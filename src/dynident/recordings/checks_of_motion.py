@@ -105,9 +105,9 @@ def _standstill(recording: Recording, seen: _Seen, layout: Layout) -> Check:
     ends = ""
     if (before >= 1.0 or after >= 1.0) and seen.complete:
         ends = (
-            f", {before:.3g} s of it at the beginning and {after:.3g} s at the end: friction has no sign there, and all "
-            "parameters suffer from it. Use "
-            f'"windows": [[{seen.t[first]:.6g}, {seen.t[last]:.6g}]]'
+            f", {before:.3g} s of it at the beginning and {after:.3g} s at the end: friction has no sign there, which "
+            f"spoils parameters and errors. Use {seen.t[first]:.6g} to {seen.t[last]:.6g} s alone "
+            f'("windows": [[{seen.t[first]:.6g}, {seen.t[last]:.6g}]])'
         )
     return Check(
         "standstill",

@@ -200,7 +200,7 @@ def _alignment(recording: Recording, evidence: Evidence, layout: Layout, sample:
         return Check(
             "torque_alignment",
             "ok",
-            f"No shift of torque against position beyond what this data can show (about {1e3 * spread:.1g} ms).",
+            f"No shift of torque against position beyond what this data can show (about {1e3 * spread:.0f} ms).",
         )
     low, high = sorted((whole.seconds, steady.seconds), key=abs)
     least = abs(low) - 3.0 * max(whole.error, steady.error)

@@ -21,6 +21,10 @@ HOPELESS_SPREAD = 0.7
 MOST_MISSING = 0.3
 """Share of the time that gaps may take."""
 
+LONGEST_PERIOD = 0.5
+"""s: rows farther apart cannot show a robot's motion; the time is then mostly in another unit."""
+_SMALLER_UNITS = (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+
 _MEDIAN_ROWS = 65536
 _KEPT_GAPS = 20
 
@@ -206,6 +210,17 @@ def time_checks(base: TimeBase, column: str) -> list[Check]:
 def _jitter(base: TimeBase, column: str) -> Check:
     rate = 1.0 / base.period
     spread = base.deviation / base.period
+    if base.period > LONGEST_PERIOD:
+        unit = next((name for name, size in _SMALLER_UNITS if base.period * size <= LONGEST_PERIOD), "ms")
+        return Check(
+            "sampling_jitter",
+            "error",
+            f"Rows are {base.period:.4g} s of {column} apart, in which no motion can be seen. If {column} is in "
+            f'{unit}, say "units": {{"t": "{unit}"}}.',
+            column,
+            1,
+            base.first,
+        )
     if spread > HOPELESS_SPREAD:
         return Check(
             "sampling_jitter",
