@@ -118,6 +118,8 @@ def fields_of(errors: Sequence[ErrorDetails | dict[str, Any]], body: object, pre
         if error["type"] == "json_invalid":
             location = ("body",)
             detail = f"the body is not JSON: {error.get('ctx', {}).get('error', 'it cannot be parsed')}"
+        elif error["type"] == "model_attributes_type" and location in (("body",), ["body"]):
+            detail = "the body is no JSON object, or is not said to be one: send content-type: application/json"
         elif error["type"] == "extra_forbidden":
             detail = f"there is no field {location[-1]!r}"
         else:

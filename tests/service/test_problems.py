@@ -40,6 +40,17 @@ def test_a_body_that_is_no_request_gives_a_problem_and_never_a_500(client: TestC
         assert answer.headers["content-type"] == "application/problem+json"
 
 
+def test_a_body_without_its_content_type_is_asked_for_it(client: TestClient) -> None:
+    answer = client.post("/v1/robots", content=b'{"name": "arm"}')
+    assert answer.status_code == 422
+    assert "content-type: application/json" in answer.json()["detail"]
+
+
+def test_a_field_that_there_is_not_is_named(client: TestClient) -> None:
+    answer = client.post("/v1/designs", json={"robot_id": "rob_x", "limit": {}})
+    assert answer.json()["errors"] == [{"pointer": "/limit", "detail": "there is no field 'limit'"}]
+
+
 def test_a_body_that_is_too_large_is_refused_by_its_stated_length(client: TestClient) -> None:
     answer = client.post("/v1/measurements", files={"file": b"x" * 4_000_000}, data={"metadata": "{}"})
     assert answer.status_code == 413
