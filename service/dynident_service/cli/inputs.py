@@ -34,6 +34,9 @@ from dynident_service.problems import fields_of
 _REWORDED = (
     (re.compile(r'say "accept": \["(\w+)"\]'), r"say --accept \1"),
     (re.compile(r'"windows": \[\[([^,\]]+), ([^,\]]+)\]\]'), r"--windows {name}=\1:\2"),
+    (re.compile(r'"units": \{"(\w+)": "([^"]+)"\}'), r"--units \1=\2"),
+    (re.compile(r'Name it by columns, \{"(\w+)": "…"\}'), r"Name it by --columns \1=…"),
+    (re.compile(r'say "role": "friction" for'), "give it as --friction if it is"),
     (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give --drive-gains in N m/A"),
 )
 _URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')

@@ -15,7 +15,14 @@ _STYLES = {"pass": "bold green", "fail": "bold red", "not_evaluated": "bold"}
 
 def show_validation(console: Console, found: ValidationResult, robot: Robot) -> None:
     """The figures, the verdict, its reason."""
-    for one in tables_of(found, robot.joint_names):
-        console.print(table(one.title, one.columns, [list(row) for row in one.rows], right_from=one.numbers_from))
+    names = robot.joint_names
+    by_number = {name: str(number) for number, name in enumerate(names, start=1)}
+    # Joints across the page take their numbers where their names would leave no room for anything else.
+    short = by_number if sum(len(name) + 2 for name in names) > console.width // 3 else {}
+    for one in tables_of(found, names):
+        columns = [short.get(column, column) for column in one.columns]
+        console.print(table(one.title, columns, [list(row) for row in one.rows], right_from=one.numbers_from))
+        if columns != list(one.columns):
+            console.print(f"  Joints: {', '.join(f'{by_number[name]} {name}' for name in names)}.", markup=False)
     console.print(_MARKS[found.verdict], style=_STYLES[found.verdict])
     console.print(found.reason, markup=False)

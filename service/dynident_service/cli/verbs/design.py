@@ -8,12 +8,16 @@ from typing import Annotated
 
 import typer
 
-from dynident_service.cli.options import Effects, Json, RobotArgument, Seed
+from dynident_service.cli.options import Accept, Columns, DriveGains, Effects, Json, RobotArgument, Seed, Units, Windows
 
 
 def design(
     robot: RobotArgument,
     effects: Effects,
+    columns: Columns,
+    units: Units,
+    windows: Windows,
+    accept: Accept,
     kind: Annotated[
         str, typer.Option("--kind", help="optimized, random, sequential, constant_velocity, slow_sweep or reversals.")
     ] = "optimized",
@@ -75,13 +79,17 @@ def design(
         list[Path] | None,
         typer.Option("--earlier", metavar="FILE", help="Measurement that the experiment complements; may be repeated."),
     ] = None,
+    drive_gains: DriveGains = "",
     seed: Seed = 0,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
     ] = Path("trajectory.csv"),
     as_json: Json = False,
 ) -> None:
-    """Design an exciting trajectory within the robot's limits."""
+    """Design an exciting trajectory within the robot's limits.
+
+    The options about columns, units, windows, checks and drive gains are for the measurements of --earlier.
+    """
     from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
     from dynident.progress import part
     from dynident_service.adapters.designs import describe_design
@@ -90,7 +98,7 @@ def design(
     from dynident_service.models.common import plain
 
     tables.check_ending(out, tables.TRAJECTORY_ENDINGS)
-    machine = inputs.robot_of(robot)
+    machine = inputs.robot_of(robot, drive_gains)
     asked = DesignRequest(
         kind=kind,
         effects=inputs.effects_of(effects, machine) or None,
@@ -116,9 +124,10 @@ def design(
         torque_margin=torque_margin,
         surroundings=surroundings_of(surroundings, meshes or []),
     )
+    options = inputs.FileOptions(columns, units, windows, accept)
     with (
         terminal.progress_bar("design") as progress,
-        inputs.loaded(earlier or [], machine, inputs.FileOptions(), part(progress, 0.0, 0.1)) as (
+        inputs.loaded(earlier or [], machine, options, part(progress, 0.0, 0.1)) as (
             runs,
             _,
         ),

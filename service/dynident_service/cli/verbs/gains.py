@@ -83,5 +83,7 @@ def gains(
         )
     ]
     console.print(terminal.table("", ("joint", "stated", "gain", "± 95 %", "identifiable"), rows))
+    said = ",".join(f"{value:.4g}" for value in found.values)
+    console.print(f"To identify with them: --drive-gains {said}", markup=False, soft_wrap=True)
     for warning in found.warnings:
         console.print(f"! {warning}", markup=False)

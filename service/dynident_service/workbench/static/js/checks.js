@@ -34,7 +34,7 @@ export function checksInWords(checks) {
 }
 
 function where({ column, row: line, time }) {
-  const parts = [column && `column ${column}`, line && `row ${line}`, typeof time === "number" && `t = ${time} s`];
+  const parts = [column && `column ${column}`, line && `row ${line}`, typeof time === "number" && `t = ${Number(time.toFixed(4))} s`];
   const text = parts.filter(Boolean).join(", ");
   return text ? h("small", { class: "note" }, ` (${text})`) : null;
 }

@@ -30,7 +30,7 @@ export function measurementsTable(measurements) {
       one.name,
       one.role ?? "–",
       `${counted(one.n_samples, "sample")} at ${quantity(one.sampling_rate, "Hz", 4)}`,
-      one.windows.map(([from, to]) => `${number(from, 5)} to ${number(to, 5)} s`).join(", ") || "all",
+      one.windows.map(([from, to]) => `${from} to ${to} s`).join(", ") || "all",
       h("details", {}, h("summary", {}, checksInWords(one.checks)), checksTable(one.checks)),
       moment(one.created_at),
     ]),
