@@ -58,6 +58,22 @@ def test_the_gains_stand_in_a_table_beside_the_stated_ones(runs):
     assert "± 95 %" in answer.out
 
 
+def test_another_load_is_weighed_with_the_gains(runs):
+    """Here the known one once more, as if nobody knew it."""
+    plain, heavy = runs
+    weigh = ["--weigh", heavy, "--weigh-unloaded", plain]
+    said = ["gains", "ur10", plain, "--loaded", heavy, "--mass", MASS, "--drive-gains", "1,1,1,1,1,1", *weigh]
+    (load,) = dynident(*said, "--json").document["loads"]
+    assert load["mass"] == pytest.approx(MASS, rel=0.05)
+    assert load["interval"][0] < load["mass"] < load["interval"][1]
+    assert 0 < load["from_gains"] < load["standard_deviation"]
+    assert load["identifiable"]
+    assert "shows at all" in dynident(*said).out
+    refused = dynident(*said[:-4], "--weigh-unloaded", plain)
+    assert refused.code == 2
+    assert "give --weigh too" in refused.err
+
+
 @pytest.mark.parametrize(("mass", "centre", "word"), [(0, "", "above zero"), (4, "0.1,0.2", "x, y and z")])
 def test_a_load_that_is_no_load_is_refused(runs, mass, centre, word):
     plain, heavy = runs

@@ -271,6 +271,8 @@ def test_gains_of_a_ur10e_are_those_of_the_command_line(live: Client) -> None:
     said = [f"--windows={name}={start!r}:{end!r}" for name, (start, end) in windows.items()]
     files = [str(DATA / "pair14_unloaded.parquet"), "--loaded", str(DATA / "pair14_loaded.parquet")]
     stated = ["--mass", "2.805", "--drive-gains", ",".join(map(str, gains))]
+    pair = DATA / "pair0131_loaded.parquet", DATA / "pair0131_unloaded.parquet"
+    files += ["--weigh", str(pair[0]), "--weigh-unloaded", str(pair[1])]
     answer = CliRunner().invoke(app, ["gains", str(urdf), *files, *stated, *said, "--json"], prog_name="dynident")
     assert answer.exit_code == 0, answer.stderr
     told = json.loads(answer.stdout)
@@ -299,5 +301,7 @@ def test_gains_of_a_ur10e_are_those_of_the_command_line(live: Client) -> None:
     assert np.array([one["interval"] for one in found["gains"]]) == pytest.approx(np.array(told["intervals"]), rel=1e-6)
     assert [one["identifiable"] for one in found["gains"]] == told["identifiable"]
     (load,) = found["loads"]
+    assert load["mass"] == pytest.approx(told["loads"][0]["mass"], rel=1e-9)
+    assert load["interval"] == pytest.approx(told["loads"][0]["interval"], rel=1e-6)
     assert load["interval"][0] < 2.805 < load["interval"][1]
     assert load["mass"] == pytest.approx(2.80, abs=0.05)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dynident.errors import DynidentError
 from dynident_service.cli.options import (
     Accept,
     Columns,
@@ -18,6 +20,10 @@ from dynident_service.cli.options import (
     Units,
     Windows,
 )
+
+if TYPE_CHECKING:
+    from dynident.identification import DriveGains as Gains
+    from dynident.identification import PayloadEstimate
 
 
 def gains(
@@ -36,6 +42,26 @@ def gains(
     units: Units,
     windows: Windows,
     accept: Accept,
+    weigh: Annotated[
+        list[Path],
+        typer.Option(
+            "--weigh",
+            metavar="FILE",
+            help="Measurement with another load, to be weighed with these gains; may be repeated.",
+            show_default=False,
+            default_factory=list,
+        ),
+    ],
+    weigh_unloaded: Annotated[
+        list[Path],
+        typer.Option(
+            "--weigh-unloaded",
+            metavar="FILE",
+            help="Of the motion of --weigh, without its load; else MEASUREMENT.",
+            show_default=False,
+            default_factory=list,
+        ),
+    ],
     mass: Annotated[float, typer.Option("--mass", help="What the load weighs, kg.", show_default=False)],
     centre: Annotated[
         str, typer.Option("--centre", metavar="X,Y,Z", help="Its centre in the last joint's frame, m, where known.")
@@ -47,34 +73,61 @@ def gains(
 
     MEASUREMENT are the runs without the load. With currents and no idea of the gains, say --drive-gains 1,1,….
     """
-    from dynident.identification import identify_gains
+    from dynident.identification import identify_gains, payload_mass
     from dynident.progress import part
-    from dynident.reports.numbers import estimate, number
     from dynident_service.cli import inputs, parsing, terminal
 
+    if weigh_unloaded and not weigh:
+        raise DynidentError("nothing is to be weighed: give --weigh too", pointer="--weigh-unloaded")
     machine = inputs.robot_of(robot, drive_gains)
     payload = {"mass": mass, **({"centre": parsing.numbers(centre, "--centre")} if centre else {})}
     options = inputs.FileOptions(columns, units, windows, accept)
     with (
         terminal.progress_bar("gains") as progress,
-        inputs.loaded(measurements, machine, options, part(progress, 0.0, 0.6), loaded) as (without, carrying),
+        inputs.loaded(measurements, machine, options, part(progress, 0.0, 0.6), [*loaded, *weigh, *weigh_unloaded]) as (
+            without,
+            others,
+        ),
     ):
-        heavy = [replace(recording, payload=payload) for recording in inputs.recordings_of(carrying)]
-        found = identify_gains(machine, inputs.recordings_of(without), heavy, progress=part(progress, 0.6, 1.0))
+        unloaded, rest = inputs.recordings_of(without), inputs.recordings_of(others)
+        heavy = [replace(recording, payload=payload) for recording in rest[: len(loaded)]]
+        found = identify_gains(machine, unloaded, heavy, progress=part(progress, 0.6, 0.9))
+        other, bare = rest[len(loaded) :][: len(weigh)], rest[len(loaded) + len(weigh) :]
+        loads = [(one.name, payload_mass(machine, bare or unloaded, one, gains=found)) for one in other]
         progress(1.0, "solved")
     if as_json:
-        terminal.print_json(
+        terminal.print_json(_document(found, loads))
+    else:
+        _show(found, loads)
+
+
+def _document(found: Gains, loads: Sequence[tuple[str, PayloadEstimate]]) -> dict[str, Any]:
+    return {
+        "joints": list(found.joint_names),
+        "stated": found.stated.tolist(),
+        "gains": found.values.tolist(),
+        "standard_deviations": found.standard_deviations.tolist(),
+        "intervals": found.intervals.tolist(),
+        "identifiable": list(found.identifiable),
+        "loads": [
             {
-                "joints": list(found.joint_names),
-                "stated": found.stated.tolist(),
-                "gains": found.values.tolist(),
-                "standard_deviations": found.standard_deviations.tolist(),
-                "intervals": found.intervals.tolist(),
-                "identifiable": list(found.identifiable),
-                "warnings": list(found.warnings),
+                "measurement": name,
+                "mass": load.mass,
+                "standard_deviation": load.standard_deviation,
+                "from_gains": load.from_gains,
+                "interval": list(load.interval),
+                "identifiable": load.identifiable,
             }
-        )
-        return
+            for name, load in loads
+        ],
+        "warnings": list(found.warnings),
+    }
+
+
+def _show(found: Gains, loads: Sequence[tuple[str, PayloadEstimate]]) -> None:
+    from dynident.reports.numbers import estimate, number
+    from dynident_service.cli import terminal
+
     console = terminal.out()
     rows = [
         [name, number(stated, 4), *estimate(value, 1.96 * deviation), "yes" if known else "no"]
@@ -83,7 +136,11 @@ def gains(
         )
     ]
     console.print(terminal.table("", ("joint", "stated", "gain", "± 95 %", "identifiable"), rows))
-    said = ",".join(f"{value:.4g}" for value in found.values)
-    console.print(f"To identify with them: --drive-gains {said}", markup=False, soft_wrap=True)
+    if loads:
+        weighed = [
+            [name, *estimate(load.mass, 1.96 * load.standard_deviation), "yes" if load.identifiable else "no"]
+            for name, load in loads
+        ]
+        console.print(terminal.table("", ("load", "kg", "± 95 %", "shows at all"), weighed))
     for warning in found.warnings:
         console.print(f"! {warning}", markup=False)
