@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Generic
 
 from dynident_client.records import Page, Record, RecordT, id_of
@@ -45,7 +45,18 @@ class Collection(Generic[RecordT]):
         self._transport.delete(f"{self.path}/{id_of(resource)}")
 
     def _post(self, body: dict[str, Any], below: str = "") -> RecordT:
-        return self._record(self._transport.post(f"{self.path}{below}", body))
+        return self._record(self._transport.post(f"{self.path}{below}", _with_identifiers(body)))
 
     def _record(self, data: dict[str, Any]) -> RecordT:
         return self.kind(self._transport, data)
+
+
+def _with_identifiers(value: Any) -> Any:
+    """The same with the identifier of each resource in its place."""
+    if isinstance(value, Record):
+        return value.id
+    if isinstance(value, Mapping):
+        return {name: _with_identifiers(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_with_identifiers(one) for one in value]
+    return value

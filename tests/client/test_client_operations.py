@@ -136,6 +136,16 @@ def test_what_the_client_sends_has_the_fields_of_the_contract(tmp_path: Path) ->
     assert checked >= 9
 
 
+def test_resources_may_stand_for_their_identifiers_in_every_field() -> None:
+    recorder = Recorder()
+    client = Client("http://robots.example", transport=httpx2.MockTransport(recorder))
+    run = client.measurements.get("x1")
+    client.designs.create("rob_1", earlier_ids=[run], limits={"joint1": {"velocity": 1.0}})
+    sent = json.loads(recorder.requests[-1].content)
+    assert sent["earlier_ids"] == ["x1"]
+    assert sent["limits"] == {"joint1": {"velocity": 1.0}}
+
+
 def test_a_lost_answer_is_asked_for_again_with_the_same_key() -> None:
     keys: list[str] = []
 

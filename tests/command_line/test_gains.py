@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,9 @@ def test_the_gains_stand_in_a_table_beside_the_stated_ones(runs):
     assert "shoulder_pan_joint" in answer.out
     assert "identifiable" in answer.out
     assert "± 95 %" in answer.out
+    said = re.search(r"--drive-gains (\S+)", answer.out)
+    assert said is not None
+    np.testing.assert_allclose([float(gain) for gain in said[1].split(",")], GAINS, rtol=0.1)
 
 
 def test_another_load_is_weighed_with_the_gains(runs):
