@@ -38,3 +38,14 @@ def test_an_unknown_set_or_family_is_refused_with_those_there_are(tmp_path: Path
         answer = dynident("design", "scara", "--kind", "sequential", option, value, "-o", tmp_path / "t.csv")
         assert answer.code != 0
         assert known in answer.err
+
+
+def test_an_earlier_measurement_of_currents_counts_once_its_drive_gains_are_given(tmp_path: Path) -> None:
+    run = tmp_path / "run.csv"
+    assert dynident("simulate", "scara", "--rate", 100, "--out", run).code == 0
+    run.write_text(run.read_text().replace("tau", "current"))
+    asked = ("design", "scara", *QUICK, "--earlier", run, "-o", tmp_path / "t.csv")
+    refused = dynident(*asked)
+    assert refused.code == 2
+    assert "--drive-gains" in refused.err
+    assert dynident(*asked, "--drive-gains", "1,1,1,1").code == 0

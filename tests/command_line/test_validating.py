@@ -139,3 +139,11 @@ def test_choices_that_there_are_not_are_said_in_words(desk: Path, options: list[
     assert answer.code == 2
     for words in said:
         assert words in answer.err
+
+
+def test_joints_with_long_names_leave_room_for_the_names_of_methods(desk: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("dynident_service.cli.terminal._WIDE", 100)
+    asked = ["validate", desk / "model.npz", "methods", desk / "run1.csv", "-v", desk / "run2.csv"]
+    shown = dynident(*asked, "--methods", "wls,ols").out
+    assert "dynamic" in shown
+    assert f"Joints: 1 {ROBOT.joint_names[0]}, 2 {ROBOT.joint_names[1]}" in shown
