@@ -82,6 +82,17 @@ def test_what_is_no_number_is_refused_with_column_row_and_time(tmp_path, name, v
     assert error.time == pytest.approx(1234 / 200)
 
 
+@pytest.mark.parametrize("value", [1e200, -1e31])
+def test_what_no_sensor_gives_is_refused_with_its_value(tmp_path, value):
+    def spoil(values):
+        values[400:] = value
+        return values
+
+    error = refused(tmp_path, changed("tau2", spoil))
+    assert (error.pointer, error.row) == ("tau2", 401)
+    assert f"{value:.3g}, which no sensor gives" in error.detail
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
 def test_time_in_a_smaller_unit_is_refused_with_the_unit_that_it_seems_to_have(tmp_path, unit, factor):
     error = refused(tmp_path, changed("t", lambda t: factor * t))

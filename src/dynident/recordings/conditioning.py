@@ -12,7 +12,16 @@ from dynident.recordings.columns import Layout
 from dynident.recordings.raw import RawRows
 from dynident.recordings.resampling import ShiftedResampler
 from dynident.recordings.timebase import TimeBase
-from dynident.recordings.types import BoolArray, FloatArray, IntArray, RecordingError, Segment, Windows, inside
+from dynident.recordings.types import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    RecordingError,
+    Segment,
+    Windows,
+    are_readings,
+    inside,
+)
 
 SHORTEST = 8
 """A stretch of fewer samples is left out: it is shorter than any filter."""
@@ -55,7 +64,7 @@ class Conditioner:
     def push(self, rows: RawRows) -> Iterator[GridRows]:
         """Take the next rows; give the grid rows that are ready to be stored."""
         values = self._with_temperature(rows.values)
-        numbers = np.all(np.isfinite(values[:, self._needed]), axis=1)
+        numbers = np.all(are_readings(values[:, self._needed]), axis=1)
         if not numbers.all():
             self._refuse_missing(rows, values, numbers)
         new = self._without_repeats(rows, values)
@@ -163,10 +172,11 @@ class Conditioner:
             return
         row = int(bad[0])
         needed = self._layout.needed
-        column = int(needed[~np.isfinite(values[row, needed])][0])
-        name = self._layout.columns[column].source
+        column = int(needed[~are_readings(values[row, needed])][0])
+        name, value = self._layout.columns[column].source, float(values[row, column])
+        held = f"{value:.3g}, which no sensor gives," if np.isfinite(value) else "no number"
         raise RecordingError(
-            f"Column {name} holds no number in row {rows.first_row + row + 1} (t = {rows.t[row]:.6g} s). Remove the "
+            f"Column {name} holds {held} in row {rows.first_row + row + 1} (t = {rows.t[row]:.6g} s). Remove the "
             "row, which leaves a gap that is filtered around, or repair the value, or choose windows without it.",
             pointer=name,
             title="Not a number",

@@ -20,6 +20,9 @@ Windows = tuple[tuple[float, float], ...]
 Status = Literal["ok", "warning", "error"]
 JointKind = Literal["revolute", "prismatic"]
 
+# In any unit; fourth powers of it can still be taken.
+_LARGEST_READING = 1e30
+
 
 @dataclass(frozen=True)
 class JointLimits:
@@ -238,6 +241,12 @@ class SampleBlock:
     temperature: FloatArray | None
     starts_segment: bool
     wrench: FloatArray | None = None
+
+
+def are_readings(values: FloatArray) -> BoolArray:
+    """Which values a sensor could have given: numbers, and not beyond all size."""
+    readings: BoolArray = np.abs(values) < _LARGEST_READING
+    return readings
 
 
 def inside(t: FloatArray, windows: Windows, tolerance: float = 0.0) -> BoolArray:
