@@ -67,7 +67,7 @@ class SampleCollector:
         used = np.concatenate([mark for _, _, mark in self._parts])
         joined = np.zeros(len(t), dtype=bool)
         joined[1:] = (np.diff(row) == 1) & (np.diff(label) == 0) & (np.diff(t) > 0)
-        whole = are_readings(values[:, : 2 * self._n]).all(axis=1)
+        whole = np.all(are_readings(values[:, : 2 * self._n]), axis=1)
         joined[1:] &= whole[:-1]
         n = self._n
         dq = None if self._dq is None else values[whole, self._dq : self._dq + n]
