@@ -136,6 +136,8 @@ def _show(found: Gains, loads: Sequence[tuple[str, PayloadEstimate]]) -> None:
         )
     ]
     console.print(terminal.table("", ("joint", "stated", "gain", "± 95 %", "identifiable"), rows))
+    said = ",".join(f"{value:.4g}" for value in found.values)
+    console.print(f"To identify with them: --drive-gains {said}", markup=False, soft_wrap=True)
     if loads:
         weighed = [
             [name, *estimate(load.mass, 1.96 * load.standard_deviation), "yes" if load.identifiable else "no"]
