@@ -46,7 +46,10 @@ class EntropicPrior:
         matrices = pseudo_inertia(values[self.columns])
         if not len(matrices):
             return 0.0
-        if not np.linalg.eigvalsh(matrices).min() > 0:
+        try:
+            # What `belief_at` takes the root of: eigenvalues that are rounding errors may be above zero without one.
+            np.linalg.cholesky(matrices)
+        except np.linalg.LinAlgError:
             return float("inf")
         relative = np.linalg.solve(self.nominal, matrices)
         divergence = np.trace(relative, axis1=1, axis2=2) - np.linalg.slogdet(relative)[1] - 4.0

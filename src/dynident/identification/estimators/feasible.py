@@ -95,9 +95,11 @@ def nearest(
         while cost(values + share * step) > before + _PAYS * share * slope and share > _SHORTEST:
             share *= 0.5
         values = values + share * step
+        if not np.isfinite(cost(values)):
+            break
     raise DynidentError(
-        f"the physically feasible parameters nearest to the description have not settled after {_MOST_STEPS} steps; "
-        "use the prior description",
+        "the physically feasible parameters nearest to the description have not settled: a prior_error of "
+        f"{prior.share:g} may be too large to hold them. State a smaller one, or use the prior description",
         pointer="/prior",
         title="Not settled",
     )
