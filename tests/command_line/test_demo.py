@@ -27,13 +27,13 @@ FLOOR = 1.4
 @pytest.mark.parametrize(
     ("effect", "joint"),
     [
-        ("stribeck", "shoulder_lift_joint"),
         ("presliding", "wrist_1_joint"),
-        ("base_tilt", ""),
-        ("gravity_compensator", "shoulder_lift_joint"),
-        ("drive_gain_error", "shoulder_lift_joint"),
         ("payload", ""),
         ("temperature_friction", "shoulder_lift_joint"),
+        pytest.param("stribeck", "shoulder_lift_joint", marks=pytest.mark.thorough),
+        pytest.param("base_tilt", "", marks=pytest.mark.thorough),
+        pytest.param("gravity_compensator", "shoulder_lift_joint", marks=pytest.mark.thorough),
+        pytest.param("drive_gain_error", "shoulder_lift_joint", marks=pytest.mark.thorough),
     ],
 )
 def test_the_hidden_effect_is_named_and_the_error_of_its_joints_falls_to_the_noise(

@@ -12,16 +12,20 @@ from dynident.identification import IdentificationChoices, extend, identify
 
 pytestmark = pytest.mark.slow
 
+SHAPES = {"base_vibration": ("f", FREQUENCY)}
 SIZES = {"torque_delay": ("delay", DELAY), "drive_gain_error": ("eps2", 0.08)}
 
 
 @pytest.mark.parametrize("effect", MORE)
-def test_a_hidden_effect_alone_is_named_and_leaves_nothing_but_noise_once_added(effect):
+def test_a_hidden_effect_alone_is_named_with_its_shape_and_leaves_nothing_but_noise_once_added(effect):
     case = MORE[effect]
     run = experiment(case.hidden, case.effects, 1)
     found = diagnose(run.identification, [run.training])
     place = () if case.joint is None else (NAMES[case.joint],)
     assert [(choice.effect, choice.joints) for choice in found.recommended] == [(effect, place)]
+    if effect in SHAPES:
+        name, value = SHAPES[effect]
+        assert found.recommended[0].shape_values[name] == pytest.approx(value, abs=0.01)
     grown = extend(run.identification, found.recommended, [run.training], [run.validation])
     before, after = run.identification.held_out.rms / floor(1), grown.held_out.rms / floor(1)
     assert before.max() > 1.3
@@ -29,12 +33,6 @@ def test_a_hidden_effect_alone_is_named_and_leaves_nothing_but_noise_once_added(
     if effect in SIZES:
         name, value = SIZES[effect]
         assert next(p.value for p in grown.parameters if p.name == name) == pytest.approx(value, rel=0.1)
-
-
-def test_the_frequency_of_a_shaking_base_is_found():
-    run = experiment(MORE["base_vibration"].hidden, seed=2)
-    (choice,) = diagnose(run.identification, [run.training]).recommended
-    assert choice.shape_values["f"] == pytest.approx(FREQUENCY, abs=0.01)
 
 
 def test_a_touch_is_named_with_the_time_of_it():

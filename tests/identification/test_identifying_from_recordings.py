@@ -221,7 +221,6 @@ def coverage(count: int) -> tuple[float, float]:
     return float(np.mean(within)), float(np.mean(within_raw))
 
 
-@pytest.mark.slow
 def test_two_standard_deviations_cover_the_truth_as_often_as_they_promise():
     promised, raw = coverage(40)
     assert 0.88 <= promised <= 0.99
