@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from written_commands import run_commands
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "exports.md").read_text(encoding="utf-8")
 
@@ -22,7 +23,7 @@ def blocks(language: str) -> list[str]:
 def run(command: list[str], folder: Path) -> str:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     done = subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=250, env={**os.environ, "PATH": path}, check=False
+        command, cwd=folder, capture_output=True, text=True, timeout=800, env={**os.environ, "PATH": path}, check=False
     )
     assert done.returncode == 0, done.stderr[-2000:]
     return done.stdout
@@ -35,7 +36,7 @@ def numbers(text: str) -> np.ndarray:
 @pytest.mark.slow
 def test_the_files_of_the_page_tell_the_same_torque(tmp_path: Path) -> None:
     export, compile_it = blocks("sh")
-    run(["bash", "-euo", "pipefail", "-c", export], tmp_path)
+    run_commands(tmp_path, export)
     program = "import numpy\nnumpy.set_printoptions(precision=15, linewidth=400)\n" + "\n".join(blocks("python"))
     said = run([sys.executable, "-c", program], tmp_path)
     torque = {line.split()[0]: numbers(line) for line in said.splitlines()}

@@ -41,7 +41,7 @@ def test_the_commands_find_the_spring_and_the_next_experiment_decides(tmp_path: 
     figures = FIGURES["draw"](tmp_path)
     assert all(figure.startswith("<svg") for figure in figures.values())
     python = re.findall(r"^```python\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)[0]
-    ended = subprocess.run([sys.executable, "-c", python], cwd=tmp_path, capture_output=True, text=True, timeout=200)
+    ended = subprocess.run([sys.executable, "-c", python], cwd=tmp_path, capture_output=True, text=True, timeout=800)
     assert ended.returncode == 0, ended.stderr
     assert "Gravity compensating spring on shoulder_lift_joint" in ended.stdout
     assert "slow_sweep" in ended.stdout

@@ -1,0 +1,24 @@
+"""Commands as a page writes them, one a line, run in this process: it imports once what each would import anew."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+from pathlib import Path
+
+from typer.testing import CliRunner
+
+from dynident_service.cli.app import app
+
+
+def run_commands(folder: Path, block: str) -> str:
+    """Run the `dynident` commands of a block in a folder; gives what they print on stdout."""
+    told = []
+    with contextlib.chdir(folder):
+        for line in block.splitlines():
+            program, *arguments = shlex.split(line)
+            assert program == "dynident", line
+            ended = CliRunner().invoke(app, arguments, prog_name=program, env={"COLUMNS": "200"})
+            assert ended.exit_code == 0, f"{line}\n{ended.output}"
+            told.append(ended.stdout)
+    return "".join(told)
