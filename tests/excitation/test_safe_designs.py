@@ -154,7 +154,7 @@ def check_requests(name: str, count: int, least_share: float) -> None:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_what_is_designed_keeps_every_limit_and_touches_nothing(name):
-    check_requests(name, 4, 0.0)
+    check_requests(name, 2, 0.0)
 
 
 @pytest.mark.slow
@@ -165,7 +165,6 @@ def test_drawn_sets_of_limits_are_kept_or_refused_with_the_reason(name, thorough
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_optimised_motions_of_the_panda_hit_the_arm_itself_unless_that_is_kept_from_them(thorough):
     judge = judge_of("franka_panda")
     effects = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))

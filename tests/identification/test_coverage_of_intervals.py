@@ -18,7 +18,6 @@ def coverage() -> Coverage:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_intervals_hold_the_true_parameter_in_about_95_of_100_cases_in_every_class(coverage):
     assert set(coverage.honest) == {"inertia", "first moments", "rotor_inertia", "coulomb", "viscous", "offset"}
     for name, share in coverage.honest.items():
@@ -26,6 +25,5 @@ def test_intervals_hold_the_true_parameter_in_about_95_of_100_cases_in_every_cla
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_counting_filtered_samples_as_independent_promises_too_much(coverage):
     assert max(coverage.naive.values()) < 0.90

@@ -20,7 +20,7 @@ from hiding.table import describe, is_failure
 
 Outcomes = tuple[Outcome, ...]
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 # Single cases at their full size and at a quarter of it.
 FEW, MANY = (4, 1), (8, 2)
