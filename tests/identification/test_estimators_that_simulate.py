@@ -166,7 +166,7 @@ def test_the_command_is_brought_as_late_as_the_motion(late):
 @pytest.mark.parametrize("estimator", ["iv", "didim"])
 def test_a_robot_that_follows_its_command_late_is_identified_from_the_command(estimator):
     found = identify(SMALL.robot, [commanded_run(0.02)], [], choices(estimator))
-    assert "the commanded positions, delayed by up to 20 ms" in found.warnings[0]
+    assert "the commanded positions, shifted in time by up to 20 ms" in found.warnings[0]
     torque = found.solution.scales
     assert np.abs((found.values - SMALL.truth) * torque).max() < 2e-2 * np.abs(SMALL.truth * torque).max()
 

@@ -143,8 +143,8 @@ def _initial(model: Model, data: Data, known: Information | None) -> _Initial:
     c = len(solution.values)
     start = known_values(solution.values, found.covariance * _DOUBT**2, np.arange(c), c)
     if known is not None:
-        undoubted = np.sqrt(1.0 - 1.0 / _DOUBT**2) * known.factor
-        start = start.and_also(Information(undoubted, undoubted @ solution.values))
+        undoubted = np.sqrt(1.0 - 1.0 / _DOUBT**2)
+        start = start.and_also(Information(undoubted * known.factor, undoubted * known.right))
     return _Initial(share, start, found.noise)
 
 

@@ -146,7 +146,7 @@ def _references(data: Data, measured: float | None) -> _References:
             warnings.append(f"The commanded positions of {recording.name} are not used: {why}.")
     words = []
     if delays:
-        words.append(f"the commanded positions, delayed by up to {1e3 * max(delays):.2g} ms as the robot was")
+        words.append(f"the commanded positions, shifted in time by up to {1e3 * max(delays):.0f} ms as the robot was")
     if len(delays) < len(motions):
         words.append(f"the measured positions below {cutoff:.2g} Hz")
     return _References(motions, " or ".join(words), tuple(warnings))
