@@ -59,8 +59,11 @@ def test_a_setting_that_cannot_be_is_named(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_light_installation_tells_its_version_and_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    import dynident_service.cli
     from dynident_service import command_line
 
+    # The package keeps what is imported meanwhile as its attribute, unless that is put back, too.
+    monkeypatch.setattr(dynident_service, "cli", dynident_service.cli)
     for name in [name for name in sys.modules if name.startswith("dynident_service.cli")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "typer", None)
