@@ -50,6 +50,16 @@ def test_exact_currents_give_the_true_gains():
     assert found.warnings == ()
 
 
+def test_what_is_being_read_is_told_run_by_run():
+    told: list[tuple[float, str]] = []
+    runs = currents(0.0)
+    gains_of(*runs, preprocessing=Preprocessing(None, None, 4), progress=lambda *news: told.append(news))
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares)
+    for run in runs:
+        assert any(run.name in message for _, message in told)
+
+
 def test_gains_are_in_the_unit_of_those_that_were_stated():
     """Torque that was computed with wrong gains gives those that it should have been computed with."""
     wrong = np.array([10.0, 14.0, 9.0, 12.0, 9.0, 10.0])
