@@ -33,12 +33,15 @@ class Compiled:
             self._engine = llvm.create_mcjit_compiler(module, _machine())
             self._engine.finalize_object()
         place, number = ctypes.c_void_p, ctypes.c_int64
-        kinds = [number, place, number, *(kind for _ in widths for kind in (place, number))]
+        kinds = [number, place, number, place, *(kind for _ in widths for kind in (place, number))]
+        self._room = int(function.numel_out(0)) * lanes
         self._call: Any = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
 
     def run(self, m: int, out: FloatArray, inputs: Sequence[FloatArray]) -> None:
         """Evaluate m samples; arrays whose rows are contiguous."""
-        arguments: list[int] = []
+        # Of each call its own, so that threads may share the code.
+        results = np.empty(self._room)
+        arguments = [results.ctypes.data]
         for item in inputs:
             arguments += (item.ctypes.data, item.strides[0] // NUMBER if item.ndim == 2 else 0)
         self._call(m, out.ctypes.data, out.strides[0] // NUMBER, *arguments)

@@ -11,11 +11,8 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from dynident.expressions.machine_code import NUMBER, Compiled
-
-FloatArray = NDArray[np.float64]
+from dynident.expressions.machine_code import NUMBER, Compiled, FloatArray
 
 _LANES = 4
 

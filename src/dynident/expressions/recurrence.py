@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from dynident.expressions.machine_code import Compiled
-
-FloatArray = NDArray[np.float64]
+from dynident.expressions.machine_code import Compiled, FloatArray
 
 
 class Recurrence:

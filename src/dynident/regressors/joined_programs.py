@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.expressions import Program
-
-FloatArray = NDArray[np.float64]
+from dynident.robot.model import FloatArray
 
 
 class JoinedPrograms:
