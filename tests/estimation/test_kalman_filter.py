@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from dynident.estimation import EstimationError, known_values
-from dynident.estimation.factors import triangular
+from dynident.estimation.triangles import triangular
 from dynident.estimation.kalman import KalmanFilter, KalmanNoise, TorqueSlopes
 
 # Inertia, first moment times gravity, viscous friction.

@@ -1,5 +1,6 @@
 """y = W χ: solvers and statistics on triangular factors. Knows nothing of robots."""
 
+from dynident.estimation.beside import Beside, BesideAccumulator, distance_to_band
 from dynident.estimation.correlation import correlation_factor, effective_rows
 from dynident.estimation.essential import Elimination, EliminationPath, eliminate
 from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate
@@ -12,6 +13,7 @@ from dynident.estimation.least_squares import (
     condition_number,
     equilibrated_condition_number,
     errors,
+    moving_errors,
     noise_levels,
     ordinary,
     share_of_measured,
@@ -22,6 +24,8 @@ from dynident.estimation.least_squares import (
 from dynident.estimation.statistics import Statistics, statistics
 
 __all__ = [
+    "Beside",
+    "BesideAccumulator",
     "Elimination",
     "EliminationPath",
     "EquationFactors",
@@ -36,12 +40,14 @@ __all__ = [
     "concatenate",
     "condition_number",
     "correlation_factor",
+    "distance_to_band",
     "effective_rows",
     "eliminate",
     "equilibrated_condition_number",
     "errors",
     "instrumental",
     "known_values",
+    "moving_errors",
     "noise_levels",
     "ordinary",
     "share_of_measured",

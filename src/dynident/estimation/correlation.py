@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.estimation.factors import EquationFactors, FloatArray, Reduction, triangular
+from dynident.estimation.factors import EquationFactors, Reduction
+from dynident.estimation.triangles import FloatArray, triangular
 from dynident.estimation.whitening import Whitened, whitened
 
 _FEWEST_STRETCHES = 5

@@ -17,10 +17,11 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.stats import f as fisher
 
-from dynident.estimation.factors import FloatArray, IntArray, Reduction, triangular
+from dynident.estimation.factors import Reduction
 from dynident.estimation.information import covariance_of, deviations_of
 from dynident.estimation.least_squares import Solution, weighted_factor
 from dynident.estimation.statistics import Statistics
+from dynident.estimation.triangles import FloatArray, IntArray, triangular
 
 Stop = Literal["ratio", "test", "last"]
 

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.estimation.beside import Beside, beside_all
+from dynident.estimation.triangles import BoolArray, FloatArray, IntArray, join, squared, triangular
 from dynident.estimation.whitening import Whitened, whitened
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +22,14 @@ class EquationFactors:
     """One equation's rows, stretch by stretch.
 
     `columns` (p,) are the parameters that the equation contains; `factors` (s, p + 1, p + 1) the triangular factor of
-    [W | Y] of every stretch, Y last; `counts` (s,) the number of rows each stands for.
+    [W | Y] of every stretch, Y last; `counts` (s,) the number of rows each stands for. `beside`: what was measured of
+    the equation and is not fitted to, or is told apart.
     """
 
     columns: IntArray
     factors: FloatArray
     counts: IntArray
+    beside: Beside | None = None
 
     @cached_property
     def joined(self) -> FloatArray:
@@ -62,7 +62,10 @@ class EquationFactors:
         chosen = [(new, where[int(old)]) for new, old in enumerate(columns) if int(old) in where]
         picked = [position for _, position in chosen] + [len(self.columns)]
         factors = triangular(self.factors[:, :, picked]) if len(self.factors) else self.factors
-        return EquationFactors(np.array([new for new, _ in chosen], dtype=np.intp), squared(factors), self.counts)
+        beside = None if self.beside is None else self.beside.select([position for _, position in chosen])
+        return EquationFactors(
+            np.array([new for new, _ in chosen], dtype=np.intp), squared(factors), self.counts, beside
+        )
 
     def combined(self, weights: FloatArray) -> EquationFactors:
         """The same rows with columns that are combinations of these; `weights` (c, c') from all columns to the new."""
@@ -72,10 +75,14 @@ class EquationFactors:
         whole = np.zeros((k + 1, len(chosen) + 1))
         whole[:k, :-1], whole[k, -1] = own[:, chosen], 1.0
         factors = triangular(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
-        return EquationFactors(chosen.astype(np.intp), squared(factors), self.counts)
+        beside = None if self.beside is None else self.beside.combined(whole)
+        return EquationFactors(chosen.astype(np.intp), squared(factors), self.counts, beside)
 
     def changed(self, change: FloatArray, columns: IntArray) -> EquationFactors:
-        """The rows of [W | Y] change, change (p + 1, p' + 1): Y and W mixed; `columns` (p',) name the new columns."""
+        """The rows of [W | Y] change, change (p + 1, p' + 1): Y and W mixed; `columns` (p',) name the new columns.
+
+        What is beside them is left out: a band about Y is none about what Y is made part of.
+        """
         factors = triangular(self.factors @ change) if len(self.factors) else np.zeros((0, *change.shape[1:] * 2))
         return EquationFactors(np.asarray(columns, dtype=np.intp), squared(factors), self.counts)
 
@@ -133,32 +140,11 @@ def concatenate(parts: Sequence[Reduction]) -> Reduction:
             first.equations[j].columns,
             np.concatenate([part.equations[j].factors for part in parts]),
             np.concatenate([part.equations[j].counts for part in parts]),
+            beside_all([part.equations[j].beside for part in parts]),
         )
         for j in range(len(first.equations))
     )
     return Reduction(first.n_columns, equations, np.concatenate([part.spans for part in parts]))
-
-
-def triangular(rows: FloatArray) -> FloatArray:
-    """(…, k, k): the factor R of the QR decomposition of rows (…, m, k); (…, m, k) where there are fewer rows."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))
-
-
-def join(factors: FloatArray) -> FloatArray:
-    """(k, k): the factor of the rows of all factors (s, k, k) together."""
-    k = factors.shape[-1]
-    if not len(factors):
-        return np.zeros((k, k))
-    return squared(triangular(factors.reshape(-1, k)))
-
-
-def squared(r: FloatArray) -> FloatArray:
-    """(…, k, k): (…, m, k) filled up with zero rows what has fewer rows than columns."""
-    missing = r.shape[-1] - r.shape[-2]
-    if missing <= 0:
-        return r
-    padding = [(0, 0)] * (r.ndim - 2) + [(0, missing), (0, 0)]
-    return np.pad(r, padding)
 
 
 class FactorAccumulator:
@@ -182,26 +168,31 @@ class FactorAccumulator:
         self._n_columns = n_columns
         self._stretch = stretch
         self._factors: list[list[FloatArray]] = [[] for _ in self._columns]
-        self._counts: list[int] = []
+        self._counts: list[IntArray] = []
         self._spans: list[tuple[float, float]] = []
         self._pending: list[list[FloatArray]] = [[] for _ in self._columns]
         self._pending_rows = 0
         self._open: list[FloatArray | None] = [None for _ in self._columns]
-        self._count = 0
+        self._count = np.zeros(len(self._columns), dtype=np.intp)
+        self._is_open = False
         self._from = 0.0
         self._to = 0.0
 
-    def push(self, t: FloatArray, rows: Sequence[FloatArray]) -> None:
-        """Add the next samples: times t (m,), and [W | Y] (m, p + 1) of every equation."""
+    def push(self, t: FloatArray, rows: Sequence[FloatArray], used: BoolArray | None = None) -> None:
+        """Add the next samples: times t (m,), and [W | Y] (m, p + 1) of every equation.
+
+        `used` (m, equations): which rows of which equation count; all of them where it is left out.
+        """
         first = 0
         while first < len(t):
-            if self._count == 0:
-                self._from = float(t[first])
+            if not self._is_open:
+                self._from, self._is_open = float(t[first]), True
             last = first + int(np.searchsorted(t[first:], self._from + self._stretch))
             if last > first:
-                for pending, block in zip(self._pending, rows, strict=True):
-                    pending.append(block[first:last])
-                self._count += last - first
+                for k, (pending, block) in enumerate(zip(self._pending, rows, strict=True)):
+                    part = block[first:last] if used is None else block[first:last][used[first:last, k]]
+                    pending.append(part)
+                    self._count[k] += len(part)
                 self._pending_rows += last - first
                 self._to = float(t[last - 1])
                 if self._pending_rows >= self._PENDING:
@@ -212,16 +203,17 @@ class FactorAccumulator:
 
     def end_stretch(self) -> None:
         """Close the stretch of time: a recording or a segment ends here."""
-        if self._count == 0:
+        if not self._is_open:
             return
         self._fold()
         for factors, factor in zip(self._factors, self._open, strict=True):
             assert factor is not None
             factors.append(squared(factor))
-        self._counts.append(self._count)
+        self._counts.append(self._count.copy())
         self._spans.append((self._from, self._to))
         self._open = [None for _ in self._columns]
-        self._count = 0
+        self._count[:] = 0
+        self._is_open = False
 
     def _fold(self) -> None:
         if self._pending_rows == 0:
@@ -236,13 +228,13 @@ class FactorAccumulator:
     def finish(self) -> Reduction:
         """Close the last stretch and give all factors."""
         self.end_stretch()
-        counts = np.array(self._counts, dtype=np.intp)
+        counts = np.array(self._counts, dtype=np.intp).reshape(-1, len(self._columns))
         equations = tuple(
             EquationFactors(
                 columns,
                 np.array(factors) if factors else np.zeros((0, len(columns) + 1, len(columns) + 1)),
-                counts,
+                counts[:, k],
             )
-            for columns, factors in zip(self._columns, self._factors, strict=True)
+            for k, (columns, factors) in enumerate(zip(self._columns, self._factors, strict=True))
         )
         return Reduction(self._n_columns, equations, np.array(self._spans).reshape(-1, 2))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from dynident.estimation.factors import FloatArray, IntArray
+from dynident.estimation.triangles import FloatArray, IntArray
 
 _FLAT = 1e-12
 

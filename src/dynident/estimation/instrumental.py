@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from dynident.estimation.correlation import overstatement
-from dynident.estimation.factors import FloatArray, Reduction, triangular
+from dynident.estimation.factors import Reduction
 from dynident.estimation.information import Information
 from dynident.estimation.least_squares import (
     EstimationError,
@@ -24,6 +24,7 @@ from dynident.estimation.least_squares import (
     weighted_factor,
 )
 from dynident.estimation.statistics import Statistics
+from dynident.estimation.triangles import FloatArray, triangular
 
 _ROUNDS = 3
 _SINGULAR = 1e-10

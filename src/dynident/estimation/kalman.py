@@ -24,8 +24,8 @@ from typing import Protocol
 
 import numpy as np
 
-from dynident.estimation.factors import FloatArray
 from dynident.estimation.least_squares import EstimationError
+from dynident.estimation.triangles import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,13 +97,23 @@ class KalmanFilter:
         self.motion = np.zeros(2 * n)
         self._motion_covariance = np.zeros((2 * n, 2 * n))
         self._sensitivity = np.zeros((2 * n, len(values)))
-        self._pending: tuple[FloatArray, FloatArray] | None = None
+        self._pending: tuple[FloatArray, FloatArray, FloatArray] | None = None
         one, none = np.eye(n), np.zeros((n, n))
         self._step = np.block([[one, period * one, period**2 * one], [none, one, period * one]])
         self._measured = np.diag(np.concatenate([noise.torque, noise.position]) ** 2)
 
-    def begin(self, before: FloatArray, q: FloatArray, tau: FloatArray, acceleration: FloatArray) -> None:
-        """Begin an unbroken stretch at its second sample, `before` being the position of the first; all (n,)."""
+    def begin(
+        self,
+        before: FloatArray,
+        q: FloatArray,
+        tau: FloatArray,
+        acceleration: FloatArray,
+        doubt: FloatArray | None = None,
+    ) -> None:
+        """Begin an unbroken stretch at its second sample, `before` being the position of the first; all (n,).
+
+        `doubt`: times its usual noise that each joint's torque may be off by here; once where it is left out.
+        """
         n, variance = self._n, self._noise.position**2
         self.motion = np.concatenate([q, (q - before) / self._period])
         positions, velocities = range(n), range(n, 2 * n)
@@ -114,10 +124,12 @@ class KalmanFilter:
         shared = variance / self._period
         self._motion_covariance[positions, velocities] = self._motion_covariance[velocities, positions] = shared
         self._sensitivity = np.zeros((2 * n, len(self.values)))
-        self._pending = np.array(tau), np.array(acceleration)
+        self._pending = np.array(tau), np.array(acceleration), np.ones(self._n) if doubt is None else np.array(doubt)
 
-    def step(self, q: FloatArray, tau: FloatArray, acceleration: FloatArray) -> KalmanSample:
-        """Take the next sample: position, torque and rough acceleration (n,).
+    def step(
+        self, q: FloatArray, tau: FloatArray, acceleration: FloatArray, doubt: FloatArray | None = None
+    ) -> KalmanSample:
+        """Take the next sample: position, torque, rough acceleration and doubt (n,), as in `begin`.
 
         Raises
         ------
@@ -127,10 +139,10 @@ class KalmanFilter:
         if self._pending is None:
             raise ValueError("begin a stretch before its second sample")
         sample = self._corrected(q, *self._pending)
-        self._pending = np.array(tau), np.array(acceleration)
+        self._pending = np.array(tau), np.array(acceleration), np.ones(self._n) if doubt is None else np.array(doubt)
         return sample
 
-    def _corrected(self, q: FloatArray, tau: FloatArray, acceleration: FloatArray) -> KalmanSample:
+    def _corrected(self, q: FloatArray, tau: FloatArray, acceleration: FloatArray, doubt: FloatArray) -> KalmanSample:
         """Use the torque at the state's own instant and the position one period later, and move on to that."""
         n, period = self._n, self._period
         moving = np.concatenate([self.motion, acceleration])
@@ -148,7 +160,7 @@ class KalmanFilter:
         innovation = np.concatenate([tau - slopes.torque, q - self._step[:n] @ moving])
 
         cross = covariance @ by_motion.T
-        spread = by_motion @ cross + self._measured
+        spread = by_motion @ cross + self._measured * np.concatenate([doubt**2, np.ones(n)])
         of_values = self.covariance @ by_values.T
         expected = by_values @ of_values + spread
         if not (np.isfinite(innovation).all() and np.isfinite(expected).all()):

@@ -9,8 +9,9 @@ from scipy.linalg import solve_triangular
 
 from dynident.errors import DynidentError
 from dynident.estimation.correlation import correlation_factors
-from dynident.estimation.factors import FloatArray, Reduction, triangular
+from dynident.estimation.factors import Reduction
 from dynident.estimation.information import Information, covariance_of
+from dynident.estimation.triangles import FloatArray, triangular
 
 # Rounds of re-estimating the noise of every joint; the third changes no digit that anybody reads.
 _WEIGHT_ROUNDS = 3
@@ -118,7 +119,41 @@ def _condition(factor: FloatArray) -> float:
 
 
 def errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """The residual of parameters χ (c,) on a data set."""
+    """The residual of parameters χ (c,) on all rows of a data set.
+
+    Where what is beside the equations is known: rows where a joint turns round among them, and at rest the distance of
+    the torque to the band that static friction holds.
+    """
+    found = fitted_errors(reduction, values)
+    squares, measured, counts = found.squares.copy(), found.measured.copy(), found.counts.copy()
+    for k, equation in enumerate(reduction.equations):
+        beside, own = equation.beside, values[equation.columns]
+        if beside is None:
+            continue
+        squares[k] += beside.standing_squares(own)
+        measured[k] += beside.standing_measured
+        counts[k] += beside.n_standing
+        if not beside.turning_used:
+            squares[k] += beside.turning_squares(own)
+            measured[k] += beside.turning_measured
+            counts[k] += beside.n_turning
+    return Errors(squares, measured, counts)
+
+
+def moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
+    """The residual of parameters χ (c,) on the rows of every equation where its joint moves."""
+    found = fitted_errors(reduction, values)
+    squares, measured, counts = found.squares.copy(), found.measured.copy(), found.counts.copy()
+    for k, equation in enumerate(reduction.equations):
+        if equation.beside is not None and equation.beside.turning_used:
+            squares[k] -= equation.beside.turning_squares(values[equation.columns])
+            measured[k] -= equation.beside.turning_measured
+            counts[k] -= equation.beside.n_turning
+    return Errors(np.maximum(squares, 0.0), np.maximum(measured, 0.0), counts)
+
+
+def fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
+    """The residual of parameters χ (c,) on the rows that are fitted to."""
     squares, measured, counts = [], [], []
     for equation in reduction.equations:
         k = len(equation.columns)
@@ -213,7 +248,7 @@ def doubtful_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
     Not less than what rounding leaves of the measured values, lest exact data outweigh other knowledge without end.
     """
     factors = correlation_factors(reduction, values)
-    found = errors(reduction, values)
+    found = fitted_errors(reduction, values)
     rounding = _ROUNDING * np.sqrt(found.measured / np.maximum(found.counts, 1))
     return np.maximum(noise_levels(reduction, values) * np.sqrt(factors), rounding)
 
@@ -225,7 +260,7 @@ def noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:
 
 def residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
     """(n,): standard deviation of every equation's residual, [12.7] with the parameters shared out over the rows."""
-    found = errors(reduction, values)
+    found = fitted_errors(reduction, values)
     share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
     return np.asarray(np.sqrt(found.squares / np.maximum(found.counts * share, 1)))
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from dynident.errors import DynidentError
-from dynident.estimation.factors import FloatArray, IntArray
+from dynident.estimation.triangles import FloatArray, IntArray
 
 _SOLVED = ("Solved", "AlmostSolved")
 _INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")

@@ -15,9 +15,10 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dynident.estimation.correlation import correlation_factors
-from dynident.estimation.factors import FloatArray, Reduction
+from dynident.estimation.factors import Reduction
 from dynident.estimation.information import deviations_of
 from dynident.estimation.least_squares import Solution, residual_noise
+from dynident.estimation.triangles import FloatArray
 
 NORMAL_95 = 1.96
 """Standard deviations on either side that hold a normally distributed error with a probability of 95 %."""

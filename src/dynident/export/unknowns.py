@@ -9,8 +9,8 @@ import numpy as np
 
 from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
-from dynident.estimation.factors import IntArray
 from dynident.estimation.semidefinite import MatrixBound
+from dynident.estimation.triangles import IntArray
 from dynident.identification.standard import StandardParameters
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, FloatArray

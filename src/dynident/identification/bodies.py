@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.effects import Column
-from dynident.estimation.factors import IntArray
+from dynident.estimation.triangles import IntArray
 from dynident.robot.model import INERTIAL_NAMES
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.estimation.factors import IntArray
+from dynident.estimation.triangles import IntArray
 from dynident.identification.belief import Belief
 from dynident.identification.bodies import bodies_of
 from dynident.identification.choices import IdentificationChoices

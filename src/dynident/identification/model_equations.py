@@ -18,6 +18,9 @@ from dynident.regressors.model import Model
 from dynident.robot.model import FloatArray
 
 _SMALLEST_POLE = 10.0
+_FORGOTTEN = 4.7
+"""What F(s) remembers of a sample after so many times 1 / a: (1 + 4.7) exp(-4.7), a twentieth."""
+
 _HARMONICS = 15.0
 
 
@@ -59,7 +62,8 @@ def equations_of(
         return wrench_equations(model, choices, recordings, preprocessing, progress)
     choices, _ = with_constants(choices, recordings, preprocessing)
     form, treatment = _rows_of(model, choices)
-    found = reduce_form(form, treatment, recordings, preprocessing, reference, progress)
+    memory = _FORGOTTEN / choices.pole if choices.model == "filtered" and choices.pole is not None else 0.0
+    found = reduce_form(form, treatment, recordings, preprocessing, reference, progress, memory)
     if found.n_rows == 0:
         raise _none_left(choices)
     return found

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 
 import numpy as np
 
 from dynident.effects import EffectChoice
-from dynident.estimation import Errors, Reduction, Solution, Statistics, effective_rows, noise_levels
+from dynident.estimation import Errors, Reduction, Solution, Statistics, effective_rows, moving_errors, noise_levels
 from dynident.estimation.deviations import owed_to_known
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.standard import StandardParameters
@@ -47,7 +48,8 @@ class Identification:
 
     `reference` (10 n,) are the standard inertial parameters that predicted loads were computed with; `equations` the
     rows that the chosen model made of the recordings; `training` and `held_out_data` the joints' torques in them,
-    whatever the model (for the dynamic model `training` is `equations`); `fit` and `held_out` the errors on these;
+    whatever the model (for the dynamic model `training` is `equations`); `fit` and `held_out` the errors on all rows of
+    these, at rest the distance to what static friction may hold;
     `names` of the recordings; `added` and `removed` what was added to the model of `parent` or taken out of it; `rows`
     the filtered rows of both data sets where they are still in memory; `standard` the standard parameters where the
     estimator solved for these; `not_essential` numbers of the parameters that were set to zero as such.
@@ -81,6 +83,16 @@ class Identification:
     def values(self) -> FloatArray:
         """Base parameters χ (b,)."""
         return self.solution.values
+
+    @cached_property
+    def fit_moving(self) -> Errors:
+        """The errors of the fit where each joint moves."""
+        return moving_errors(self.training, self.values)
+
+    @cached_property
+    def held_out_moving(self) -> Errors | None:
+        """The errors on held-out data where each joint moves."""
+        return None if self.held_out_data is None else moving_errors(self.held_out_data, self.values)
 
     @property
     def n_equations(self) -> int:

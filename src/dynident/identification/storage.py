@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.effects import EffectChoice, Signals
 from dynident.errors import DynidentError
-from dynident.estimation import EquationFactors, Errors, Information, Reduction, Solution, Statistics
+from dynident.estimation import Beside, EquationFactors, Errors, Information, Reduction, Solution, Statistics
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.result import Identification
 from dynident.identification.standard import StandardParameters
@@ -25,7 +25,8 @@ from dynident.robot.document import robot_document, robot_from_document
 from dynident.robot.model import FloatArray
 from dynident.robot.usual_errors import USUAL_SHARE
 
-_FORMAT = "dynident identification 2"
+_FORMAT = "dynident identification 3"
+_AT_REST = ("upper", "lower", "y", "weights")
 
 
 def to_bytes(identification: Identification) -> bytes:
@@ -237,6 +238,23 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
         size = equation.factors.shape[-1]
         arrays[f"{name}_{j}_factors"] = equation.factors[:, *np.triu_indices(size)]
         arrays[f"{name}_{j}_counts"] = equation.counts
+        if equation.beside is not None:
+            _put_beside(arrays, f"{name}_{j}_beside", equation.beside)
+
+
+def _put_beside(arrays: dict[str, Any], name: str, beside: Beside) -> None:
+    arrays[f"{name}_turning"] = beside.turning[*np.triu_indices(len(beside.turning))]
+    arrays[f"{name}_n_turning"] = np.array([beside.n_turning, int(beside.turning_used)])
+    for part in _AT_REST:
+        arrays[f"{name}_{part}"] = getattr(beside, part)
+
+
+def _beside(arrays: Mapping[str, Any], name: str, size: int) -> Beside | None:
+    if f"{name}_turning" not in arrays:
+        return None
+    count, used = (int(value) for value in arrays[f"{name}_n_turning"])
+    turning = _triangles(arrays[f"{name}_turning"][None], size)[0]
+    return Beside(turning, count, bool(used), *(arrays[f"{name}_{part}"] for part in _AT_REST))
 
 
 def _reduction(arrays: Mapping[str, Any], name: str) -> Reduction:
@@ -246,6 +264,7 @@ def _reduction(arrays: Mapping[str, Any], name: str) -> Reduction:
             arrays[f"{name}_{j}_columns"],
             _triangles(arrays[f"{name}_{j}_factors"], len(arrays[f"{name}_{j}_columns"]) + 1),
             arrays[f"{name}_{j}_counts"],
+            _beside(arrays, f"{name}_{j}_beside", len(arrays[f"{name}_{j}_columns"]) + 1),
         )
         for j in range(n_equations)
     )

@@ -10,6 +10,7 @@ from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.regressors.forms import Form
+from dynident.regressors.row_phases import RowPhases
 from dynident.regressors.stages import differences, integrated, rated, smoothed
 from dynident.regressors.stream import (
     EquationRows,
@@ -18,8 +19,6 @@ from dynident.regressors.stream import (
     folded,
     low_passed,
     sampled,
-    silent_joints,
-    uncounted,
 )
 from dynident.robot.model import FloatArray
 
@@ -75,8 +74,11 @@ def reduce_form(
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress = silent,
+    memory: float = 0.0,
 ) -> Reduction:
     """Fold the equations of all recordings into triangular factors, one an equation and stretch of time.
+
+    Where an equation is about one joint alone, rows near which that joint stands or turns round are left out.
 
     Parameters
     ----------
@@ -86,25 +88,24 @@ def reduce_form(
         What the model does with them.
     reference : (10 n,) or (14 n,)
         Standard inertial parameters of the load prediction.
+    memory : float
+        Seconds that the treatment remembers.
     """
     layout = form.layout
     n_entries = form.n_entries
     joint_by_joint = form.n_equations == form.observation.robot.n
 
     def rows_of(recording: Recording) -> Iterator[EquationRows]:
-        left_out = silent_joints(form.observation, recording) if joint_by_joint else None
+        phases = RowPhases.of(form.observation, recording, preprocessing) if joint_by_joint else None
         samples = sampled(recording, preprocessing, _evaluations(form, reference, recording))
         for segment, t, values in treatment(samples, form, recording, preprocessing):
             rows = [
                 np.hstack([values[:, places], values[:, n_entries + k : n_entries + k + 1]])
                 for k, (places, _) in enumerate(layout)
             ]
-            for joint in () if left_out is None else np.flatnonzero(left_out[segment]):
-                rows[joint][:] = 0.0
-            yield EquationRows(t, rows, segment)
+            yield EquationRows(t, rows, segment, None if phases is None else phases.used(segment, t, memory))
 
-    reduction = folded(rows_of, [columns for _, columns in layout], form.observation.n_columns, recordings, progress)
-    return uncounted(reduction, form.observation, recordings) if joint_by_joint else reduction
+    return folded(rows_of, [columns for _, columns in layout], form.observation.n_columns, recordings, progress)
 
 
 def _evaluations(form: Form, reference: FloatArray, recording: Recording) -> Callable[[SampleBlock], FloatArray]:

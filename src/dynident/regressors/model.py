@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from dynident.effects import DRIVE_PARAMETERS, Column, EffectChoice, Signals, co
 from dynident.errors import DynidentError
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, BaseParameters, base_parameters
 from dynident.regressors.observation import Observation
+from dynident.regressors.row_phases import observation_at_rest
 from dynident.robot.model import FloatArray, Robot
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
@@ -37,6 +39,11 @@ class Model:
     def kept(self) -> tuple[Column, ...]:
         """Columns of the base parameters."""
         return self.observation.columns
+
+    @cached_property
+    def at_rest(self) -> Observation:
+        """The friction of the kept columns where each joint is at the point of moving, either way: (2 n, b)."""
+        return observation_at_rest(self.robot, self.kept, self.signals)
 
     @property
     def n_parameters(self) -> int:

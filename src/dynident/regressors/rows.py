@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from dynident.regressors.observation import Observation
 from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
 from dynident.robot.model import FloatArray
 
-MOST_VALUES = 2_000_000
-"""Entries that are kept of one data set at most, 16 MB: ten minutes of recording at a usual decimation."""
+MOST_VALUES = 4_000_000
+"""Entries that are kept of one data set at most, 32 MB: twenty minutes of recording at a usual decimation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +65,16 @@ def reduce_and_keep(
     def samples_of(recording: Recording) -> Iterator[FilteredSamples]:
         nonlocal budget
         collected: list[FilteredSamples] = []
-        for samples in _samples(observation, recording, preprocessing, reference, usable):
+        for samples in _samples(model, recording, preprocessing, reference, usable):
             budget -= samples.values.size + samples.tau.size
             if budget >= 0:
                 collected.append(samples)
             yield samples
         kept.append(tuple(collected))
 
-    reduction = reduce_recordings(observation, recordings, preprocessing, reference, progress, samples_of)
+    reduction = reduce_recordings(
+        observation, recordings, preprocessing, reference, progress, samples_of, model.at_rest
+    )
     if budget < 0:
         return reduction, None
     used = reference if model.needs_load else None
@@ -80,21 +82,21 @@ def reduce_and_keep(
 
 
 def _samples(
-    observation: Observation,
+    model: Model,
     recording: Recording,
     preprocessing: Preprocessing,
     reference: FloatArray,
     known: KeptRows | None,
 ) -> Iterator[FilteredSamples]:
+    observation = model.observation
     head = None if known is None else known.of(recording, preprocessing)
     if head is None or observation.parts is None:
-        yield from filtered_samples(observation, recording, preprocessing, reference)
+        yield from filtered_samples(observation, recording, preprocessing, reference, model.at_rest)
         return
     # The filter cuts a recording into the same pieces whatever the columns.
-    tail = filtered_samples(observation.parts[1], recording, preprocessing, reference)
+    tail = filtered_samples(observation.parts[1], recording, preprocessing, reference, model.at_rest)
     for before, behind in zip(head, tail, strict=True):
-        values = np.hstack([before.values, behind.values])
-        yield FilteredSamples(before.t, values, before.tau, before.segment)
+        yield replace(behind, values=np.hstack([before.values, behind.values]))
 
 
 def _extends(observation: Observation, reference: FloatArray, known: KeptRows) -> bool:

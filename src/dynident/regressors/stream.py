@@ -9,12 +9,13 @@ import numpy as np
 
 from dynident.effects import RunSignal, effect_by_id
 from dynident.effects.memory import MemoryStates
-from dynident.estimation import FactorAccumulator, Reduction, concatenate
+from dynident.estimation import BesideAccumulator, FactorAccumulator, Reduction, concatenate
 from dynident.progress import Progress, silent
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
-from dynident.recordings.standing import standing_joints
+from dynident.recordings.phases import Phase, PhaseArray
 from dynident.recordings.types import BoolArray
 from dynident.regressors.observation import IntArray, Observation
+from dynident.regressors.row_phases import RowPhases
 from dynident.robot.model import FloatArray
 
 _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
@@ -22,12 +23,16 @@ _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
 @dataclass(frozen=True, eq=False)
 class FilteredSamples:
-    """Decimated rows of one segment: t (m,), `values` (m, k) what was asked for, tau (m, n)."""
+    """Decimated rows of one segment: t (m,), `values` (m, k) what was asked for, tau (m, n).
+
+    `at_rest` (m, r): the entries of friction at the point of moving, where they were asked for.
+    """
 
     t: FloatArray
     values: FloatArray
     tau: FloatArray
     segment: int
+    at_rest: FloatArray | None = None
 
 
 _BlockFunction = Callable[[SampleBlock], FloatArray]
@@ -81,20 +86,30 @@ class SampleFunction:
 
 
 def filtered_samples(
-    observation: Observation, recording: Recording, preprocessing: Preprocessing, reference: FloatArray
+    observation: Observation,
+    recording: Recording,
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    at_rest: Observation | None = None,
 ) -> Iterator[FilteredSamples]:
-    """Stream the entries of W, and Y beside them, through the parallel filter; only rows that are used come out."""
-    entries = SampleFunction(observation, reference, recording)
-    n_entries = len(observation.entry_rows)
+    """Stream the entries of W, and Y beside them, through the parallel filter; only rows that are used come out.
+
+    `at_rest`: friction at the point of moving, whose entries are to come with them.
+    """
+    parts = [SampleFunction(one, reference, recording) for one in (observation, at_rest) if one is not None]
+    first = len(observation.entry_rows)
+    second = first + (0 if at_rest is None else len(at_rest.entry_rows))
 
     def values(block: SampleBlock) -> FloatArray:
-        rows = np.empty((len(block.t), n_entries + recording.n))
-        entries.fill(block, rows[:, :n_entries])
-        rows[:, n_entries:] = block.tau
+        rows = np.empty((len(block.t), second + recording.n))
+        for entries, places in zip(parts, (slice(0, first), slice(first, second)), strict=False):
+            entries.fill(block, rows[:, places])
+        rows[:, second:] = block.tau
         return rows
 
     for segment, t, rows in parallel_filtered(recording, preprocessing, values):
-        yield FilteredSamples(t, rows[:, :n_entries], rows[:, n_entries:], segment)
+        resting = None if at_rest is None else rows[:, first:second]
+        yield FilteredSamples(t, rows[:, :first], rows[:, second:], segment, resting)
 
 
 def parallel_filtered(
@@ -170,11 +185,12 @@ def reduce_recordings(
     reference: FloatArray,
     progress: Progress = silent,
     samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
+    at_rest: Observation | None = None,
 ) -> Reduction:
     """Fold all recordings into triangular factors, one a joint and stretch of time; W is never stored.
 
-    Where a joint with friction stands still throughout a run, its rows are left out: its torque is then whatever
-    stiction, or a brake, takes of the load, and sign(q̇) is the encoder's noise.
+    Where a joint with friction stands, its own rows are no equations and are left out; where it turns round they are
+    left out unless its friction remembers the path.
 
     Parameters
     ----------
@@ -184,55 +200,84 @@ def reduce_recordings(
         Standard inertial parameters of the load prediction.
     samples_of : function, optional
         Gives a recording's filtered samples, where they are at hand.
+    at_rest : Observation, optional
+        The friction of the same columns at rest: what is left out is then kept beside the factors.
     """
     n = observation.robot.n
     layout = [observation.joint_entries(joint) for joint in range(n)]
+    resting = None if at_rest is None else AtRest(observation, at_rest)
 
     def rows_of(recording: Recording) -> Iterator[EquationRows]:
-        given = None if samples_of is None else samples_of(recording)
-        left_out = silent_joints(observation, recording)
-        for samples in given or filtered_samples(observation, recording, preprocessing, reference):
+        if samples_of is None:
+            given: Iterable[FilteredSamples] = filtered_samples(
+                observation, recording, preprocessing, reference, at_rest
+            )
+        else:
+            given = samples_of(recording)
+        phases = RowPhases.of(observation, recording, preprocessing)
+        for samples in given:
             rows = [
                 np.hstack([samples.values[:, positions], samples.tau[:, joint : joint + 1]])
                 for joint, (positions, _) in enumerate(layout)
             ]
-            for joint in np.flatnonzero(left_out[samples.segment]):
-                rows[joint][:] = 0.0
-            yield EquationRows(samples.t, rows, samples.segment)
+            used = phases.used(samples.segment, samples.t)
+            beside = None
+            if resting is not None and samples.at_rest is not None:
+                phase = phases.at(samples.segment, samples.t)
+                beside = [resting.rows(joint, rows[joint], samples.at_rest, phase[:, joint]) for joint in range(n)]
+            yield EquationRows(samples.t, rows, samples.segment, used, beside)
 
-    reduction = folded(rows_of, [columns for _, columns in layout], observation.n_columns, recordings, progress)
-    return uncounted(reduction, observation, recordings)
-
-
-def silent_joints(observation: Observation, recording: Recording) -> BoolArray:
-    """(segments, n): joints with friction that stand still throughout a run; their rows there are left out."""
-    return standing_joints(recording) & _joints_with_friction(observation)
-
-
-def uncounted(reduction: Reduction, observation: Observation, recordings: Sequence[Recording]) -> Reduction:
-    """The same data; stretches of joints whose rows were left out count no rows."""
-    standing = np.any([silent_joints(observation, one).any(axis=0) for one in recordings], axis=0)
-    equations = tuple(
-        replace(e, counts=np.where(e.factors.any(axis=(1, 2)), e.counts, 0)) if somewhere else e
-        for e, somewhere in zip(reduction.equations, standing, strict=True)
-    )
-    return replace(reduction, equations=equations)
+    remembering = np.zeros(n, dtype=bool)
+    remembering[[signal.joint for signal in observation.memory]] = True
+    columns = [columns for _, columns in layout]
+    turning_used = None if resting is None else remembering.tolist()
+    return folded(rows_of, columns, observation.n_columns, recordings, progress, turning_used)
 
 
-def _joints_with_friction(observation: Observation) -> BoolArray:
-    """(n,): joints whose friction is among the columns."""
-    # Offsets of a base sensor belong to no effect.
-    names = {c.link for c in observation.columns if c.effect and effect_by_id(c.effect).is_friction}
-    return np.array([name in names for name in observation.robot.joint_names])
+class AtRest:
+    """Rows of W at rest, for either direction, from its entries and those of friction at the point of moving."""
+
+    def __init__(self, observation: Observation, at_rest: Observation) -> None:
+        n = observation.robot.n
+        friction = [c.effect != "" and effect_by_id(c.effect).is_friction for c in observation.columns]
+        self._friction = [np.array(friction)[observation.joint_entries(j)[1]] for j in range(n)]
+        self._columns = [observation.joint_entries(j)[1] for j in range(n)]
+        self._entries = [[at_rest.joint_entries(row) for row in (j, n + j)] for j in range(n)]
+
+    def rows(self, joint: int, rows: FloatArray, at_rest: FloatArray, phase: PhaseArray) -> BesideRows:
+        """What is beside one joint's equation, of its rows [W | Y] (m, p + 1)."""
+        standing = phase == Phase.STANDING
+        either = []
+        for positions, columns in self._entries[joint]:
+            w = rows[standing, :-1].copy()
+            w[:, self._friction[joint]] = 0.0
+            w[:, np.searchsorted(self._columns[joint], columns)] = at_rest[standing][:, positions]
+            either.append(w)
+        return BesideRows(rows[phase == Phase.REVERSING], either[0], either[1], rows[standing, -1])
+
+
+@dataclass(frozen=True, eq=False)
+class BesideRows:
+    """[W | Y] (m, p + 1) where a joint turns round; W (k, p) for either direction and Y (k,) where it stands."""
+
+    turning: FloatArray
+    upper: FloatArray
+    lower: FloatArray
+    y: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class EquationRows:
-    """Rows of one segment: t (m,), and [W | Y] (m, p + 1) of every equation."""
+    """Rows of one segment: t (m,), and [W | Y] (m, p + 1) of every equation.
+
+    `used` (m, equations): which of them count, all where it is None; `beside`: what else there is to each equation.
+    """
 
     t: FloatArray
     rows: list[FloatArray]
     segment: int
+    used: BoolArray | None = None
+    beside: list[BesideRows] | None = None
 
 
 def folded(
@@ -241,6 +286,7 @@ def folded(
     n_columns: int,
     recordings: Sequence[Recording],
     progress: Progress = silent,
+    turning_used: Sequence[bool] | None = None,
 ) -> Reduction:
     """Fold the equations that `rows_of` makes of every recording into factors.
 
@@ -250,6 +296,8 @@ def folded(
         The parameters that each equation contains.
     n_columns : int
         Number of all parameters.
+    turning_used : one an equation, optional
+        Whether its rows where the joint turns round count; None: nothing is kept beside the equations.
     """
     stretch = stretch_length(recordings)
     total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
@@ -257,13 +305,24 @@ def folded(
     parts = []
     for recording in recordings:
         accumulator = FactorAccumulator(columns, n_columns, stretch)
+        beside = [BesideAccumulator(len(own), use) for own, use in zip(columns, turning_used or (), strict=False)]
         segment = -1
         for part in rows_of(recording):
             if part.segment != segment:
                 accumulator.end_stretch()
                 segment = part.segment
-            accumulator.push(part.t, part.rows)
+            accumulator.push(part.t, part.rows, part.used)
+            for one, rows in zip(beside, part.beside or (), strict=False):
+                one.push_turning(rows.turning)
+                one.push_standing(rows.upper, rows.lower, rows.y)
             progress(min(1.0, (done + part.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += recording.n_samples / recording.sampling_rate
-        parts.append(accumulator.finish())
+        parts.append(_with(accumulator.finish(), beside))
     return concatenate(parts)
+
+
+def _with(reduction: Reduction, beside: Sequence[BesideAccumulator]) -> Reduction:
+    if not beside:
+        return reduction
+    equations = tuple(replace(e, beside=b.finish()) for e, b in zip(reduction.equations, beside, strict=True))
+    return replace(reduction, equations=equations)

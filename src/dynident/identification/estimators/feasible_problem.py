@@ -10,9 +10,9 @@ from dynident.effects import Column, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, Solution
 from dynident.estimation.deviations import deviations, null_space
-from dynident.estimation.factors import IntArray
 from dynident.estimation.least_squares import doubtful_noise, weighted_factor
 from dynident.estimation.semidefinite import Constrained, InfeasibleError, MatrixBound, constrained_least_squares
+from dynident.estimation.triangles import IntArray
 from dynident.identification.belief import Belief, parted
 from dynident.identification.bodies import Body, bodies_of
 from dynident.identification.choices import IdentificationChoices

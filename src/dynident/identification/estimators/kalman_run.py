@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, Information, Reduction
-from dynident.estimation.factors import triangular
 from dynident.estimation.information import covariance_of
 from dynident.estimation.kalman import KalmanFilter, KalmanNoise, KalmanSample
+from dynident.estimation.triangles import triangular
 from dynident.identification.data import Data
 from dynident.identification.estimators.torque_function import TorqueFunction
 from dynident.recordings import Preprocessing, Recording, filtered_blocks
 from dynident.regressors.model import Model
-from dynident.regressors.stream import EquationRows, folded, silent_joints
+from dynident.regressors.row_phases import RowPhases
+from dynident.regressors.stream import EquationRows, folded
 from dynident.robot.model import FloatArray
 
 # Noise of the torque of a joint that stands still with friction, over that of others: it tells nothing.
@@ -92,21 +93,19 @@ class _Way:
 
     def rows_of(self, recording: Recording) -> Iterator[EquationRows]:
         """The equations of χ that the samples of a recording make, stretch by stretch."""
-        silent = silent_joints(self._model.observation, recording)
+        phases = RowPhases.of(self._model.observation, recording, self._data.preprocessing)
         times: list[float] = []
         rows: list[FloatArray] = []
         one: KalmanFilter | None = None
         segment = -1
-        for now in _samples(recording, self._data.preprocessing):
+        for now in _samples(recording, self._data.preprocessing, phases):
             if times and (now.place == 0 or len(times) >= _BLOCK):
                 yield self._equations(times, rows, segment)
                 times, rows = [], []
             if now.place == 1:
                 segment = now.segment
-                torque = np.where(silent[segment], _TELLS_NOTHING, 1.0) * self._noise.torque
-                noise = replace(self._noise, torque=torque)
-                one = KalmanFilter(self._torque, recording.period, noise, self.values, self.covariance)
-                one.begin(now.before, now.q, now.tau, now.ddq)
+                one = KalmanFilter(self._torque, recording.period, self._noise, self.values, self.covariance)
+                one.begin(now.before, now.q, now.tau, now.ddq, now.doubt)
             elif now.place > 1:
                 assert one is not None
                 rows.append(self._stepped(one, now, recording).rows)
@@ -122,7 +121,7 @@ class _Way:
 
     def _stepped(self, one: KalmanFilter, now: _Sample, recording: Recording) -> KalmanSample:
         try:
-            made = one.step(now.q, now.tau, now.ddq)
+            made = one.step(now.q, now.tau, now.ddq, now.doubt)
         except EstimationError as error:
             raise diverged(f"at t = {now.t:.2f} s of {recording.name} {error.detail}") from error
         self._lost = self._lost + 1 if made.surprise > _LOST else 0
@@ -138,7 +137,10 @@ class _Way:
 
 
 class _Sample(NamedTuple):
-    """A used sample: its place in its unbroken stretch, position of the sample before, q, tau and rough q̈ (n,)."""
+    """A used sample: its place in its unbroken stretch, position of the sample before, q, tau and rough q̈ (n,).
+
+    `doubt` (n,): times its noise that a joint's torque may be off by; where the joint stands it tells nothing.
+    """
 
     t: float
     segment: int
@@ -147,9 +149,10 @@ class _Sample(NamedTuple):
     q: FloatArray
     tau: FloatArray
     ddq: FloatArray
+    doubt: FloatArray
 
 
-def _samples(recording: Recording, filters: Preprocessing) -> Iterator[_Sample]:
+def _samples(recording: Recording, filters: Preprocessing, phases: RowPhases) -> Iterator[_Sample]:
     """Measured positions and torques, unfiltered, beside the acceleration of the filtered motion."""
     raw = (q for block in filtered_blocks(recording, Preprocessing(None, None)) for q in block.q)
     place = -1
@@ -157,11 +160,12 @@ def _samples(recording: Recording, filters: Preprocessing) -> Iterator[_Sample]:
     for block in filtered_blocks(recording, filters):
         if block.starts_segment:
             place = -1
+        doubt = np.where(phases.used(block.segment, block.t), 1.0, _TELLS_NOTHING)
         for k, used in enumerate(block.used):
             q = next(raw)
             place = place + 1 if used else -1
             if used:
-                yield _Sample(float(block.t[k]), block.segment, place, before, q, block.tau[k], block.ddq[k])
+                yield _Sample(float(block.t[k]), block.segment, place, before, q, block.tau[k], block.ddq[k], doubt[k])
             before = q
 
 

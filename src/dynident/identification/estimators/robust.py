@@ -22,7 +22,8 @@ from dynident.identification.data import Data
 from dynident.identification.fit import Fit
 from dynident.recordings import Recording
 from dynident.regressors.model import Model
-from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings, silent_joints
+from dynident.regressors.row_phases import RowPhases
+from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
 from dynident.robot.model import FloatArray
 
 _MOST_ROUNDS = 15
@@ -106,9 +107,10 @@ class _Passes:
         return np.concatenate(found) if found else np.zeros((0, self.model.robot.n))
 
     def _counted(self, recording: Recording, samples: FilteredSamples, values: FloatArray) -> FloatArray:
-        """Residuals (m, n); not a number where a joint stands still throughout the run, whose rows are left out."""
+        """Residuals (m, n); not a number where a joint stands or turns round, whose rows are left out."""
         rest = self._residual(samples, values)
-        rest[:, silent_joints(self.model.observation, recording)[samples.segment]] = np.nan
+        phases = RowPhases.of(self.model.observation, recording, self.data.preprocessing)
+        rest[~phases.used(samples.segment, samples.t)] = np.nan
         return rest
 
     def reduced(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:

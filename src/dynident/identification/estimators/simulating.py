@@ -27,14 +27,13 @@ from dynident.identification.fit import Fit
 from dynident.identification.recorded_motion import RecordedMotion, whole_segments
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, motion_band
 from dynident.regressors.model import Model
+from dynident.regressors.row_phases import RowPhases
 from dynident.regressors.stream import (
     EquationRows,
     SampleFunction,
     folded,
     parallel_filtered,
     reduce_recordings,
-    silent_joints,
-    uncounted,
 )
 from dynident.robot.model import FloatArray
 
@@ -219,7 +218,7 @@ def _beside_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) 
         simulated = SampleFunction(observation, data.reference, recording)
         measured = SampleFunction(observation, data.reference, recording)
         motion = of_recording[id(recording)]
-        left_out = silent_joints(observation, recording)
+        phases = RowPhases.of(observation, recording, data.preprocessing)
 
         def values(block: SampleBlock) -> FloatArray:
             return np.hstack([simulated(motion.block(block)), measured(block), block.tau])
@@ -230,12 +229,10 @@ def _beside_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) 
                 np.hstack([z[:, positions], w[:, positions], tau[:, joint : joint + 1]])
                 for joint, (positions, _) in enumerate(layout)
             ]
-            for joint in np.flatnonzero(left_out[segment]):
-                equations[joint][:] = 0.0
-            yield EquationRows(t, equations, segment)
+            yield EquationRows(t, equations, segment, phases.used(segment, t))
 
     columns = [np.concatenate([own, own + b]) for _, own in layout]
-    return uncounted(folded(rows_of, columns, 2 * b, data.recordings), observation, data.recordings)
+    return folded(rows_of, columns, 2 * b, data.recordings)
 
 
 def _cutoff(data: Data, wanted: float | None) -> float:

@@ -1,0 +1,123 @@
+"""Rows of an equation that are judged apart: where its unknown force changes its sign, and where it has none.
+
+An equation of dry friction is an equation only while its joint moves. Where the joint turns round it may still be one;
+where the joint stands, it is two inequalities: the torque lies between what the model says for either direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.estimation.triangles import FloatArray, squared, triangular
+
+MOST = 1000
+"""Rows at rest that are kept of one equation of a recording; of more, every so many-th."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """What one equation, with p columns, has beside the rows that only count while its joint moves.
+
+    `turning` (p + 1, p + 1) is the factor of [W | Y] where the joint turns round, of `n_turning` rows; `turning_used`:
+    these are among the rows that are fitted to. `upper`, `lower` (m, p) are rows of W at rest with the friction of
+    either direction, `y` (m,) what was measured there, and `weights` (m,) the rows that each stands for.
+    """
+
+    turning: FloatArray
+    n_turning: int
+    turning_used: bool
+    upper: FloatArray
+    lower: FloatArray
+    y: FloatArray
+    weights: FloatArray
+
+    def turning_squares(self, values: FloatArray) -> float:
+        """Squared residual of parameters (p,) where the joint turns round."""
+        rest = self.turning[:, -1] - self.turning[:, :-1] @ values
+        return float(rest @ rest)
+
+    def standing_squares(self, values: FloatArray) -> float:
+        """Squared distance of what was measured at rest to the band of parameters (p,)."""
+        return float(self.weights @ distance_to_band(self.y, self.lower @ values, self.upper @ values) ** 2)
+
+    @property
+    def turning_measured(self) -> float:
+        """Sum of squared Y where the joint turns round."""
+        return float(self.turning[:, -1] @ self.turning[:, -1])
+
+    @property
+    def standing_measured(self) -> float:
+        """Sum of squared Y at rest."""
+        return float(self.weights @ self.y**2)
+
+    @property
+    def n_standing(self) -> float:
+        """Number of rows at rest."""
+        return float(self.weights.sum())
+
+    def select(self, places: Sequence[int]) -> Beside:
+        """The same with only these of the columns."""
+        picked = list(places)
+        turning = squared(triangular(self.turning[:, [*picked, -1]]))
+        return replace(self, turning=turning, upper=self.upper[:, picked], lower=self.lower[:, picked])
+
+    def combined(self, change: FloatArray) -> Beside:
+        """The same with columns that are combinations: [W | Y] change (p + 1, p' + 1), where Y stays what it is."""
+        own = change[:-1, :-1]
+        turning = squared(triangular(self.turning @ change))
+        return replace(self, turning=turning, upper=self.upper @ own, lower=self.lower @ own)
+
+
+def distance_to_band(y: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray:
+    """Signed distance of y to the band between `one` and `other`, any shape; zero inside."""
+    return np.asarray(y - np.clip(y, np.minimum(one, other), np.maximum(one, other)))
+
+
+def beside_all(parts: Sequence[Beside | None]) -> Beside | None:
+    """What is beside one equation in several recordings; None where one of them does not say."""
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts) or not known:
+        return None
+    return Beside(
+        turning=squared(triangular(np.concatenate([part.turning for part in known]))),
+        n_turning=sum(part.n_turning for part in known),
+        turning_used=known[0].turning_used,
+        upper=np.concatenate([part.upper for part in known]),
+        lower=np.concatenate([part.lower for part in known]),
+        y=np.concatenate([part.y for part in known]),
+        weights=np.concatenate([part.weights for part in known]),
+    )
+
+
+class BesideAccumulator:
+    """Collects what is beside one equation with p columns, as it comes."""
+
+    def __init__(self, n_columns: int, turning_used: bool) -> None:
+        self._turning = np.zeros((n_columns + 1, n_columns + 1))
+        self._n_turning = 0
+        self._turning_used = turning_used
+        self._parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+
+    def push_turning(self, rows: FloatArray) -> None:
+        """Add rows of [W | Y] (m, p + 1) where the joint turns round."""
+        if len(rows):
+            self._turning = squared(triangular(np.concatenate([self._turning, rows])))
+            self._n_turning += len(rows)
+
+    def push_standing(self, upper: FloatArray, lower: FloatArray, y: FloatArray) -> None:
+        """Add rows at rest: W (m, p) with the friction of either direction, and what was measured (m,)."""
+        if len(y):
+            self._parts.append((upper, lower, y))
+
+    def finish(self) -> Beside:
+        """All that was collected."""
+        p = len(self._turning) - 1
+        parts = self._parts or [(np.zeros((0, p)), np.zeros((0, p)), np.zeros(0))]
+        upper, lower, y = (np.concatenate(items) for items in zip(*parts, strict=True))
+        every = -(-len(y) // MOST) if len(y) else 1
+        weights = np.full(len(y[::every]), len(y) / max(len(y[::every]), 1))
+        kept = upper[::every], lower[::every], y[::every]
+        return Beside(self._turning, self._n_turning, self._turning_used, *kept, weights)

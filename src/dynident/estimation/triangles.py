@@ -1,0 +1,32 @@
+"""Triangular factors of rows: what stands for any number of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+
+def triangular(rows: FloatArray) -> FloatArray:
+    """(…, k, k): the factor R of the QR decomposition of rows (…, m, k); (…, m, k) where there are fewer rows."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def join(factors: FloatArray) -> FloatArray:
+    """(k, k): the factor of the rows of all factors (s, k, k) together."""
+    k = factors.shape[-1]
+    if not len(factors):
+        return np.zeros((k, k))
+    return squared(triangular(factors.reshape(-1, k)))
+
+
+def squared(r: FloatArray) -> FloatArray:
+    """(…, k, k): (…, m, k) filled up with zero rows what has fewer rows than columns."""
+    missing = r.shape[-1] - r.shape[-2]
+    if missing <= 0:
+        return r
+    padding = [(0, 0)] * (r.ndim - 2) + [(0, missing), (0, 0)]
+    return np.pad(r, padding)

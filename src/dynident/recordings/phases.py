@@ -1,0 +1,191 @@
+"""When a joint moves, turns round or stands still: decided once, from the raw positions, for all that uses rows.
+
+Dry friction has a sign only while a joint moves. Where it stands or sticks, its torque is whatever holds it, anything up
+to its static friction, and `Fc sign(q̇)` says nothing. Where it turns round without sticking, the sign changes within
+what the filters smear: only friction that remembers the path (presliding) says how.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from math import ceil
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.recordings.preprocessing import Preprocessing
+from dynident.recordings.types import BoolArray, FloatArray, IntArray, Recording
+
+SLOW = 0.01
+"""Speed in rad/s or m/s below which a joint may as well stand: half and four times as much change little
+(`benchmarks/standing_rows.py`), since a joint passes it within milliseconds unless it sticks."""
+
+SLOW_SHARE = 0.05
+"""The same as a share of the joint's own rms speed, for joints that are meant to move slowly."""
+
+STANDS = 2e-3
+"""Travel in rad or m that noise and a controller's play leave a joint that is not meant to move."""
+
+_DEVIATIONS = 3.0
+"""Standard deviations of the position's resolution, over the time that a speed is taken from, below the slow speed."""
+
+_LONGEST_STEP = 0.1
+"""Seconds that a speed is taken over at most, however coarse the positions are."""
+
+_FASTER = 5.0
+"""A joint that turns freely goes through the slow speeds in a share of 1 / (5 - 1) of what it takes from 5 times to once
+the slow speed on either side, as long as its acceleration lasts."""
+
+_LINGERS = 2.0
+"""It sticks if it stays so many times longer than it would turning freely. Between rigid friction (3 to 10 times) and
+the hysteresis of harmonic drives (0.5 to 1.3 times)."""
+
+_SAMPLES = 2
+"""Samples by which a time between two speeds is uncertain."""
+
+
+class Phase(IntEnum):
+    """What a joint does at a row."""
+
+    MOVING = 0
+    REVERSING = 1
+    STANDING = 2
+
+
+PhaseArray = NDArray[np.int8]
+
+
+@dataclass(frozen=True, eq=False)
+class Halts:
+    """When one joint is slow in one segment: from `starts` to `ends` (k,) in s, and where it `sticks` (k,)."""
+
+    starts: FloatArray
+    ends: FloatArray
+    sticks: BoolArray
+
+    def near(self, t: FloatArray, before: float, after: float, chosen: BoolArray) -> BoolArray:
+        """(m,): which of the times t (m,) are at most `before` s ahead of, or `after` s behind, a chosen halt."""
+        starts, ends = self.starts[chosen] - before, self.ends[chosen] + after
+        begun = np.searchsorted(starts, t, side="right")
+        over = np.searchsorted(ends, t, side="left")
+        return np.asarray(begun > over)
+
+
+@dataclass(frozen=True, eq=False)
+class Phases:
+    """The halts of all joints in every segment of a recording: `halts[segment][joint]`."""
+
+    halts: tuple[tuple[Halts, ...], ...]
+
+    def at(self, segment: int, t: FloatArray, width: float, after: float = 0.0) -> PhaseArray:
+        """(m, n): the phase of every joint at times t (m,) of a segment.
+
+        Parameters
+        ----------
+        width : float
+            Seconds that a filter smears to either side: rows nearer than that to a halt are part of it.
+        after : float
+            Seconds that a halt is felt later on top of that, by a filter with a memory.
+        """
+        out = np.zeros((len(t), len(self.halts[segment])), dtype=np.int8)
+        for j, halts in enumerate(self.halts[segment]):
+            everyone = np.ones(len(halts.starts), dtype=bool)
+            out[halts.near(t, width, width + after, everyone), j] = Phase.REVERSING
+            out[halts.near(t, width, width + after, halts.sticks), j] = Phase.STANDING
+        return out
+
+
+def width_of(preprocessing: Preprocessing, rate: float) -> float:
+    """Seconds that the filters smear a halt over, to either side: one over the lower cut-off, a period without filters."""
+    cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
+    return 1.0 / min(cutoffs) if cutoffs else 1.0 / rate
+
+
+_known: WeakKeyDictionary[Recording, Phases] = WeakKeyDictionary()
+
+
+def phases_of(recording: Recording) -> Phases:
+    """The phases of a recording, found once."""
+    if recording not in _known:
+        paths = [_positions(recording, k) for k in range(len(recording.segments))]
+        slow = _slow_speeds(paths, recording.sampling_rate)
+        _known[recording] = Phases(
+            tuple(
+                tuple(
+                    _halts(path[:, j], recording.segments[k].start_time, recording.sampling_rate, slow[j])
+                    for j in range(recording.n)
+                )
+                for k, path in enumerate(paths)
+            )
+        )
+    return _known[recording]
+
+
+def _positions(recording: Recording, index: int) -> FloatArray:
+    """(m, n): the raw positions of a segment."""
+    segment = recording.segments[index]
+    blocks = [rows.q for rows in recording.source.rows(segment.first_row, segment.length, 8192)]
+    return np.concatenate(blocks) if blocks else np.zeros((0, recording.n))
+
+
+def _slow_speeds(paths: list[FloatArray], rate: float) -> FloatArray:
+    """(n,): the speed below which each joint counts as slow; those that move slowly throughout have a lower one."""
+    squares = sum((np.diff(path, axis=0) ** 2).sum(axis=0) for path in paths)
+    count = max(sum(len(path) - 1 for path in paths), 1)
+    return np.asarray(np.minimum(SLOW, SLOW_SHARE * np.sqrt(squares / count) * rate))
+
+
+def _resolution(q: FloatArray) -> float:
+    """Standard deviation of one position about its surroundings: noise, or what rounding leaves."""
+    if len(q) < 3:
+        return 0.0
+    noise = float(np.median(np.abs(q[2:] - 2.0 * q[1:-1] + q[:-2]))) * 1.4826 / np.sqrt(6.0)
+    steps = np.abs(np.diff(q))
+    steps = steps[steps > 0]
+    quantum = float(np.quantile(steps, 0.02)) if len(steps) else 0.0
+    return max(noise, quantum / np.sqrt(12.0))
+
+
+def _halts(q: FloatArray, start: float, rate: float, slow: float) -> Halts:
+    """When a joint is slow, from its positions (m,)."""
+    if len(q) < 3 or float(np.ptp(q)) <= STANDS:
+        whole = np.array([start]), np.array([start + max(len(q) - 1, 0) / rate])
+        return Halts(*whole, np.ones(1, dtype=bool))
+    resolution = _resolution(q)
+    wanted = np.sqrt(2.0) * _DEVIATIONS * resolution / max(slow, 1e-12)
+    reach = max(1, ceil(0.5 * rate * min(wanted, _LONGEST_STEP)))
+    reach = min(reach, (len(q) - 1) // 2)
+    slow = max(slow, np.sqrt(2.0) * _DEVIATIONS * resolution * rate / (2 * reach))
+    speed = _speeds(q, reach, rate)
+    is_slow = np.abs(speed) < slow
+    # So quick a turn that no sample of it is slow.
+    is_slow[1:] |= np.sign(speed[1:]) != np.sign(speed[:-1])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_slow, [False]]).astype(np.int8)))
+    first, last = edges[::2], edges[1::2] - 1
+    sticks = _sticking(speed, first, last, slow)
+    return Halts(start + first / rate, start + last / rate, sticks)
+
+
+def _speeds(q: FloatArray, reach: int, rate: float) -> FloatArray:
+    """(m,): differences over `reach` samples to either side; at the ends those of the nearest inner sample."""
+    inner = (q[2 * reach :] - q[: -2 * reach]) * (rate / (2 * reach))
+    return np.pad(inner, reach, mode="edge")
+
+
+def _sticking(speed: FloatArray, first: IntArray, last: IntArray, slow: float) -> BoolArray:
+    """(k,): which halts, from sample `first` to `last` (k,), are longer than a joint that turns freely would make them."""
+    fast = np.flatnonzero(np.abs(speed) >= _FASTER * slow)
+    before = np.searchsorted(fast, first) - 1
+    behind = np.searchsorted(fast, last, side="right")
+    sticks = np.ones(len(first), dtype=bool)
+    inside = (before >= 0) & (behind < len(fast))
+    took = (
+        (first - fast[before.clip(0)])[inside] + (fast[behind.clip(max=len(fast) - 1)] - last)[inside]
+        if len(fast)
+        else 0
+    )
+    free = took / (_FASTER - 1.0)
+    sticks[inside] = (last - first)[inside] > _LINGERS * free + _SAMPLES
+    return sticks
