@@ -9,8 +9,8 @@ import numpy as np
 from dynident.diagnosis.advice.doubts import doubts_of
 from dynident.diagnosis.advice.next_experiment import next_experiment
 from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Pool, build_pool
-from dynident.diagnosis.candidates.products import Products, products
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.residuals.failure_map import failure_map
@@ -30,7 +30,6 @@ from dynident.identification import Identification, extend
 from dynident.identification.data import parted
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
-from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
 
@@ -72,12 +71,16 @@ def diagnose(
     floor = sensor_noise(recordings, identification.preprocessing)
     reference = identification.next_reference()
     preprocessing = identification.preprocessing
-    data = products(reduce_recordings(pool.observation, recordings, preprocessing, reference, part(progress, 0.1, 0.5)))
 
-    def relearn(findings: Sequence[Finding]) -> Products:
+    def gathered(loads: FloatArray, told: Progress = silent) -> PhasedProducts:
+        return gather(pool.observation, model.signals, recordings, preprocessing, loads, pool.n_base, told)
+
+    data = gathered(reference, part(progress, 0.1, 0.5))
+
+    def relearn(findings: Sequence[Finding]) -> PhasedProducts:
         found = [finding.judged.candidate.choice for finding in findings]
         better = improved(model, found, recordings, preprocessing, reference)
-        return products(reduce_recordings(pool.observation, recordings, preprocessing, better))
+        return gathered(better)
 
     start = _start(data, pool, identification, floor)
     lasting = [candidate for candidate in pool.candidates if candidate.effect != CONTACT]
@@ -115,7 +118,7 @@ def diagnose(
     )
 
 
-def _start(data: Products, pool: Pool, identification: Identification, floor: FloatArray) -> State:
+def _start(data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray) -> State:
     """The model as it is, with the contacts that disturb it taken out of the way."""
     base, noise = tuple(range(pool.n_base)), identification.noise
     picks = find_contacts(data, pool, base, noise, identification.preprocessing.torque_cutoff or _BAND)
@@ -125,8 +128,9 @@ def _start(data: Products, pool: Pool, identification: Identification, floor: Fl
 
 
 def _rms(comparisons: Sequence[Comparison]) -> FloatArray:
-    squares = np.sum([(c.residual**2).sum(axis=0) for c in comparisons], axis=0)
-    return np.asarray(np.sqrt(squares / sum(len(c.t) for c in comparisons)), dtype=np.float64)
+    squares = np.sum([(c.told**2).sum(axis=0) for c in comparisons], axis=0)
+    counts = np.sum([c.telling.sum(axis=0) for c in comparisons], axis=0)
+    return np.asarray(np.sqrt(squares / np.maximum(counts, 1)), dtype=np.float64)
 
 
 def _extended_comparisons(

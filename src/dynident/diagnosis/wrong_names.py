@@ -34,7 +34,7 @@ def misnamed(
     final : the comparisons of that model
     """
     names = final[0].joint_names
-    squares = np.sum([(c.residual**2).sum(axis=0) for c in final], axis=0)
+    squares = np.sum([(c.told**2).sum(axis=0) for c in final], axis=0)
     wrong = []
     for number, (finding, choice) in enumerate(zip(picks, recommended, strict=True)):
         judged = finding.judged

@@ -1,8 +1,8 @@
 """When a joint moves, turns round or stands still: decided once, from the raw positions, for all that uses rows.
 
-Dry friction has a sign only while a joint moves. Where it stands or sticks, its torque is whatever holds it, anything up
-to its static friction, and `Fc sign(q̇)` says nothing. Where it turns round without sticking, the sign changes within
-what the filters smear: only friction that remembers the path (presliding) says how.
+Dry friction has a sign only while a joint moves. Where it stands or sticks, its torque is whatever holds it, anything
+up to its static friction, and `Fc sign(q̇)` says nothing. Where it turns round without sticking, the sign changes
+within what the filters smear: only friction that remembers the path (presliding) says how.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ _LONGEST_STEP = 0.1
 """Seconds that a speed is taken over at most, however coarse the positions are."""
 
 _FASTER = 5.0
-"""A joint that turns freely goes through the slow speeds in a share of 1 / (5 - 1) of what it takes from 5 times to once
-the slow speed on either side, as long as its acceleration lasts."""
+"""A joint that turns freely goes through the slow speeds in a share of 1 / (5 - 1) of what it takes from 5 times to
+once the slow speed on either side, as long as its acceleration lasts."""
 
 _LINGERS = 2.0
 """It sticks if it stays so many times longer than it would turning freely. Between rigid friction (3 to 10 times) and
@@ -98,7 +98,7 @@ class Phases:
 
 
 def width_of(preprocessing: Preprocessing, rate: float) -> float:
-    """Seconds that the filters smear a halt over, to either side: one over the lower cut-off, a period without filters."""
+    """Seconds that the filters smear a halt over, to either side: 1 / the lower cut-off; a period without filters."""
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     return 1.0 / min(cutoffs) if cutoffs else 1.0 / rate
 
@@ -145,7 +145,7 @@ def _resolution(q: FloatArray) -> float:
     steps = np.abs(np.diff(q))
     steps = steps[steps > 0]
     quantum = float(np.quantile(steps, 0.02)) if len(steps) else 0.0
-    return max(noise, quantum / np.sqrt(12.0))
+    return float(max(noise, quantum / np.sqrt(12.0)))
 
 
 def _halts(q: FloatArray, start: float, rate: float, slow: float) -> Halts:
@@ -175,7 +175,7 @@ def _speeds(q: FloatArray, reach: int, rate: float) -> FloatArray:
 
 
 def _sticking(speed: FloatArray, first: IntArray, last: IntArray, slow: float) -> BoolArray:
-    """(k,): which halts, from sample `first` to `last` (k,), are longer than a joint that turns freely would make them."""
+    """(k,): which halts, from sample `first` to `last` (k,), are longer than those of a joint that turns freely."""
     fast = np.flatnonzero(np.abs(speed) >= _FASTER * slow)
     before = np.searchsorted(fast, first) - 1
     behind = np.searchsorted(fast, last, side="right")

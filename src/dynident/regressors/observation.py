@@ -158,11 +158,11 @@ class Observation:
         return positions[order], self.entry_columns[positions[order]]
 
     def torque(self, entries: FloatArray, values: FloatArray) -> FloatArray:
-        """W χ (m, n) from entries (m, number of entries) and parameters χ (c,)."""
+        """W χ (m, n_rows) from entries (m, number of entries) and parameters χ (c,)."""
         weighted = entries * values[self.entry_columns]
-        out = np.zeros((len(entries), self.robot.n))
-        for joint in range(self.robot.n):
-            out[:, joint] = weighted[:, self.entry_rows == joint].sum(axis=1)
+        out = np.zeros((len(entries), self.n_rows))
+        for row in range(self.n_rows):
+            out[:, row] = weighted[:, self.entry_rows == row].sum(axis=1)
         return out
 
 

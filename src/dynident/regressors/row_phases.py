@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -41,6 +41,10 @@ class RowPhases:
         width = width_of(preprocessing, recording.sampling_rate)
         return cls(phases_of(recording), width, frictional, remembering)
 
+    def about(self, frictional: BoolArray) -> RowPhases:
+        """The same where other joints (n,) have friction."""
+        return replace(self, frictional=frictional)
+
     def at(self, segment: int, t: FloatArray, after: float = 0.0) -> PhaseArray:
         """(m, n): phases at times t (m,) of a segment; `after`: seconds that a halt is felt beside the filters."""
         found = self.phases.at(segment, t, self.width, after)
@@ -53,10 +57,10 @@ class RowPhases:
         return np.asarray((found == Phase.MOVING) | ((found == Phase.REVERSING) & self.remembering))
 
 
-def joints_with_friction(observation: Observation) -> BoolArray:
-    """(n,): joints whose friction is among the columns."""
+def joints_with_friction(observation: Observation, first: int | None = None) -> BoolArray:
+    """(n,): joints whose friction is among the columns, or among the first so many of them."""
     # Offsets of a base sensor belong to no effect.
-    names = {c.link for c in observation.columns if c.effect and effect_by_id(c.effect).is_friction}
+    names = {c.link for c in observation.columns[:first] if c.effect and effect_by_id(c.effect).is_friction}
     return np.array([name in names for name in observation.robot.joint_names])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.candidates.products import IntArray, Products
 from dynident.effects import effect_by_id
@@ -15,11 +16,12 @@ _GIVEN_BACK = 0.1
 _DEVIATIONS, _CORRELATION = 2.0, 10.0
 
 
-def plausible(data: Products, pool: Pool, base: tuple[int, ...], noise: FloatArray, item: Judged) -> bool:
+def plausible(data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, item: Judged) -> bool:
     """Whether a candidate beside the model `base` is physically possible with the amplitudes that the data ask for."""
     columns = np.array(base + item.candidate.columns, dtype=np.intp)
-    values, deviations = _fit(data, columns, noise)
-    if effect_by_id(item.candidate.effect).is_friction and not _passive(data, pool, columns, values, item):
+    rows = data.of(columns)
+    values, deviations = _fit(rows, columns, noise)
+    if effect_by_id(item.candidate.effect).is_friction and not _passive(rows, pool, columns, values, item):
         return False
     positive = {spec.name for spec in effect_by_id(item.candidate.effect).parameters if spec.positive}
     return not any(

@@ -23,8 +23,8 @@ _PAUSE = 0.1
 class Products:
     """Inner products of all columns and Y, stretch by stretch: `grams[j]` (s, p_j + 1, p_j + 1) for joint j.
 
-    `position[j]` maps a global column number to its place in joint j's products, -1 where the joint lacks it; `run`
-    (s,) numbers the runs that the stretches are of.
+    `position[j]` maps a global column number to its place in joint j's products, -1 where the joint lacks it; `counts`
+    (s, n) are the rows, `run` (s,) numbers the runs that the stretches are of.
     """
 
     grams: tuple[FloatArray, ...]
@@ -51,12 +51,11 @@ def products(reduction: Reduction) -> Products:
         where = np.full(reduction.n_columns, -1, dtype=np.intp)
         where[equation.columns] = np.arange(len(equation.columns))
         position.append(where)
-    # A joint that stands still in a run has no rows there.
-    counts = np.max([equation.counts for equation in reduction.equations], axis=0).astype(np.float64)
-    return Products(tuple(grams), tuple(position), counts, _runs(reduction.spans))
+    counts = np.array([equation.counts for equation in reduction.equations]).T.astype(np.float64)
+    return Products(tuple(grams), tuple(position), counts, runs_of(reduction.spans))
 
 
-def _runs(spans: FloatArray) -> IntArray:
+def runs_of(spans: FloatArray) -> IntArray:
     """(s,): number of the run of every stretch, whose first and last times are spans (s, 2)."""
     pause = spans[1:, 0] - spans[:-1, 1]
     least = _PAUSE * float((spans[:, 1] - spans[:, 0]).sum())

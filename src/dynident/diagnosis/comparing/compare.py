@@ -9,13 +9,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
-from dynident.estimation import Errors
+from dynident.estimation import Errors, distance_to_band
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.prediction import prediction_deviation
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording, SampleBlock
+from dynident.recordings.phases import Phase, PhaseArray
+from dynident.recordings.types import BoolArray
+from dynident.regressors.row_phases import RowPhases
 from dynident.regressors.stream import SampleFunction, parallel_filtered
 from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
@@ -47,9 +51,12 @@ class WorstStretch:
 class Comparison:
     """Filtered, decimated signals of one recording beside the model's prediction.
 
-    t, segment (m,); measured, predicted, deviation, q, dq, ddq, load (m, n). `deviation` is the standard deviation of
-    the prediction that the parameters' uncertainty causes; `load` the rigid-body part of the prediction. `noise` (n,)
-    is the standard deviation of the model's residual; temperature (m, n) in degC, or None where none was measured.
+    t, segment (m,); measured, predicted, lower, upper, deviation, q, dq, ddq, load, phase (m, n). Where a joint stands
+    its prediction is a band, from `lower` to `upper`: what static friction may hold; elsewhere both are `predicted`.
+    `deviation` is the standard deviation of the prediction that the parameters' uncertainty causes; `load` the
+    rigid-body part of the prediction. `noise` (n,) is the standard deviation of the model's residual; `remembering`
+    (n,) the joints whose friction remembers the path in this model; temperature (m, n) in degC, or None where none was
+    measured.
     """
 
     joint_names: tuple[str, ...]
@@ -58,18 +65,43 @@ class Comparison:
     segment: FloatArray
     measured: FloatArray
     predicted: FloatArray
+    lower: FloatArray
+    upper: FloatArray
     deviation: FloatArray
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
     load: FloatArray
     noise: FloatArray
+    phase: PhaseArray
+    remembering: BoolArray
     temperature: FloatArray | None = None
 
     @property
-    def residual(self) -> FloatArray:
-        """(m, n): measured minus predicted."""
+    def raw_residual(self) -> FloatArray:
+        """(m, n): measured minus predicted, also where a joint stands and the prediction has no sign of friction."""
         return self.measured - self.predicted
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """(m, n): measured minus predicted; where a joint stands, the distance to the band."""
+        standing = self.phase == Phase.STANDING
+        return np.where(standing, distance_to_band(self.measured, self.lower, self.upper), self.raw_residual)
+
+    @property
+    def moving(self) -> BoolArray:
+        """(m, n): rows where the joint moves."""
+        return np.asarray(self.phase == Phase.MOVING)
+
+    @property
+    def telling(self) -> BoolArray:
+        """(m, n): rows that are equations of this model: also where a joint turns round whose friction remembers."""
+        return np.asarray(self.moving | ((self.phase == Phase.REVERSING) & self.remembering))
+
+    @cached_property
+    def told(self) -> FloatArray:
+        """(m, n): the residual where it tells something of the model, zero elsewhere."""
+        return np.where(self.telling, self.residual, 0.0)
 
     @property
     def band(self) -> FloatArray:
@@ -79,8 +111,21 @@ class Comparison:
     @cached_property
     def errors(self) -> Errors:
         """The errors of the whole recording, per joint."""
-        squares = (self.residual**2).sum(axis=0)
-        return Errors(squares, (self.measured**2).sum(axis=0), np.full(len(squares), float(len(self.t))))
+        return self._errors(self.residual, np.ones_like(self.moving))
+
+    @cached_property
+    def moving_errors(self) -> Errors:
+        """The errors where each joint moves."""
+        return self._errors(self.residual, self.moving)
+
+    @cached_property
+    def raw_errors(self) -> Errors:
+        """The errors of the whole recording without a band at rest."""
+        return self._errors(self.raw_residual, np.ones_like(self.moving))
+
+    def _errors(self, residual: FloatArray, rows: BoolArray) -> Errors:
+        squares, measured = (residual**2 * rows).sum(axis=0), (self.measured**2 * rows).sum(axis=0)
+        return Errors(squares, measured, rows.sum(axis=0).astype(np.float64))
 
     @cached_property
     def worst(self) -> tuple[WorstStretch, ...]:
@@ -150,7 +195,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
             title="Too few samples",
         )
     t, segment, signals = (np.concatenate(items) for items in zip(*parts, strict=True))
-    measured, predicted, deviation, q, dq, ddq, load, *more = (
+    measured, predicted, lower, upper, deviation, q, dq, ddq, load, phase, *more = (
         signals[:, k * n : (k + 1) * n] for k in range(signals.shape[1] // n)
     )
     return Comparison(
@@ -160,12 +205,16 @@ def compare(identification: Identification, recording: Recording, progress: Prog
         segment=segment,
         measured=measured,
         predicted=predicted,
+        lower=lower,
+        upper=upper,
         deviation=deviation,
         q=q,
         dq=dq,
         ddq=ddq,
         load=load,
         noise=identification.noise,
+        phase=phase.astype(np.int8),
+        remembering=RowPhases.of(identification.model.observation, recording, identification.preprocessing).remembering,
         temperature=more[0] if more else None,
     )
 
@@ -174,16 +223,21 @@ def _parts(
     identification: Identification, recording: Recording, progress: Progress
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Times, segment numbers and the signals side by side, as they leave the filter."""
-    observation = identification.model.observation
+    observation, at_rest = identification.model.observation, identification.model.at_rest
     entries = SampleFunction(observation, identification.reference, recording)
+    resting = SampleFunction(at_rest, identification.reference, recording)
+    phases = RowPhases.of(observation, recording, identification.preprocessing)
     rigid = np.array([column.effect in ("rigid_body",) for column in observation.columns])
     load_values = np.where(rigid, identification.values, 0.0)
+    friction = np.array([effect_by_id(column.effect).is_friction for column in observation.columns])
+    without_friction = np.where(friction, 0.0, identification.values)
     covariance = identification.statistics.covariance
     n_entries, n = len(observation.entry_rows), observation.robot.n
+    first = n_entries + len(at_rest.entry_rows)
 
     def values(block: SampleBlock) -> FloatArray:
         more = [] if block.temperature is None else [block.temperature]
-        return np.hstack([entries(block), block.tau, block.q, block.dq, block.ddq, *more])
+        return np.hstack([entries(block), resting(block), block.tau, block.q, block.dq, block.ddq, *more])
 
     end = recording.segments[-1].start_time + recording.segments[-1].length * recording.period
     start = recording.segments[0].start_time
@@ -192,7 +246,18 @@ def _parts(
         predicted = observation.torque(w, identification.values)
         load = observation.torque(w, load_values)
         deviation = prediction_deviation(observation, w, covariance)
-        measured = rows[:, n_entries : n_entries + n]
-        motion, more = rows[:, n_entries + n : n_entries + 4 * n], rows[:, n_entries + 4 * n :]
+        phase = phases.at(int(segment), t)
+        base, either = (
+            observation.torque(w, without_friction),
+            at_rest.torque(rows[:, n_entries:first], identification.values),
+        )
+        band = [np.where(phase == Phase.STANDING, base + way, predicted) for way in (either[:, n:], either[:, :n])]
+        lower, upper = np.minimum(*band), np.maximum(*band)
+        measured = rows[:, first : first + n]
+        motion, more = rows[:, first + n : first + 4 * n], rows[:, first + 4 * n :]
         progress(min(1.0, (t[-1] - start) / max(end - start, 1e-9)), f"predicting {recording.name}")
-        yield t, np.full(len(t), float(segment)), np.hstack([measured, predicted, deviation, motion, load, more])
+        yield (
+            t,
+            np.full(len(t), float(segment)),
+            np.hstack([measured, predicted, lower, upper, deviation, motion, load, phase, more]),
+        )

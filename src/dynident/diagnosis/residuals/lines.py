@@ -29,8 +29,10 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[i
     for j, joint in enumerate(robot.joints):
         if joint.kind != "revolute":
             continue
-        q = np.concatenate([c.q[:, j] for c in comparisons])
-        residual = np.concatenate([c.residual[:, j] for c in comparisons])
+        q = np.concatenate([c.q[c.telling[:, j], j] for c in comparisons])
+        residual = np.concatenate([c.residual[c.telling[:, j], j] for c in comparisons])
+        if len(q) < _BINS:
+            continue
         low, span = float(q.min()), float(q.max() - q.min())
         if span < _LEAST_ANGLE:
             continue
@@ -86,7 +88,7 @@ def time_lines(comparisons: Sequence[Comparison], preprocessing: Preprocessing) 
     residual, motion = np.zeros(len(frequency)), np.zeros(len(frequency))
     for c in comparisons:
         spread = np.maximum(c.errors.rms, 1e-300)
-        residual += _periodogram(c.t, c.residual / spread, frequency)
+        residual += _periodogram(c.t, c.told / spread, frequency)
         motion += _periodogram(c.t, c.dq / np.maximum(c.dq.std(axis=0), 1e-300), frequency)
     moved = set(_peaks(frequency, motion, _LINE_RATIO))
     return [

@@ -16,6 +16,7 @@ from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.residuals.bursts import bursts
 from dynident.diagnosis.residuals.stretches import stretches, t_of
 from dynident.diagnosis.result import UnknownPattern, Variable
+from dynident.recordings.types import BoolArray
 from dynident.robot.model import FloatArray
 
 IntArray = NDArray[np.intp]
@@ -37,6 +38,7 @@ class _Rows:
     """All recordings in a row: signals (m, n), time (m,), and the stretch that every row is in (m,)."""
 
     residual: FloatArray
+    telling: BoolArray
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
@@ -50,7 +52,8 @@ class _Rows:
             return np.concatenate([getattr(c, name) for c in comparisons])
 
         return cls(
-            residual=joined("residual"),
+            residual=joined("told"),
+            telling=np.concatenate([c.telling for c in comparisons]),
             q=joined("q"),
             dq=joined("dq"),
             ddq=joined("ddq"),
@@ -111,12 +114,16 @@ def _bins(values: FloatArray, count: int) -> IntArray:
 
 def _believed(rows: _Rows, j: int, which: IntArray, turn: FloatArray) -> float:
     """Held-out share of the residual's variance that bin means explain; 0 where it is not even over the stretches."""
-    residual = rows.residual[:, j] * turn
-    total = float((rows.residual[:, j] ** 2).sum())
+    telling = rows.telling[:, j]
+    residual = (rows.residual[:, j] * turn)[telling]
+    total = float((residual**2).sum())
+    stretch, which = rows.stretch[telling], which[telling]
+    if not len(which):
+        return 0.0
     n_bins, n_stretches = int(which.max()) + 1, int(rows.stretch.max()) + 1
     if n_bins < 2 or total <= 0.0:
         return 0.0
-    cell = rows.stretch * n_bins + which
+    cell = stretch * n_bins + which
     counts = np.bincount(cell, minlength=n_stretches * n_bins).reshape(n_stretches, n_bins)
     sums = np.bincount(cell, weights=residual, minlength=n_stretches * n_bins).reshape(n_stretches, n_bins)
     gains = np.zeros(n_stretches)
@@ -135,12 +142,12 @@ def _in_bursts(comparisons: Sequence[Comparison], known: set[str]) -> list[Unkno
     names = comparisons[0].joint_names
     inside, whole = np.zeros(len(names)), np.zeros(len(names))
     for c in comparisons:
-        whole += (c.residual**2).sum(axis=0)
+        whole += (c.told**2).sum(axis=0)
         for segment, start, end in bursts(c):
             if end - start < _SHORTEST_BURST:
                 continue
             hot = (c.segment == segment) & (c.t >= start) & (c.t <= end)
-            inside += (c.residual[hot] ** 2).sum(axis=0)
+            inside += (c.told[hot] ** 2).sum(axis=0)
     share = inside / np.maximum(whole, np.finfo(float).tiny)
     if not share.any() or share.max() < _BURST_SHARE:
         return []

@@ -61,7 +61,7 @@ def _gain(comparisons: Sequence[Comparison], columns: Sequence[FloatArray], freq
         angle = 2 * np.pi * frequency * c.t[::every]
         waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         w = (sensitivity[..., None] * waves[:, None, None, :]).reshape(-1, 6)
-        y = (c.residual[::every] / np.maximum(c.errors.rms, 1e-300)).reshape(-1)
+        y = (c.told[::every] / np.maximum(c.errors.rms, 1e-300)).reshape(-1)
         right = w.T @ y
         total += float(right @ np.linalg.lstsq(w.T @ w, right, rcond=1e-9)[0])
     return total

@@ -12,6 +12,7 @@ from dynident.diagnosis.candidates.gate import (
     SMALLEST_GAIN_OVER_NOISE,
     Judged,
 )
+from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.search.state import Finding, State
 from dynident.effects import Effect, EffectChoice, effect_by_id
@@ -33,13 +34,13 @@ LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
 """Where it gains this share of its error, a smaller t will do."""
 
 
-def acceptable(state: State, counts: FloatArray, item: Judged, n_tried: int) -> bool:
-    """Whether a candidate, one of `n_tried`, is a finding; `counts` (s,) are the rows of the stretches."""
+def acceptable(state: State, data: PhasedProducts, item: Judged, n_tried: int) -> bool:
+    """Whether a candidate, one of `n_tried`, is a finding."""
     effect = effect_by_id(item.candidate.effect)
     if item.separability < VISIBLE or not item.passes(effect.scope == "robot", n_tried):
         return False
     resolved = [spec for spec in effect.shapes if spec.resolved_by is not None]
-    if max(gain_over_floor(item, j, state.floor, counts) for j in item.joints) < least_gain(effect):
+    if max(gain_over_floor(item, j, state.floor, data) for j in item.joints) < least_gain(effect):
         return False
     beside = {
         f.judged.candidate.effect for f in state.picks if set(f.judged.candidate.joints) & set(item.candidate.joints)
@@ -82,7 +83,9 @@ def least_gain(effect: Effect) -> float:
     return SMALLEST_GAIN_AT_REVERSALS if at_reversals else SMALLEST_GAIN_OVER_NOISE
 
 
-def gain_over_floor(item: Judged, joint: int, floor: FloatArray, counts: FloatArray) -> float:
+def gain_over_floor(item: Judged, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
     """Squared error that a candidate removes on a joint, over that of the sensor's noise."""
-    removed = float((item.before - item.after)[:, joint].sum() / counts.sum())
+    removed = float((item.before - item.after)[:, joint].sum()) / max(
+        float(data.of(item.candidate.columns).counts[:, joint].sum()), 1.0
+    )
     return removed / max(float(floor[joint]) ** 2, np.finfo(float).tiny)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.diagnosis.candidates.gate import Judged, simplest
+from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.plausible import plausible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.search.acceptance import (
     JOINT_T,
@@ -36,10 +36,10 @@ _NEARLY, _DECIDED = 0.97, 1.5
 
 
 def choose(
-    data: Products, pool: Pool, state: State, judged: Sequence[Judged]
+    data: PhasedProducts, pool: Pool, state: State, judged: Sequence[Judged]
 ) -> tuple[Judged, tuple[Judged, ...]] | None:
     """The next effect to add and its equals on this data; None where nothing passes."""
-    passing = [item for item in judged if acceptable(state, data.counts, item, len(judged))]
+    passing = [item for item in judged if acceptable(state, data, item, len(judged))]
     while passing:
         chosen, equal = simplest(_each_its_own(passing))
         certain = _other_names(chosen, equal) < _TOO_MANY_NAMES or chosen.drop >= _DROP_IN_DOUBT
@@ -47,7 +47,7 @@ def choose(
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
-            if whole or acceptable(state, data.counts, slim, len(judged)):
+            if whole or acceptable(state, data, slim, len(judged)):
                 return slim, equal + _rivals(slim, judged, equal)
         passing = [item for item in passing if item is not chosen]
     return None
@@ -98,7 +98,9 @@ def _rivals(chosen: Judged, judged: Sequence[Judged], equal: Sequence[Judged]) -
     return tuple(found.values())
 
 
-def without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]) -> Judged:
+def without_idle_joints(
+    data: PhasedProducts, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]
+) -> Judged:
     """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
     if len(chosen.candidate.joints) < 2:
         return chosen
@@ -107,13 +109,13 @@ def without_idle_joints(data: Products, pool: Pool, state: State, chosen: Judged
     keep = []
     for name in chosen.candidate.joints:
         j = pool.observation.robot.joint_names.index(name)
-        little = gain_over_floor(chosen, j, state.floor, data.counts) < _MORE_THAN_STICKING
+        little = gain_over_floor(chosen, j, state.floor, data) < _MORE_THAN_STICKING
         if little and name in alone and may_be_sticking(alone[name]):
             continue
         gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
         spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
         share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)
-        large = gain_over_floor(chosen, j, state.floor, data.counts) >= least_gain(effect)
+        large = gain_over_floor(chosen, j, state.floor, data) >= least_gain(effect)
         even = gain.mean() >= (JOINT_T if share < LARGE_DROP else JOINT_T_OF_LARGE) * spread
         if share >= least_drop(chosen.candidate) and even and large:
             keep.append(name)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.search.acceptance import (
     JOINT_T,
     JOINT_T_OF_LARGE,
@@ -22,7 +22,7 @@ from dynident.effects import effect_by_id
 _PRUNE_DROP, _PRUNE_T = 0.03, 2.5
 
 
-def pruned(data: Products, pool: Pool, state: State) -> State:
+def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
     """The search without the picks that others have made superfluous, the weakest taken out first."""
     while len(state.picks) > 1:
         judged = [(_again(data, pool, state, finding), finding) for finding in state.picks if _can_be_held_out(finding)]
@@ -43,13 +43,13 @@ def _can_be_held_out(finding: Finding) -> bool:
     return finding.judged.candidate.effect != CONTACT
 
 
-def _again(data: Products, pool: Pool, state: State, finding: Finding) -> Judged:
+def _again(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> Judged:
     """A pick, judged beside all others."""
     base = tuple(k for k in state.base if k not in finding.columns)
     return judge_all(data, pool, base, [finding.judged.candidate], state.noise)[0]
 
 
-def trimmed(data: Products, pool: Pool, state: State) -> list[tuple[str, ...]]:
+def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, ...]]:
     """The joints of every pick that still gain from it, each beside all the rest; one of a group at least."""
     base = state.base
     joints = []
@@ -63,7 +63,7 @@ def trimmed(data: Products, pool: Pool, state: State) -> list[tuple[str, ...]]:
             item = judge_all(data, pool, rest, [alone], state.noise)[0]
             gains[joint] = item.total_gain
             j = pool.observation.robot.joint_names.index(joint)
-            large = gain_over_floor(item, j, state.floor, data.counts) >= least_gain(effect_by_id(candidate.effect))
+            large = gain_over_floor(item, j, state.floor, data) >= least_gain(effect_by_id(candidate.effect))
             least_t = JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE
             if not (item.lasts(least_drop(candidate), least_t) and large):
                 kept.remove(joint)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from dynident.diagnosis.candidates.gathering import gather
 from dynident.diagnosis.candidates.pool import Candidate, Pool, width_shows
-from dynident.diagnosis.candidates.products import products
 from dynident.diagnosis.residuals.resolution import Resolution
 from dynident.diagnosis.search.acceptance import sticks
 from dynident.diagnosis.search.pruning import pruned, trimmed
@@ -121,7 +121,7 @@ def _needed(
         columns += made
     observation = Observation.of(model.robot, columns, model.signals)
     pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined))
-    data = products(reduce_recordings(observation, recordings, preprocessing, reference))
+    data = gather(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
     everything = tuple(range(len(columns)))
     state = State(everything, noise_left(data, everything), floor, tuple(refined))
     state = pruned(data, pool, state)

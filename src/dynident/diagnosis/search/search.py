@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from dynident.diagnosis.candidates.gate import Judged, p_value
+from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.search.choosing import choose
 from dynident.diagnosis.search.pruning import pruned
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
@@ -15,12 +15,12 @@ from dynident.progress import Progress
 
 _FEW_WAVES = 6.0
 
-Relearn = Callable[[Sequence[Finding]], Products]
+Relearn = Callable[[Sequence[Finding]], PhasedProducts]
 """Products of the same columns, with the torque predicted by the model with these findings in it."""
 
 
 def search(
-    data: Products, pool: Pool, state: State, first: list[Judged], most: int, relearn: Relearn, progress: Progress
+    data: PhasedProducts, pool: Pool, state: State, first: list[Judged], most: int, relearn: Relearn, progress: Progress
 ) -> tuple[Finding, ...]:
     """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous.
 

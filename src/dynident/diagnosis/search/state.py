@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.diagnosis.candidates.gate import Judged, judge
+from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import held_out_errors, score_candidates
@@ -53,9 +54,29 @@ class State:
 
 
 def judge_all(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidates: Sequence[Candidate], noise: FloatArray
+) -> list[Judged]:
+    """Judge every candidate beside the model whose columns are `base`, in both kinds of folds.
+
+    Each on the rows that are equations for the model with it in: with friction that remembers the path also those
+    where its joints turn round.
+    """
+    sets: dict[bytes, list[int]] = {}
+    for k, candidate in enumerate(candidates):
+        sets.setdefault(data.remembered(base + candidate.columns).tobytes(), []).append(k)
+    found: list[Judged | None] = [None] * len(candidates)
+    for members in sets.values():
+        rows = data.of(base + candidates[members[0]].columns)
+        own = [candidates[k] for k in members]
+        for k, item in zip(members, _judged(rows, pool, base, own, noise), strict=True):
+            found[k] = item
+    return [item for item in found if item is not None]
+
+
+def _judged(
     data: Products, pool: Pool, base: tuple[int, ...], candidates: Sequence[Candidate], noise: FloatArray
 ) -> list[Judged]:
-    """Judge every candidate beside the model whose columns are `base`, in both kinds of folds."""
+    """Judge candidates that are all about the same rows."""
     columns = np.array(base, dtype=np.intp)
     scores = [score_candidates(data, columns, candidates, noise, kind)[1] for kind in _KINDS]
     acting = acted_on(pool)
@@ -81,9 +102,9 @@ def _joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
     return tuple(int(j) for j in np.flatnonzero(acting[list(candidate.columns)].any(axis=0)))
 
 
-def noise_left(data: Products, base: tuple[int, ...]) -> FloatArray:
+def noise_left(data: PhasedProducts, base: tuple[int, ...]) -> FloatArray:
     """(n,): held-out residual of every joint for the model so far."""
-    columns = np.array(base, dtype=np.intp)
-    squares = held_out_errors(data, columns, np.ones(data.n_joints), "interleaved").sum(axis=0)
-    sigma = np.sqrt(squares / data.counts.sum())
+    rows = data.of(base)
+    squares = held_out_errors(rows, np.array(base, dtype=np.intp), np.ones(rows.n_joints), "interleaved").sum(axis=0)
+    sigma = np.sqrt(squares / np.maximum(rows.counts.sum(axis=0), 1.0))
     return floored(sigma)

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import stats
 
 from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import fitted_errors
@@ -21,7 +22,7 @@ _EXPLAINED, _LARGEST_P = 0.7, 1e-6
 
 
 def find_contacts(
-    data: Products, pool: Pool, base: tuple[int, ...], noise: FloatArray, band: float
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, band: float
 ) -> tuple[Finding, ...]:
     """Try every burst as a contact.
 
@@ -37,7 +38,7 @@ def find_contacts(
     columns = base
     for candidate in tried:
         window = dict(candidate.shape)
-        judged, p = _tried(data, columns, candidate, noise, 2 * band * (window["t1"] - window["t0"]))
+        judged, p = _tried(data.of(columns), columns, candidate, noise, 2 * band * (window["t1"] - window["t0"]))
         if judged.drop >= _EXPLAINED and p * len(tried) <= _LARGEST_P:
             found.append(Finding(judged, (), p * len(tried)))
             columns = columns + candidate.columns

@@ -1,0 +1,174 @@
+"""Inner products straight from filtered rows, apart for rows where a joint moves and where it turns round."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynident.diagnosis.candidates.products import IntArray, Products, runs_of
+from dynident.effects import Signals
+from dynident.progress import Progress, silent
+from dynident.recordings import Preprocessing, Recording
+from dynident.recordings.phases import Phase
+from dynident.recordings.types import BoolArray
+from dynident.regressors.observation import Observation
+from dynident.regressors.row_phases import RowPhases, joints_with_friction
+from dynident.regressors.stream import FilteredSamples, filtered_samples, stretch_length
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PhasedProducts:
+    """What all scores are computed from: `moving` of rows where the equation's joint moves.
+
+    `turning`, one (s, p_j + 1, p_j + 1) a joint, and `turning_counts` (s, n), of rows where it turns round without
+    sticking: equations for friction that remembers the path alone. `remembers` (columns, n): which columns do, and of
+    which joint's path.
+    """
+
+    moving: Products
+    turning: tuple[FloatArray, ...]
+    turning_counts: FloatArray
+    remembers: BoolArray
+    _whole: dict[int, FloatArray] = field(default_factory=dict)
+
+    def of(self, columns: Sequence[int] | IntArray) -> Products:
+        """The rows that are equations for a model with these columns."""
+        joints = self.remembered(columns)
+        if not joints.any():
+            return self.moving
+        grams = tuple(
+            self._together(j) if use else gram
+            for j, (use, gram) in enumerate(zip(joints, self.moving.grams, strict=True))
+        )
+        counts = self.moving.counts + np.where(joints, self.turning_counts, 0.0)
+        return Products(grams, self.moving.position, counts, self.moving.run)
+
+    def remembered(self, columns: Sequence[int] | IntArray) -> BoolArray:
+        """(n,): joints whose path some of these columns remember."""
+        return np.asarray(self.remembers[np.asarray(columns, dtype=np.intp)].any(axis=0))
+
+    def _together(self, joint: int) -> FloatArray:
+        if joint not in self._whole:
+            self._whole[joint] = self.moving.grams[joint] + self.turning[joint]
+        return self._whole[joint]
+
+
+def gather(
+    observation: Observation,
+    signals: Signals,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    n_base: int,
+    progress: Progress = silent,
+    samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
+) -> PhasedProducts:
+    """Inner products of all columns and Y, a stretch of time and joint at a time; W is never stored.
+
+    Parameters
+    ----------
+    reference : (14 n,)
+        What loads are predicted with.
+    n_base : int
+        Columns of the model itself: their friction says whose rows depend on the phase.
+    samples_of : function, optional
+        Gives a recording's filtered samples, where they are at hand.
+    """
+    n = observation.robot.n
+    layout = [observation.joint_entries(joint) for joint in range(n)]
+    frictional = joints_with_friction(observation, n_base)
+    sums = _Sums([len(columns) for _, columns in layout], stretch_length(recordings))
+    total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
+    done = 0.0
+    for recording in recordings:
+        phases = RowPhases.of(observation, recording, preprocessing).about(frictional)
+        if samples_of is None:
+            given: Iterable[FilteredSamples] = filtered_samples(observation, recording, preprocessing, reference)
+        else:
+            given = samples_of(recording)
+        segment = -1
+        for samples in given:
+            if samples.segment != segment:
+                sums.end_stretch()
+                segment = samples.segment
+            phase = phases.at(segment, samples.t)
+            rows = [
+                np.hstack([samples.values[:, places], samples.tau[:, j : j + 1]])
+                for j, (places, _) in enumerate(layout)
+            ]
+            sums.push(samples.t, rows, phase == Phase.MOVING, phase == Phase.REVERSING)
+            progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
+        sums.end_stretch()
+        done += recording.n_samples / recording.sampling_rate
+    return sums.finished([columns for _, columns in layout], observation, signals)
+
+
+class _Sums:
+    """Inner products of the stretches of time, as rows come."""
+
+    def __init__(self, widths: Sequence[int], length: float) -> None:
+        self._length = length
+        self._shapes = [(width + 1, width + 1) for width in widths]
+        self._grams: list[list[list[FloatArray]]] = [[[] for _ in widths] for _ in range(2)]
+        self._counts: list[list[FloatArray]] = [[], []]
+        self._spans: list[tuple[float, float]] = []
+        self._is_open = False
+
+    def push(self, t: FloatArray, rows: Sequence[FloatArray], *used: BoolArray) -> None:
+        """Add [W | Y] (m, p + 1) of every joint; `used` (m, n) of either kind."""
+        first = 0
+        while first < len(t):
+            if not self._is_open:
+                self._begin(float(t[first]))
+            last = first + int(np.searchsorted(t[first:], self._spans[-1][0] + self._length))
+            for kind, mask in enumerate(used):
+                for j, block in enumerate(rows):
+                    part = block[first:last][mask[first:last, j]]
+                    if len(part):
+                        self._grams[kind][j][-1] += part.T @ part
+                        self._counts[kind][-1][j] += len(part)
+            if last > first:
+                self._spans[-1] = (self._spans[-1][0], float(t[last - 1]))
+            if last < len(t):
+                self.end_stretch()
+            first = last
+
+    def end_stretch(self) -> None:
+        """Close the stretch: the next rows begin another."""
+        self._is_open = False
+
+    def _begin(self, start: float) -> None:
+        self._is_open = True
+        self._spans.append((start, start))
+        for kind in range(2):
+            self._counts[kind].append(np.zeros(len(self._shapes)))
+            for j, shape in enumerate(self._shapes):
+                self._grams[kind][j].append(np.zeros(shape))
+
+    def finished(self, columns: Sequence[IntArray], observation: Observation, signals: Signals) -> PhasedProducts:
+        """All of them, with the places of the columns."""
+        grams = [
+            tuple(np.array(g).reshape(-1, *shape) for g, shape in zip(kind, self._shapes, strict=True))
+            for kind in self._grams
+        ]
+        counts = [np.array(kind).reshape(-1, len(self._shapes)) for kind in self._counts]
+        position = []
+        for own in columns:
+            where = np.full(observation.n_columns, -1, dtype=np.intp)
+            where[own] = np.arange(len(own))
+            position.append(where)
+        run = runs_of(np.array(self._spans).reshape(-1, 2))
+        moving = Products(grams[0], tuple(position), counts[0], run)
+        return PhasedProducts(moving, grams[1], counts[1], _remembering(observation, signals))
+
+
+def _remembering(observation: Observation, signals: Signals) -> BoolArray:
+    """(columns, n): which columns are functions of a joint's path."""
+    found = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
+    if observation.memory:
+        for k, column in enumerate(observation.columns):
+            found[k, [signal.joint for signal in signals.memory_in(column.torque)]] = True
+    return found
