@@ -60,6 +60,7 @@ class Conditioner:
         self._open: Segment | None = None
         self._closed: list[Segment] = []
         self._n_written = 0
+        self._first_stamp = 0.0
 
     def push(self, rows: RawRows) -> Iterator[GridRows]:
         """Take the next rows; give the grid rows that are ready to be stored."""
@@ -112,9 +113,12 @@ class Conditioner:
         self._resampler = ShiftedResampler(self._base.period, len(self._layout.q), self._torque_delay)
         self._open = Segment(self._n_written, 0, start + self._resampler.lead, label)
         self._held, self._n_held = [], 0
+        self._first_stamp = start
 
     def _add(self, t: FloatArray, values: FloatArray) -> Iterator[GridRows]:
         assert self._resampler is not None
+        if self._base.even is not None:
+            t = self._base.even.times(t, self._first_stamp)
         yield from self._store(self._resampler.push(t, values))
 
     def _end(self) -> Iterator[GridRows]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dynident.recordings.even_clock import EvenClock, EvenClockScan
 from dynident.recordings.raw import RawRows
 from dynident.recordings.types import BoolArray, Check, FloatArray, IntArray, RecordingError
 
@@ -56,6 +57,7 @@ class TimeBase:
     n_repeated: int
     first_repeated: int | None
     worst_row: int
+    even: EvenClock | None = None
 
     @property
     def gap(self) -> float:
@@ -84,6 +86,8 @@ class TimeScan:
     _in_gaps: float = 0.0
     _n_repeated: int = 0
     _first_repeated: int | None = None
+    _even: EvenClockScan = field(default_factory=EvenClockScan)
+    _stamps: list[tuple[FloatArray, BoolArray]] = field(default_factory=list)
 
     def feed(self, rows: RawRows) -> None:
         """Take the next rows.
@@ -119,6 +123,7 @@ class TimeScan:
         self._n_rows += len(rows.t)
         self._first, self._last = min(self._first, float(rows.t.min())), max(self._last, float(rows.t.max()))
         self._previous = float(rows.t[-1]), int(rows.segment[-1])
+        self._stamps.append((rows.t, np.concatenate([np.ones(len(rows.t) - len(same), dtype=bool), ~same])))
         forward = same & (steps > 0)
         self._waiting.append((ends[forward], t[:-1][forward], steps[forward]))
         self._n_waiting += int(forward.sum())
@@ -143,6 +148,9 @@ class TimeScan:
             )
         near_total, n_near = self._near
         period = near_total / n_near if n_near >= REGULAR_SHARE * n else total / n
+        even = self._even.result()
+        if even is not None:
+            period = even.period
         variance = max(0.0, squares / n - (total / n) ** 2)
         return TimeBase(
             n_rows=self._n_rows,
@@ -159,6 +167,7 @@ class TimeScan:
             n_repeated=self._n_repeated,
             first_repeated=self._first_repeated,
             worst_row=self._worst[1],
+            even=even,
         )
 
     def _refuse_unsorted(self, steps: FloatArray, same: BoolArray, t: FloatArray, ends: IntArray) -> None:
@@ -185,6 +194,9 @@ class TimeScan:
             return
         if not self._typical:
             self._typical = float(np.median(steps))
+        for t, begins in self._stamps:
+            self._even.feed(t, begins | (np.diff(t, prepend=t[0]) > GAP_PERIODS * self._typical), self._typical)
+        self._stamps = []
         wide = steps > GAP_PERIODS * self._typical
         self._n_gaps += int(wide.sum())
         self._in_gaps += float(steps[wide].sum())
@@ -231,6 +243,13 @@ def _jitter(base: TimeBase, column: str) -> Check:
             column,
             base.worst_row,
             base.first,
+        )
+    if base.even is not None:
+        return Check(
+            "sampling_jitter",
+            "ok",
+            f"Sampled at {rate:.5g} Hz: stamps with a resolution of {1e3 * base.even.tick:.3g} ms, all within that of "
+            "an even clock, which is taken in their place.",
         )
     if spread < 0.02 and base.longest < 1.5 * base.period and base.shortest > 0.5 * base.period:
         return Check("sampling_jitter", "ok", f"Sampled at {rate:.5g} Hz, steps even within {100 * spread:.2g} %.")

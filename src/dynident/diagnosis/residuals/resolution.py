@@ -10,19 +10,25 @@ import numpy as np
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.effects import ShapeSpec
 from dynident.recordings import Preprocessing
+from dynident.recordings.phases import Phase
 from dynident.robot.model import FloatArray
 
-_SHARE_OF_SPEED = 0.5
+_SLOWEST_SHARE = 0.02
+"""Share of a joint's moving rows that have to be slower than a speed for what happens below it to show."""
+
+_SHARP_TURNS = 0.5
+"""Of the free reversals so many have to be gentle enough."""
 
 
 @dataclass(frozen=True, eq=False)
 class Resolution:
-    """Smallest displacement (n,) and speed (n,) around a reversal that a low-passed position still shows.
+    """Smallest displacement (n,) and speed (n,) that the rows which count still show.
 
-    A joint that reverses with acceleration a is within a/(2πf)² of its turning point, and slower than a/(2πf), for as
-    long as a filter with cut-off f takes to answer. What friction does inside that (sticking, above all) is there in
-    the torque but not in q: a slip distance or Stribeck velocity below it would be fitted to the filter, not to the
-    robot.
+    A joint that reverses with acceleration a is within a/(2πf)² of its turning point for as long as a filter with
+    cut-off f takes to answer. What friction does inside that (sticking, above all) is there in the torque but not in q:
+    a slip distance below it would be fitted to the filter, not to the robot. Only reversals at which the joint does not
+    stick count, since only their rows do. And what depends on the speed alone shows in rows where the joint moves, so
+    that a speed must be above the slowest of these.
     """
 
     displacement: FloatArray
@@ -44,11 +50,21 @@ def resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) 
         return Resolution(np.zeros(n), np.zeros(n))
     corner = 2 * np.pi * min(cutoffs)
     acceleration = np.array([_at_reversals(comparisons, j) for j in range(n)])
-    return Resolution(acceleration / corner**2, _SHARE_OF_SPEED * acceleration / corner)
+    speed = np.array([_slowest(comparisons, j) for j in range(n)])
+    return Resolution(acceleration / corner**2, speed)
 
 
 def _at_reversals(comparisons: Sequence[Comparison], joint: int) -> float:
-    """Median acceleration of a joint where its velocity changes sign; 0 where it never does."""
-    found = [np.abs(c.ddq[:-1, joint][np.diff(np.sign(c.dq[:, joint])) != 0]) for c in comparisons if len(c.t) > 1]
-    values = np.concatenate(found) if found else np.zeros(0)
-    return float(np.median(values)) if len(values) else 0.0
+    """Median acceleration of a joint where it turns round freely; beyond all where it never does."""
+    found = []
+    for c in comparisons:
+        turns = np.flatnonzero(np.diff(np.sign(c.dq[:, joint])) != 0)
+        found.append(np.abs(c.ddq[turns[c.phase[turns, joint] == Phase.REVERSING], joint]))
+    values = np.concatenate(found)
+    return float(np.quantile(values, _SHARP_TURNS)) if len(values) else np.inf
+
+
+def _slowest(comparisons: Sequence[Comparison], joint: int) -> float:
+    """Speed that a small share of a joint's moving rows are below; beyond all where it never moves."""
+    values = np.concatenate([np.abs(c.dq[c.moving[:, joint], joint]) for c in comparisons])
+    return float(np.quantile(values, _SLOWEST_SHARE)) if len(values) else np.inf

@@ -1,0 +1,100 @@
+"""Stamps that are written with few digits: is the clock behind them even?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynident.recordings.types import BoolArray, FloatArray
+
+_FINEST = 1e-9
+"""s: steps that differ by less are the same."""
+
+_WHOLE = 0.02
+"""Share of a tick by which a step may be off a whole number of ticks."""
+
+_ROUNDING = 1.01
+"""Ticks that two rounded stamps can be off together, and what their binary digits add."""
+
+
+@dataclass(frozen=True)
+class EvenClock:
+    """All stamps are whole `tick`s, and within one tick of an even clock with this `period`, both in s.
+
+    Nothing in such stamps says that samples came at other times than the even clock's, and taking them at their word
+    would shake every moving joint by speed times tick.
+    """
+
+    period: float
+    tick: float
+
+    def times(self, t: FloatArray, start: float) -> FloatArray:
+        """When rows stamped t (m,) were sampled, counted from a row at `start`."""
+        return np.asarray(start + np.round((t - start) / self.period) * self.period)
+
+
+@dataclass
+class EvenClockScan:
+    """Narrows down the period of an even clock, stamp by stamp."""
+
+    _tick: float = 0.0
+    _typical: float = 0.0
+    _lowest: float = 0.0
+    _highest: float = np.inf
+    _start: float = 0.0
+    _behind: float = 0.0
+    _count: int = 0
+    _possible: bool = True
+    _seen: set[float] = field(default_factory=set)
+
+    def feed(self, t: FloatArray, begins: BoolArray, typical: float) -> None:
+        """Take the next stamps t (m,), and which of them begin an unbroken stretch; `typical`: the median step."""
+        if not self._possible or not len(t):
+            return
+        if not self._tick:
+            self._typical = typical
+            self._tick = _tick(np.diff(t)[~begins[1:]])
+            self._possible = self._tick > 0.0
+            if not self._possible:
+                return
+        for first, last in _stretches(begins):
+            part = t[first:last]
+            if begins[first]:
+                self._start, self._behind, self._count = float(part[0]), float(part[0]), 0
+            steps = np.round(np.diff(np.concatenate([[self._behind], part])) / self._typical)
+            number = self._count + np.cumsum(steps)
+            self._behind, self._count = float(part[-1]), int(number[-1])
+            later = number > 0
+            elapsed, room = part[later] - self._start, _ROUNDING * self._tick
+            if len(elapsed):
+                self._lowest = max(self._lowest, float(((elapsed - room) / number[later]).max()))
+                self._highest = min(self._highest, float(((elapsed + room) / number[later]).min()))
+            if self._lowest > self._highest:
+                self._possible = False
+                return
+
+    def result(self) -> EvenClock | None:
+        """The clock; None where the stamps are no rounded ones of an even clock."""
+        if not self._possible or not self._tick or not np.isfinite(self._highest):
+            return None
+        return EvenClock(0.5 * (self._lowest + self._highest), self._tick)
+
+
+def _tick(steps: FloatArray) -> float:
+    """What all steps are whole multiples of, from the smallest difference between them; 0 where there is none."""
+    steps = steps[steps > 0]
+    if not len(steps):
+        return 0.0
+    distinct = np.unique(np.round(steps / _FINEST)) * _FINEST
+    if len(distinct) < 2:
+        return 0.0
+    tick = float(np.diff(distinct).min())
+    whole = distinct / tick
+    return tick if bool((np.abs(whole - np.round(whole)) <= _WHOLE).all()) else 0.0
+
+
+def _stretches(begins: BoolArray) -> list[tuple[int, int]]:
+    """(first, last + 1) of the parts that begin anew, and of what comes before the first of them."""
+    edges = [0, *(int(k) for k in np.flatnonzero(begins) if k), len(begins)]
+    return list(zip(edges[:-1], edges[1:], strict=True))
