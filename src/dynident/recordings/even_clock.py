@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -97,4 +98,4 @@ def _tick(steps: FloatArray) -> float:
 def _stretches(begins: BoolArray) -> list[tuple[int, int]]:
     """(first, last + 1) of the parts that begin anew, and of what comes before the first of them."""
     edges = [0, *(int(k) for k in np.flatnonzero(begins) if k), len(begins)]
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(itertools.pairwise(edges))
