@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,6 +43,27 @@ def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
     if worse:
         found.append(f"With {what} the held-out error is larger on {', '.join(worse)}.")
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class BestRung:
+    """The rung of a ladder with the smallest held-out error, and those after it that raise that error.
+
+    Indices count from the first model of the ladder; `rises` names each rung above the best one whose held-out error is
+    larger than the best one's.
+    """
+
+    best: int
+    rises: tuple[int, ...]
+
+
+def best_rung(models: Sequence[Identification]) -> BestRung | None:
+    """Which model of a ladder predicts held-out data best; None where one of them was not tried on any."""
+    totals = [model.held_out.relative_total for model in models if model.held_out is not None]
+    if len(totals) < len(models) or not totals:
+        return None
+    best = int(np.argmin(totals))
+    return BestRung(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > totals[best]))
 
 
 def _t_of_gain(parent: Identification, grown: Identification) -> float:

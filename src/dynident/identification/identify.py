@@ -83,7 +83,9 @@ def extend(
     validation: Sequence[Recording] = (),
     progress: Progress = silent,
 ) -> Identification:
-    """Add effects to an identified model and solve again, on the data it was identified from.
+    """Add effects to an identified model, one rung of the ladder each, on the data it was identified from.
+
+    The last rung is given; those below it are its parents. An effect that adds nothing to those before it gets none.
 
     Raises
     ------
@@ -97,9 +99,37 @@ def extend(
     check_recordings(identification.model.robot, recordings, validation)
     check_temperature(new, recordings, validation)
     check_runs(new, recordings)
+    grown, idle = identification, []
+    for number, choice in enumerate(new):
+        told = part(progress, number / len(new), (number + 1) / len(new))
+        found = _with_one_more(grown, choice, recordings, validation, told)
+        if found is None:
+            idle.append(choice.effect)
+        else:
+            grown = found
+    if grown is identification:
+        raise DynidentError(
+            f"{', '.join(idle)} adds nothing: its columns are combinations of those in the model",
+            pointer="/effects",
+            title="Nothing to add",
+        )
+    if not idle:
+        return grown
+    left_out = f"{', '.join(idle)} added nothing beside the others and was left out."
+    return replace(grown, warnings=(*grown.warnings, left_out))
+
+
+def _with_one_more(
+    identification: Identification,
+    added: EffectChoice,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    progress: Progress,
+) -> Identification | None:
+    """The model with one more effect in it; None where its columns are combinations of those that it has."""
     new = complete_shapes(
         identification.model,
-        new,
+        (added,),
         parted(recordings)[0],
         identification.preprocessing,
         identification.next_reference(),
@@ -108,12 +138,7 @@ def extend(
     choices = replace(identification.choices, effects=identification.choices.effects + new)
     model = extended_model(identification.model, new, tolerance=choices.tolerance)
     if model.n_parameters == identification.model.n_parameters:
-        raise DynidentError(
-            f"{', '.join(choice.effect for choice in new)} adds nothing: its columns are combinations of those in the "
-            "model",
-            pointer="/effects",
-            title="Nothing to add",
-        )
+        return None
     reference = identification.reference
     if model.needs_load:
         reference = identification.next_reference()
