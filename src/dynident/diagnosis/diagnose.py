@@ -26,6 +26,7 @@ from dynident.diagnosis.search.transients import CONTACT, find_contacts
 from dynident.diagnosis.words import rank_all, summary, verdict_of
 from dynident.diagnosis.wrong_names import misnamed
 from dynident.effects import EffectChoice, effect_by_id
+from dynident.errors import DynidentError
 from dynident.identification import Identification, extend
 from dynident.identification.data import parted
 from dynident.progress import Progress, part, silent
@@ -89,18 +90,20 @@ def diagnose(
     picks, recommended = refined(
         identification, picks, recordings, reference, resolved, floor, part(progress, 0.8, 0.9)
     )
-    final = _extended_comparisons(identification, recommended, recordings, comparisons, part(progress, 0.9, 1.0))
+    grown, undetermined = _grown(identification, recommended, recordings, part(progress, 0.9, 1.0))
+    picks, recommended = _without(picks, recommended, list(undetermined))
+    final = _compared(identification, grown, recordings, comparisons)
     unknown = unknown_patterns(final)
     wrong = misnamed(picks, recommended, unknown, final)
     if wrong:
-        picks = tuple(pick for k, pick in enumerate(picks) if k not in wrong)
-        recommended = tuple(choice for k, choice in enumerate(recommended) if k not in wrong)
-        final = _extended_comparisons(identification, recommended, recordings, comparisons, silent)
+        picks, recommended = _without(picks, recommended, wrong)
+        grown, _ = _grown(identification, recommended, recordings, silent)
+        final = _compared(identification, grown, recordings, comparisons)
         unknown = unknown_patterns(final)
     residual = _rms(final)
     ranked = rank_all(picks, first, recommended)
     verdict = verdict_of(recommended, unknown)
-    invisible = _invisible(first)
+    invisible = tuple(undetermined.values()) + _invisible(first)
     progress(1.0, "diagnosed")
     return Diagnosis(
         verdict=verdict,
@@ -133,17 +136,41 @@ def _rms(comparisons: Sequence[Comparison]) -> FloatArray:
     return np.asarray(np.sqrt(squares / np.maximum(counts, 1)), dtype=np.float64)
 
 
-def _extended_comparisons(
+def _grown(
     identification: Identification,
     recommended: Sequence[EffectChoice],
     recordings: Sequence[Recording],
-    comparisons: Sequence[Comparison],
     progress: Progress,
+) -> tuple[Identification, dict[int, Invisible]]:
+    """The model with all in it that is recommended, and by number what the data do not determine."""
+    grown = identification
+    undetermined: dict[int, Invisible] = {}
+    for number, choice in enumerate(recommended):
+        told = part(progress, number / len(recommended), (number + 1) / len(recommended))
+        try:
+            grown = extend(grown, [choice], recordings, (), told)
+        except DynidentError as error:
+            undetermined[number] = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
+    return grown, undetermined
+
+
+def _without(
+    picks: tuple[Finding, ...], recommended: tuple[EffectChoice, ...], gone: Sequence[int]
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
+    """The findings without some of them, by number."""
+    kept = [k for k in range(len(picks)) if k not in gone]
+    return tuple(picks[k] for k in kept), tuple(recommended[k] for k in kept)
+
+
+def _compared(
+    identification: Identification,
+    grown: Identification,
+    recordings: Sequence[Recording],
+    comparisons: Sequence[Comparison],
 ) -> list[Comparison]:
     """The residual that is left once everything recommended is in the model."""
-    if not recommended:
+    if grown is identification:
         return list(comparisons)
-    grown = extend(identification, recommended, recordings, (), progress)
     return [compare(grown, recording) for recording in recordings]
 
 

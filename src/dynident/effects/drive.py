@@ -57,8 +57,8 @@ class TorqueDelay(Effect):
     title = "Delay of the measured torque"
     formula = r"-\delta\,\dot{\hat\Gamma} + \frac{\delta^2}{2}\,\ddot{\hat\Gamma}"
     parameters = (
-        ParameterSpec("delay", "s", "how late the torque is"),
-        ParameterSpec("delay_sq", "s²", "the square of it, from the curvature of the torque"),
+        ParameterSpec("delay", "s", "how late the torque is", positive=True),
+        ParameterSpec("delay_sq", "s²", "the square of it, from the curvature of the torque", positive=True),
     )
     signature = "in quadrature with the torque, on all joints"
     confused_with = ("joint_elasticity",)

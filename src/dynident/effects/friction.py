@@ -124,7 +124,9 @@ class Stribeck(_OneColumnFriction):
     id = "stribeck"
     title = "Stribeck friction"
     formula = r"(F_s - F_c)\,e^{-|\dot q / v_s|^\delta}\,\mathrm{sign}(\dot q)"
-    parameters = (ParameterSpec("Fst", "N m", "excess of friction at low speed over Coulomb friction", "N"),)
+    parameters = (
+        ParameterSpec("Fst", "N m", "excess of friction at low speed over Coulomb friction", "N", positive=True),
+    )
     shapes = (
         ShapeSpec(
             "vs", "rad/s", "Stribeck velocity", 0.05, relative_to_velocity=True, resolved_by="speed", refined=RATIO
@@ -176,7 +178,7 @@ class LoadDependentFriction(_OneColumnFriction):
     id = "load_dependent_friction"
     title = "Load-dependent Coulomb friction"
     formula = r"c\,|\hat\tau_l|\,\mathrm{sign}(\dot q)"
-    parameters = (ParameterSpec("cl", "-", "friction per unit of load torque"),)
+    parameters = (ParameterSpec("cl", "-", "friction per unit of load torque", positive=True),)
     signature = "jumps at reversals whose height follows the load"
     confused_with = ("position_dependent_friction", "coulomb")
     sources = ("Hamon, Gautier and Garrec 2010",)

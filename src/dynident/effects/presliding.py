@@ -21,7 +21,7 @@ class Presliding(Effect):
         r"\quad\text{or}\quad \dot z = \frac{\dot q}{d_0}(1 - z\,\mathrm{sign}\,\dot q)"
     )
     parameters = (
-        ParameterSpec("Fz", "N m", "friction reached after the slip distance", "N"),
+        ParameterSpec("Fz", "N m", "friction reached after the slip distance", "N", positive=True),
         ParameterSpec("cz", "-", "friction reached after the slip distance, per unit of load torque"),
     )
     shapes = (

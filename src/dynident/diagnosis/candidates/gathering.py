@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynident.diagnosis.candidates.products import IntArray, Products, runs_of
+from dynident.diagnosis.candidates.products import IntArray, Products
 from dynident.effects import Signals
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
@@ -92,8 +92,8 @@ def gather(
         segment = -1
         for samples in given:
             if samples.segment != segment:
-                sums.end_stretch()
                 segment = samples.segment
+                sums.begin_run(recording.run_label(segment))
             phase = phases.at(segment, samples.t)
             rows = [
                 np.hstack([samples.values[:, places], samples.tau[:, j : j + 1]])
@@ -101,7 +101,6 @@ def gather(
             ]
             sums.push(samples.t, rows, phase == Phase.MOVING, phase == Phase.REVERSING)
             progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
-        sums.end_stretch()
         done += recording.n_samples / recording.sampling_rate
     return sums.finished([columns for _, columns in layout], observation, signals)
 
@@ -115,6 +114,13 @@ class _Sums:
         self._grams: list[list[list[FloatArray]]] = [[[] for _ in widths] for _ in range(2)]
         self._counts: list[list[FloatArray]] = [[], []]
         self._spans: list[tuple[float, float]] = []
+        self._runs: list[str] = []
+        self._run = ""
+        self._is_open = False
+
+    def begin_run(self, label: str) -> None:
+        """The next rows are of this run; stretches end with it."""
+        self._run = label
         self._is_open = False
 
     def push(self, t: FloatArray, rows: Sequence[FloatArray], *used: BoolArray) -> None:
@@ -133,16 +139,13 @@ class _Sums:
             if last > first:
                 self._spans[-1] = (self._spans[-1][0], float(t[last - 1]))
             if last < len(t):
-                self.end_stretch()
+                self._is_open = False
             first = last
-
-    def end_stretch(self) -> None:
-        """Close the stretch: the next rows begin another."""
-        self._is_open = False
 
     def _begin(self, start: float) -> None:
         self._is_open = True
         self._spans.append((start, start))
+        self._runs.append(self._run)
         for kind in range(2):
             self._counts[kind].append(np.zeros(len(self._shapes)))
             for j, shape in enumerate(self._shapes):
@@ -160,7 +163,8 @@ class _Sums:
             where = np.full(observation.n_columns, -1, dtype=np.intp)
             where[own] = np.arange(len(own))
             position.append(where)
-        run = runs_of(np.array(self._spans).reshape(-1, 2))
+        labels = list(dict.fromkeys(self._runs))
+        run = np.array([labels.index(label) for label in self._runs], dtype=np.intp)
         moving = Products(grams[0], tuple(position), counts[0], run)
         return PhasedProducts(moving, grams[1], counts[1], _remembering(observation, signals))
 

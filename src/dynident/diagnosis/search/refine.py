@@ -12,7 +12,7 @@ from dynident.diagnosis.search.acceptance import sticks
 from dynident.diagnosis.search.pruning import pruned, trimmed
 from dynident.diagnosis.search.state import Finding, State, noise_left
 from dynident.effects import EffectChoice, columns_of, effect_by_id
-from dynident.estimation import weighted
+from dynident.estimation import EstimationError, weighted
 from dynident.identification import Identification
 from dynident.identification.shapes import refine_shapes
 from dynident.progress import Progress, part
@@ -84,7 +84,11 @@ def improved(
     grown = build_model(model.robot, (*model.effects, *firm), signals=model.signals)
     for _ in range(_PASSES):
         reduction = reduce_recordings(grown.observation, recordings, preprocessing, reference)
-        reference = grown.reference(weighted(reduction).values)
+        try:
+            reference = grown.reference(weighted(reduction).values)
+        except EstimationError:
+            # Together they are not determined: what they correct stays as it was.
+            return reference
     return reference
 
 
