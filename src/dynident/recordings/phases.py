@@ -34,13 +34,15 @@ _DEVIATIONS = 3.0
 _LONGEST_STEP = 0.1
 """Seconds that a speed is taken over at most, however coarse the positions are."""
 
+_SLOWLY = 2.0
+"""Times the slow speed that a halt begins and ends at: noise about one threshold would cut it into many."""
+
 _FASTER = 5.0
-"""A joint that turns freely goes through the slow speeds in a share of 1 / (5 - 1) of what it takes from 5 times to
-once the slow speed on either side, as long as its acceleration lasts."""
+"""Times the slow speed that a joint which turns freely comes from and goes to; in between its acceleration lasts."""
 
 _LINGERS = 2.0
-"""It sticks if it stays so many times longer than it would turning freely. Between rigid friction (3 to 10 times) and
-the hysteresis of harmonic drives (0.5 to 1.3 times)."""
+"""It sticks if it stays so many times longer than it would turning freely, at the larger of its accelerations before
+and behind. Between rigid friction (3 to 10 times) and the hysteresis of harmonic drives (0.5 to 1.3 times)."""
 
 _SAMPLES = 2
 """Samples by which a time between two speeds is uncertain."""
@@ -159,13 +161,21 @@ def _halts(q: FloatArray, start: float, rate: float, slow: float) -> Halts:
     reach = min(reach, (len(q) - 1) // 2)
     slow = max(slow, np.sqrt(2.0) * _DEVIATIONS * resolution * rate / (2 * reach))
     speed = _speeds(q, reach, rate)
+    first, last = _slow_parts(speed, slow)
+    return Halts(start + first / rate, start + last / rate, _sticking(speed, first, last, slow))
+
+
+def _slow_parts(speed: FloatArray, slow: float) -> tuple[IntArray, IntArray]:
+    """First and last sample (k,) of every halt: below twice the slow speed, and somewhere below once it."""
     is_slow = np.abs(speed) < slow
     # So quick a turn that no sample of it is slow.
     is_slow[1:] |= np.sign(speed[1:]) != np.sign(speed[:-1])
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_slow, [False]]).astype(np.int8)))
+    near = is_slow | (np.abs(speed) < _SLOWLY * slow)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)))
     first, last = edges[::2], edges[1::2] - 1
-    sticks = _sticking(speed, first, last, slow)
-    return Halts(start + first / rate, start + last / rate, sticks)
+    so_far = np.concatenate([[0], np.cumsum(is_slow)])
+    halts = so_far[last + 1] > so_far[first]
+    return first[halts], last[halts]
 
 
 def _speeds(q: FloatArray, reach: int, rate: float) -> FloatArray:
@@ -175,17 +185,18 @@ def _speeds(q: FloatArray, reach: int, rate: float) -> FloatArray:
 
 
 def _sticking(speed: FloatArray, first: IntArray, last: IntArray, slow: float) -> BoolArray:
-    """(k,): which halts, from sample `first` to `last` (k,), are longer than those of a joint that turns freely."""
+    """(k,): all halts, from sample `first` to `last` (k,), but those of a joint that turns round freely."""
+    sticks = np.ones(len(first), dtype=bool)
     fast = np.flatnonzero(np.abs(speed) >= _FASTER * slow)
     before = np.searchsorted(fast, first) - 1
     behind = np.searchsorted(fast, last, side="right")
-    sticks = np.ones(len(first), dtype=bool)
-    inside = (before >= 0) & (behind < len(fast))
-    took = (
-        (first - fast[before.clip(0)])[inside] + (fast[behind.clip(max=len(fast) - 1)] - last)[inside]
-        if len(fast)
-        else 0
-    )
-    free = took / (_FASTER - 1.0)
-    sticks[inside] = (last - first)[inside] > _LINGERS * free + _SAMPLES
+    inside = np.flatnonzero((before >= 0) & (behind < len(fast)))
+    if not len(inside):
+        return sticks
+    came, went = fast[before[inside]], fast[behind[inside]]
+    side = np.minimum(first[inside] - came, went - last[inside])
+    # From 5 to 2 times the slow speed, and from 2 times one way to 2 times the other, at one acceleration.
+    free = side * (2.0 * _SLOWLY / (_FASTER - _SLOWLY))
+    turns = np.sign(speed[came]) != np.sign(speed[went])
+    sticks[inside] = ~turns | (last[inside] - first[inside] > _LINGERS * free + _SAMPLES)
     return sticks

@@ -18,6 +18,10 @@ from dynident.regressors.row_phases import RowPhases, joints_with_friction
 from dynident.regressors.stream import FilteredSamples, filtered_samples, stretch_length
 from dynident.robot.model import FloatArray
 
+_FINER = 0.5
+"""Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
+most of them, as long as they are long against the filters' memory."""
+
 
 @dataclass(frozen=True, eq=False)
 class PhasedProducts:
@@ -80,7 +84,7 @@ def gather(
     n = observation.robot.n
     layout = [observation.joint_entries(joint) for joint in range(n)]
     frictional = joints_with_friction(observation, n_base)
-    sums = _Sums([len(columns) for _, columns in layout], stretch_length(recordings))
+    sums = _Sums([len(columns) for _, columns in layout], _FINER * stretch_length(recordings))
     total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
     done = 0.0
     for recording in recordings:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.recordings import Preprocessing
 from dynident.robot.model import FloatArray, Robot
 
-_MOST_ROWS = 20_000
 _LINE_RATIO = 12.0
 _LINES_A_JOINT = 2
 _LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
@@ -80,16 +80,22 @@ def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> 
 
 def time_lines(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> list[float]:
     """Lines in the spectrum of all joints' residuals over time (Hz) that the motion itself does not have."""
-    highest = preprocessing.torque_cutoff or 0.25 / float(np.median(np.diff(comparisons[0].t)))
-    longest = max(float(c.t[-1] - c.t[0]) for c in comparisons)
+    period = float(np.median(np.diff(comparisons[0].t)))
+    highest = preprocessing.torque_cutoff or 0.25 / period
+    pieces = [(c, rows) for c in comparisons for rows in runs_of(c)]
+    longest = max(float(c.t[rows[-1]] - c.t[rows[0]]) for c, rows in pieces)
     if longest <= 0.0 or highest <= _SLOWEST_VIBRATION:
         return []
-    frequency = np.arange(_SLOWEST_VIBRATION, highest, 0.25 / longest)
+    size = fft.next_fast_len(4 * round(longest / period) + 4, real=True)
+    frequency = fft.rfftfreq(size, period)
     residual, motion = np.zeros(len(frequency)), np.zeros(len(frequency))
-    for c in comparisons:
-        spread = np.maximum(c.errors.rms, 1e-300)
-        residual += _periodogram(c.t, c.told / spread, frequency)
-        motion += _periodogram(c.t, c.dq / np.maximum(c.dq.std(axis=0), 1e-300), frequency)
+    spread = {id(c): (np.maximum(c.errors.rms, 1e-300), np.maximum(c.dq.std(axis=0), 1e-300)) for c in comparisons}
+    for c, rows in pieces:
+        own, speed = spread[id(c)]
+        residual += _periodogram(c.t[rows], c.told[rows] / own, period, size)
+        motion += _periodogram(c.t[rows], c.dq[rows] / speed, period, size)
+    shown = (frequency >= _SLOWEST_VIBRATION) & (frequency < highest)
+    frequency, residual, motion = frequency[shown], residual[shown], motion[shown]
     moved = set(_peaks(frequency, motion, _LINE_RATIO))
     return [
         line
@@ -98,17 +104,19 @@ def time_lines(comparisons: Sequence[Comparison], preprocessing: Preprocessing) 
     ][:_MOST_TIME_LINES]
 
 
-def _periodogram(t: FloatArray, values: FloatArray, frequency: FloatArray) -> FloatArray:
-    """Power (k,) of signals (m, n), summed over them, at frequencies (k,)."""
-    centred = values - values.mean(axis=0)
-    step = max(1, len(t) // _MOST_ROWS)
-    t, centred = t[::step], centred[::step]
-    window = np.hanning(len(t))[:, None]
-    power = np.empty(len(frequency))
-    for first in range(0, len(frequency), 64):
-        wave = np.exp(-2j * np.pi * np.outer(frequency[first : first + 64], t))
-        power[first : first + 64] = (np.abs(wave @ (centred * window)) ** 2).sum(axis=1)
-    return power / max(len(t), 1)
+def runs_of(comparison: Comparison) -> list[NDArray[np.intp]]:
+    """The rows of every segment."""
+    edges = np.flatnonzero(np.diff(comparison.segment)) + 1
+    return np.split(np.arange(len(comparison.t)), edges)
+
+
+def _periodogram(t: FloatArray, values: FloatArray, period: float, size: int) -> FloatArray:
+    """Power (size // 2 + 1,) of signals (m, n), summed over them; rows that are missing count as zero."""
+    place = np.round((t - t[0]) / period).astype(np.intp)
+    grid = np.zeros((int(place[-1]) + 1, values.shape[1]))
+    grid[place] = values - values.mean(axis=0)
+    grid *= np.hanning(len(grid))[:, None]
+    return np.asarray((np.abs(fft.rfft(grid, size, axis=0)) ** 2).sum(axis=1) / max(len(t), 1))
 
 
 def _peaks(k: FloatArray, power: FloatArray, least: float) -> list[float]:
