@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.diagnosis.candidates.gate import Judged, p_value
+from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.result import RankedEffect, UnknownPattern, Verdict
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
@@ -35,10 +35,10 @@ def rank_all(
         if effect not in picked and (effect not in best or item.total_gain > best[effect].total_gain):
             best[effect] = item
     for item in sorted(best.values(), key=lambda judged: -judged.total_gain):
-        passed = item.passes(effect_by_id(item.candidate.effect).scope == "robot", len(first))
         # It may have passed on its own at first; what was picked then explained the same part of the residual.
-        why = "What ranks above it explains the same part of the residual." if passed else "That is not enough."
-        ranked.append(_ranked(len(ranked) + 1, item, p_value(item, len(first)), item.candidate.shape, why, None))
+        better = "What ranks above it explains the same part of the residual, or nature does not allow it."
+        why = better if item.passes else "That is not enough."
+        ranked.append(_ranked(len(ranked) + 1, item, item.p, item.candidate.shape, why, None))
     return tuple(ranked)
 
 
@@ -62,7 +62,7 @@ def _ranked(
     equivalent: tuple[str, ...] | None,
 ) -> RankedEffect:
     """One row of the ranking; `equivalent` None: not a finding."""
-    joints = list(item.joints)
+    joints = _told_of(item)
     measured = np.maximum(item.measured[joints].sum(), 1e-300)
     before = float(np.sqrt(item.before[:, joints].sum() / measured))
     after = float(np.sqrt(item.after[:, joints].sum() / measured))
@@ -81,6 +81,16 @@ def _ranked(
         separability=item.separability,
         shape=shape,
     )
+
+
+def _told_of(item: Judged) -> list[int]:
+    """Joints that errors are told of: those named, of an effect of the whole robot those that it acts on."""
+    named = len(item.candidate.joints)
+    if not named or named == len(item.joints):
+        return list(item.joints)
+    # An effect of one joint that acts on others too: the joint that it helps most.
+    removed = (item.before - item.after).sum(axis=0) / np.maximum(item.before.sum(axis=0), 1e-300)
+    return [int(max(item.joints, key=lambda j: removed[j]))]
 
 
 def _evidence(item: Judged, before: float, after: float, why: str) -> str:

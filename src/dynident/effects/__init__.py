@@ -1,7 +1,7 @@
 """What produces joint torque: one file a family, one catalogue of all."""
 
 from dynident.effects.catalogue import CATALOGUE, DEFAULT_EFFECTS, UnknownEffectError, columns_of, effect_by_id
-from dynident.effects.effect import Column, Effect, EffectChoice, ParameterSpec, Refinement, ShapeSpec
+from dynident.effects.effect import Column, Effect, EffectChoice, Estimate, ParameterSpec, Refinement, ShapeSpec
 from dynident.effects.prediction import DRIVE_PARAMETERS, reference_size
 from dynident.effects.signals import MemorySignal, RunSignal, Signals
 
@@ -12,6 +12,7 @@ __all__ = [
     "Column",
     "Effect",
     "EffectChoice",
+    "Estimate",
     "MemorySignal",
     "ParameterSpec",
     "Refinement",

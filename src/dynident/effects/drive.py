@@ -19,7 +19,7 @@ class DriveGainError(Effect):
     id = "drive_gain_error"
     title = "Error of the drive gain"
     formula = r"\varepsilon\,\hat\Gamma"
-    parameters = (ParameterSpec("eps", "-", "relative error of the drive gain"),)
+    parameters = (ParameterSpec("eps", "-", "relative error of the drive gain", least=5e-3, most=0.5),)
     signature = "a scaled copy of the joint's own torque, against what the other joints say of the same links"
     confused_with = ("drive_gain_saturation",)
     sources = ("Gautier and Briot 2011", "Khalil and Dombre 2002, chapter 12, [12.17]")
@@ -57,8 +57,8 @@ class TorqueDelay(Effect):
     title = "Delay of the measured torque"
     formula = r"-\delta\,\dot{\hat\Gamma} + \frac{\delta^2}{2}\,\ddot{\hat\Gamma}"
     parameters = (
-        ParameterSpec("delay", "s", "how late the torque is", positive=True),
-        ParameterSpec("delay_sq", "s²", "the square of it, from the curvature of the torque", positive=True),
+        ParameterSpec("delay", "s", "how late the torque is", positive=True, least=0.5e-3, most=0.1),
+        ParameterSpec("delay_sq", "s²", "the square of it, from the curvature of the torque", positive=True, most=0.01),
     )
     signature = "in quadrature with the torque, on all joints"
     confused_with = ("joint_elasticity",)

@@ -15,10 +15,19 @@ from dynident.robot.model import Robot
 
 
 @dataclass(frozen=True)
+class Estimate:
+    """A parameter as data ask for it, and by how much it may well be off (twice its standard deviation)."""
+
+    value: float
+    doubt: float
+
+
+@dataclass(frozen=True)
 class ParameterSpec:
     """One parameter of an effect. `unit` is for a revolute joint; `prismatic_unit` where it differs.
 
-    `positive`: nature allows no other sign.
+    `positive`: nature allows no other sign. A size below `least` nobody would notice; one above `most` is none that
+    nature makes.
     """
 
     name: str
@@ -26,6 +35,12 @@ class ParameterSpec:
     description: str
     prismatic_unit: str = ""
     positive: bool = False
+    least: float = 0.0
+    most: float = math.inf
+
+    def admits(self, found: Estimate) -> bool:
+        """Whether an estimate has a sign, and is no larger than, nature allows."""
+        return not (self.positive and found.value < -found.doubt) and abs(found.value) <= self.most + found.doubt
 
     def unit_on(self, kind: str) -> str:
         """The parameter's unit on a joint of this kind."""
@@ -173,6 +188,15 @@ class Effect(ABC):
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Shape constants worth trying on a joint, most plausible first."""
         return [{spec.name: spec.default for spec in self.shapes}]
+
+    def natural(self, estimates: Mapping[str, Estimate]) -> bool:
+        """Whether nature makes an effect on one joint with these parameters, by name, and anybody would notice it.
+
+        Where several parameters have a least size, one of them has to reach its own.
+        """
+        known = [(spec, estimates[spec.name]) for spec in self.parameters if spec.name in estimates]
+        sizes = [abs(found.value) >= spec.least for spec, found in known if spec.least > 0]
+        return all(spec.admits(found) for spec, found in known) and (not sizes or any(sizes))
 
     def shape_with_defaults(self, given: Mapping[str, float]) -> dict[str, float]:
         """The given shape constants, completed by the defaults."""

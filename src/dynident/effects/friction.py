@@ -178,7 +178,7 @@ class LoadDependentFriction(_OneColumnFriction):
     id = "load_dependent_friction"
     title = "Load-dependent Coulomb friction"
     formula = r"c\,|\hat\tau_l|\,\mathrm{sign}(\dot q)"
-    parameters = (ParameterSpec("cl", "-", "friction per unit of load torque", positive=True),)
+    parameters = (ParameterSpec("cl", "-", "friction per unit of load torque", positive=True, least=5e-3, most=0.5),)
     signature = "jumps at reversals whose height follows the load"
     confused_with = ("position_dependent_friction", "coulomb")
     sources = ("Hamon, Gautier and Garrec 2010",)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
-from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec
+from dynident.effects.effect import RATIO, Column, Effect, Estimate, ParameterSpec, ShapeSpec
 from dynident.effects.signals import Signals
 from dynident.robot.model import Robot
 
@@ -23,8 +23,10 @@ class Backlash(Effect):
         r"\quad \beta = \frac{b}{2}\tanh\frac{\hat\tau_l}{w}"
     )
     parameters = (
-        ParameterSpec("bl", "rad", "play b, from the posture; below zero where q is measured at the link", "m"),
-        ParameterSpec("bi", "rad", "play b, from the acceleration of the links", "m"),
+        ParameterSpec(
+            "bl", "rad", "play b, from the posture; below zero where q is measured at the link", "m", most=0.03
+        ),
+        ParameterSpec("bi", "rad", "play b, from the acceleration of the links", "m", most=0.03),
         ParameterSpec("br", "N m s²", "play b times the rotor inertia", "N s²"),
     )
     shapes = (ShapeSpec("w", "N m", "load torque over which the teeth change sides", 1.0, refined=RATIO),)
@@ -50,10 +52,22 @@ class Backlash(Effect):
                 made.append(self._reaching_column(signals, spec, j, torque, constants))
         return made
 
+    def natural(self, estimates: Mapping[str, Estimate]) -> bool:
+        """Whether posture and inertia tell of the same play."""
+        return super().natural(estimates) and agree(estimates.get("bl"), estimates.get("bi"))
+
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Half a per cent and 4 % of the joint's effort limit."""
         effort = robot.joints[joint].limits.effort or _EFFORT_WHERE_UNKNOWN
         return [{"w": 0.005 * effort}, {"w": 0.04 * effort}]
+
+
+def agree(one: Estimate | None, other: Estimate | None) -> bool:
+    """Whether two estimates of the same thing do: as far as they are sure, or to half of the larger one."""
+    if one is None or other is None:
+        return True
+    gap = abs(one.value - other.value)
+    return gap <= max(one.doubt + other.doubt, 0.5 * max(abs(one.value), abs(other.value)))
 
 
 class JointElasticity(Effect):
@@ -79,6 +93,10 @@ class JointElasticity(Effect):
     sources = ("Gautier, Jubien and Janot 2013",)
     first_order = True
     needs_load = True
+
+    def natural(self, estimates: Mapping[str, Estimate]) -> bool:
+        """Whether sag and inertia tell of the same compliance."""
+        return super().natural(estimates) and agree(estimates.get("Ce"), estimates.get("Cl"))
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Three columns a joint."""

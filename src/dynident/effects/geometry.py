@@ -14,7 +14,7 @@ class EncoderZeroError(Effect):
     id = "encoder_zero_error"
     title = "Error of a joint's zero position"
     formula = r"\frac{\partial\hat\tau_l}{\partial q_j}\,\Delta_j"
-    parameters = (ParameterSpec("dq0", "rad", "true position less the measured one", "m"),)
+    parameters = (ParameterSpec("dq0", "rad", "true position less the measured one", "m", least=1e-3, most=0.2),)
     signature = "posture-dependent torque on the joint and those before and after it at once"
     confused_with = ("base_tilt", "joint_elasticity")
     sources = ("Khalil and Dombre 2002, chapter 11",)
@@ -34,7 +34,13 @@ class KinematicError(Effect):
     title = "Error of a link's length"
     formula = r"\frac{\partial\hat\tau_l}{\partial(d_x, d_y, d_z)_j}\,\delta_j"
     parameters = tuple(
-        ParameterSpec(f"d{axis}", "m", f"true place of the joint along {axis} of its antecedent's frame, less given")
+        ParameterSpec(
+            f"d{axis}",
+            "m",
+            f"true place of the joint along {axis} of its antecedent's frame, less given",
+            least=5e-4,
+            most=0.2,
+        )
         for axis in "xyz"
     )
     signature = "like inertia; nearly all of it dissolves in the base parameters"

@@ -96,8 +96,12 @@ class BaseTilt(Effect):
     title = "Tilted base"
     formula = r"\delta g_x\, G_x(q) + \delta g_y\, G_y(q) + t_c \cos q_1 + t_s \sin q_1"
     parameters = (
-        ParameterSpec("gx", "m/s²", "gravity along the first direction across the nominal gravity"),
-        ParameterSpec("gy", "m/s²", "gravity along the second direction across the nominal gravity"),
+        ParameterSpec(
+            "gx", "m/s²", "gravity along the first direction across the nominal gravity", least=0.01, most=2.0
+        ),
+        ParameterSpec(
+            "gy", "m/s²", "gravity along the second direction across the nominal gravity", least=0.01, most=2.0
+        ),
         ParameterSpec("tc", "N m", "weight of the first link about an upright first axis, cosine part"),
         ParameterSpec("ts", "N m", "weight of the first link about an upright first axis, sine part"),
     )

@@ -8,7 +8,7 @@ from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.candidates.products import IntArray, Products
-from dynident.effects import effect_by_id
+from dynident.effects import Estimate, effect_by_id
 from dynident.robot.model import FloatArray
 
 _GIVEN_BACK = 0.1
@@ -23,11 +23,12 @@ def plausible(data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: Fl
     values, deviations = _fit(rows, columns, noise)
     if effect_by_id(item.candidate.effect).is_friction and not _passive(rows, pool, columns, values, item):
         return False
-    positive = {spec.name for spec in effect_by_id(item.candidate.effect).parameters if spec.positive}
-    return not any(
-        pool.observation.columns[k].parameter in positive and value < -_DEVIATIONS * deviation
-        for k, value, deviation in zip(columns[len(base) :], values[len(base) :], deviations[len(base) :], strict=True)
-    )
+    own = slice(len(base), None)
+    found: dict[str, dict[str, Estimate]] = {}
+    for k, value, deviation in zip(columns[own], values[own], deviations[own], strict=True):
+        column = pool.observation.columns[k]
+        found.setdefault(column.link, {})[column.parameter] = Estimate(float(value), float(_DEVIATIONS * deviation))
+    return all(effect_by_id(item.candidate.effect).natural(estimates) for estimates in found.values())
 
 
 def _passive(data: Products, pool: Pool, columns: IntArray, values: FloatArray, item: Judged) -> bool:

@@ -23,7 +23,6 @@ VISIBLE = 0.02
 
 # A sensitivity of which so little is left beside the model reaches far beyond the data: it has to gain much.
 _BLURRED, _DROP_OF_BLURRED = 0.2, 0.25
-_MOST_OF_THE_ERROR = 0.6
 # Times the smallest slip distance that is looked for.
 _HARDLY = 2.01
 # What each joint of a group needs for itself.
@@ -34,10 +33,10 @@ LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
 """Where it gains this share of its error, a smaller t will do."""
 
 
-def acceptable(state: State, data: PhasedProducts, item: Judged, n_tried: int) -> bool:
-    """Whether a candidate, one of `n_tried`, is a finding."""
+def acceptable(state: State, data: PhasedProducts, item: Judged) -> bool:
+    """Whether a candidate is a finding."""
     effect = effect_by_id(item.candidate.effect)
-    if item.separability < VISIBLE or not item.passes(effect.scope == "robot", n_tried):
+    if item.separability < VISIBLE or not item.passes:
         return False
     resolved = [spec for spec in effect.shapes if spec.resolved_by is not None]
     if max(gain_over_floor(item, j, state.floor, data) for j in item.joints) < least_gain(effect):
@@ -46,9 +45,6 @@ def acceptable(state: State, data: PhasedProducts, item: Judged, n_tried: int) -
         f.judged.candidate.effect for f in state.picks if set(f.judged.candidate.joints) & set(item.candidate.joints)
     }
     if resolved and beside & set(effect.confused_with) and item.total_drop < SMALLEST_DROP_OF_STICKING:
-        return False
-    # Every sensitivity is a smooth function of the posture: agreement alone says little for one that explains little.
-    if effect.first_order and not item.passes_by_t and item.drop < _MOST_OF_THE_ERROR:
         return False
     if effect.first_order and item.separability < _BLURRED and item.drop < _DROP_OF_BLURRED:
         return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from dynident.diagnosis.candidates.gate import Judged, simplest
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.plausible import plausible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, share_found_again
 from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.search.acceptance import (
     JOINT_T,
@@ -25,8 +27,6 @@ from dynident.diagnosis.search.acceptance import (
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.effects import effect_by_id
 
-# So many other names for a finding, and its cause is not certain.
-_TOO_MANY_NAMES, _DROP_IN_DOUBT = 2, 0.3
 # A group is one effect as long as its joints together would not gain so many times as much, each by itself.
 _ONE_BY_ONE = 1.3
 # Times the sensor's noise that a joint which only sticks does not remove.
@@ -39,16 +39,16 @@ def choose(
     data: PhasedProducts, pool: Pool, state: State, judged: Sequence[Judged]
 ) -> tuple[Judged, tuple[Judged, ...]] | None:
     """The next effect to add and its equals on this data; None where nothing passes."""
-    passing = [item for item in judged if acceptable(state, data, item, len(judged))]
+    passing = [item for item in judged if acceptable(state, data, item)]
     while passing:
         chosen, equal = simplest(_each_its_own(passing))
-        certain = _other_names(chosen, equal) < _TOO_MANY_NAMES or chosen.drop >= _DROP_IN_DOUBT
-        if certain and plausible(data, pool, state.base, state.noise, chosen):
+        stable = share_found_again(chosen, passing, data.moving.run) >= FOUND_AGAIN
+        if stable and plausible(data, pool, state.base, state.noise, chosen):
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
-            if whole or acceptable(state, data, slim, len(judged)):
-                return slim, equal + _rivals(slim, judged, equal)
+            if whole or acceptable(state, data, replace(slim, p=chosen.p)):
+                return replace(slim, p=chosen.p), equal + _rivals(slim, judged, equal)
         passing = [item for item in passing if item is not chosen]
     return None
 
@@ -63,13 +63,6 @@ def _best_alone(effect: str, judged: Sequence[Judged]) -> dict[str, Judged]:
         if joints[0] not in best or item.total_gain > best[joints[0]].total_gain:
             best[joints[0]] = item
     return best
-
-
-def _other_names(chosen: Judged, equal: Sequence[Judged]) -> int:
-    """How many truly other effects explain the same, not counting those that are it in more general words."""
-    effect = effect_by_id(chosen.candidate.effect)
-    names = {item.candidate.effect for item in equal} - {effect.id, *effect.same_function}
-    return sum(effect.id not in effect_by_id(name).covers for name in names)
 
 
 def _each_its_own(passing: Sequence[Judged]) -> list[Judged]:

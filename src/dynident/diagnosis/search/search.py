@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from dynident.diagnosis.candidates.gate import Judged, p_value
+from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.search.choosing import choose
@@ -35,7 +35,7 @@ def search(
         if choice is None:
             break
         chosen, equal = choice
-        finding = Finding(chosen, equal, p_value(chosen, len(remaining)), _around(pool, chosen.candidate, state.base))
+        finding = Finding(chosen, equal, chosen.p, _around(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
         if effect_by_id(chosen.candidate.effect).first_order:
             data = relearn((*state.picks, finding))

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.diagnosis.candidates.family import family_wise_p
 from dynident.diagnosis.candidates.gate import Judged, judge
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import held_out_errors, score_candidates
-from dynident.diagnosis.candidates.stability import consistencies
 from dynident.estimation.least_squares import floored
 from dynident.robot.model import FloatArray
 
@@ -21,7 +21,6 @@ BoolArray = NDArray[np.bool_]
 
 
 _KINDS = ("interleaved", "contiguous")
-_WORTH_A_LOOK = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +69,11 @@ def judge_all(
         own = [candidates[k] for k in members]
         for k, item in zip(members, _judged(rows, pool, base, own, noise), strict=True):
             found[k] = item
-    return [item for item in found if item is not None]
+    whole = [item for item in found if item is not None]
+    if not whole:
+        return []
+    p = family_wise_p(np.stack([item.by_kind for item in whole], axis=1))
+    return [replace(item, p=float(value)) for item, value in zip(whole, p, strict=True)]
 
 
 def _judged(
@@ -80,15 +83,9 @@ def _judged(
     columns = np.array(base, dtype=np.intp)
     scores = [score_candidates(data, columns, candidates, noise, kind)[1] for kind in _KINDS]
     acting = acted_on(pool)
-    judged = [
+    return [
         judge(pair, _joints(acting, candidate), noise) for candidate, *pair in zip(candidates, *scores, strict=True)
     ]
-    # Agreement between stretches costs as much again and matters to those alone that gain something.
-    worth = [k for k, item in enumerate(judged) if item.drop >= _WORTH_A_LOOK]
-    agreement = consistencies(data, columns, [judged[k].candidate for k in worth], noise)
-    for k, value in zip(worth, agreement, strict=True):
-        judged[k] = replace(judged[k], consistency=float(value))
-    return judged
 
 
 def acted_on(pool: Pool) -> BoolArray:

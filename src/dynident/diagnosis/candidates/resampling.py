@@ -1,0 +1,60 @@
+"""Would the same name be found in other data of the same kind? Stretches of time drawn anew, and each run left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.products import IntArray
+from dynident.effects import effect_by_id
+from dynident.robot.model import FloatArray
+
+FOUND_AGAIN = 0.9
+"""In so many of the resamplings a name has to come first again."""
+
+_DRAWS = 200
+_SEED = 21
+
+_MORE = 0.2
+"""A candidate with more parameters takes the place of a simpler one if it gains so much more."""
+
+
+def share_found_again(chosen: Judged, rivals: Sequence[Judged], run: IntArray) -> float:
+    """Share of resamplings in which the chosen candidate is not overtaken by another name.
+
+    Parameters
+    ----------
+    rivals : sequence of Judged
+        All candidates that pass; those that are the chosen one in other words do not count.
+    run : (s,)
+        Which run every stretch is of: without any one of several, the name has to stand as well.
+    """
+    others = [item for item in rivals if _other(chosen, item)]
+    if not others:
+        return 1.0
+    margins = np.array([_margin(chosen, item) for item in others])
+    s = len(chosen.gains)
+    drawn = np.random.default_rng(_SEED).multinomial(s, np.full(s, 1.0 / s), size=_DRAWS).astype(np.float64)
+    share = float((margins @ drawn.T >= 0.0).all(axis=0).mean())
+    runs = np.unique(run)
+    if len(runs) < 2:
+        return share
+    without = np.array([run != one for one in runs], dtype=np.float64)
+    return min(share, float((margins @ without.T >= 0.0).all(axis=0).mean()))
+
+
+def _other(chosen: Judged, item: Judged) -> bool:
+    """Whether a candidate would be another name: another effect, that is not known to be the same function."""
+    mine, theirs = effect_by_id(chosen.candidate.effect), effect_by_id(item.candidate.effect)
+    if theirs.id == mine.id:
+        return False
+    return theirs.id not in mine.same_function and mine.id not in theirs.covers and theirs.id not in mine.covers
+
+
+def _margin(chosen: Judged, item: Judged) -> FloatArray:
+    """(s,): by how much each stretch speaks for the chosen candidate; below zero in sum it would not be chosen."""
+    if item.complexity > chosen.complexity:
+        return np.asarray(chosen.gains - (1.0 - _MORE) * item.gains)
+    return np.asarray(chosen.gains - item.gains)
