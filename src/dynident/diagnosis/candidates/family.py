@@ -22,15 +22,20 @@ def family_wise_p(gains: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    gains : (kinds, c, s)
-        What every candidate gains in every stretch of time, for each kind of folds. The larger p of the kinds counts.
+    gains : (c, s)
+        What every candidate gains in every stretch of time.
     """
-    _, count, n_stretches = gains.shape
+    count, n_stretches = gains.shape
     if not count or n_stretches < 2:
         return np.ones(count)
     signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, n_stretches))
     signs[0] = 1.0
-    return np.asarray(np.max([_of_kind(np.sign(gain) * np.sqrt(np.abs(gain)), signs) for gain in gains], axis=0))
+    values = _roots(gains)
+    mean = signs @ values.T / n_stretches
+    variance = np.maximum((values**2).mean(axis=1) - mean**2, np.finfo(float).tiny) * n_stretches / (n_stretches - 1)
+    largest = np.sort((mean / np.sqrt(variance / n_stretches)).max(axis=1))
+    reached = len(largest) - np.searchsorted(largest, evenness(gains) - 1e-9, side="left")
+    return np.asarray(reached / len(largest))
 
 
 def evenness(gains: FloatArray) -> FloatArray:
@@ -38,19 +43,10 @@ def evenness(gains: FloatArray) -> FloatArray:
 
     Of the roots, since a gain is a square: else one stretch that shows an effect well hides that the others do, too.
     """
-    return _t(np.sign(gains) * np.sqrt(np.abs(gains)))
-
-
-def _t(values: FloatArray) -> FloatArray:
+    values = _roots(gains)
     spread = values.std(axis=-1, ddof=1) / np.sqrt(values.shape[-1])
     return np.asarray(np.divide(values.mean(axis=-1), spread, out=np.zeros_like(spread), where=spread > 0))
 
 
-def _of_kind(values: FloatArray, signs: FloatArray) -> FloatArray:
-    """(c,): p of the t of values (c, s), over the largest t of all under each row of signs (draws, s)."""
-    s = values.shape[1]
-    mean = signs @ values.T / s
-    variance = np.maximum((values**2).mean(axis=1) - mean**2, np.finfo(float).tiny) * s / (s - 1)
-    largest = np.sort((mean / np.sqrt(variance / s)).max(axis=1))
-    reached = len(largest) - np.searchsorted(largest, _t(values) - 1e-9, side="left")
-    return np.asarray(reached / len(largest))
+def _roots(gains: FloatArray) -> FloatArray:
+    return np.asarray(np.sign(gains) * np.sqrt(np.abs(gains)))

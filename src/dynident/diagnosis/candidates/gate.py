@@ -41,10 +41,10 @@ class Judged:
 
     `drop` is the share of the squared held-out error that it removes: of an effect of a single joint or of the whole
     robot on the joint where that share is largest, of a group on all its joints; the smaller of the two fold kinds.
-    `total_drop`, over all joints that it acts on, and `t`, of the roots of its gains over the stretches, likewise;
-    `gains` (s,) the drop of every stretch in units of the noise, all joints, fold kinds averaged, and `by_kind`
-    (kinds, s) for each of them; `measured` (n,) the squared torque; `after_weighted` (s,) what is left on its joints,
-    in units of the noise. `p` is that of the family-wise test among all candidates of its round.
+    `total_drop`, over all joints that it acts on, likewise; `gains` (s,) the drop of every stretch in units of the
+    noise, all joints, fold kinds averaged, and `t` that of their roots over the stretches; `measured` (n,) the squared
+    torque; `after_weighted` (s,) what is left on its joints, in units of the noise. `p` is that of the family-wise test
+    among all candidates of its round.
     """
 
     candidate: Candidate
@@ -55,7 +55,6 @@ class Judged:
     total_drop: float
     t: float
     gains: FloatArray
-    by_kind: FloatArray
     separability: float
     amplitudes: FloatArray
     share_improved: float
@@ -125,9 +124,8 @@ def judge(scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray) -
         after=after,
         drop=float(np.min(drops, axis=0).max()) if alone and joints else min(totals),
         total_drop=min(totals),
-        t=float(evenness(np.array(gains)).min()),
+        t=float(evenness(mean_gain[None])[0]),
         gains=mean_gain,
-        by_kind=np.array(gains),
         separability=scores[0].separability,
         amplitudes=scores[0].amplitudes,
         share_improved=float(np.mean(mean_gain > 0)),

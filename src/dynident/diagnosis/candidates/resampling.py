@@ -27,14 +27,13 @@ def share_found_again(chosen: Judged, rivals: Sequence[Judged], run: IntArray) -
     Parameters
     ----------
     rivals : sequence of Judged
-        All candidates that pass; those that are the chosen one in other words do not count.
+        Candidates that would take the chosen one's place, beside which nothing of it is left.
     run : (s,)
         Which run every stretch is of: without any one of several, the name has to stand as well.
     """
-    others = [item for item in rivals if _other(chosen, item)]
-    if not others:
+    if not rivals:
         return 1.0
-    margins = np.array([_margin(chosen, item) for item in others])
+    margins = np.array([_margin(chosen, item) for item in rivals])
     s = len(chosen.gains)
     drawn = np.random.default_rng(_SEED).multinomial(s, np.full(s, 1.0 / s), size=_DRAWS).astype(np.float64)
     share = float((margins @ drawn.T >= 0.0).all(axis=0).mean())
@@ -45,7 +44,7 @@ def share_found_again(chosen: Judged, rivals: Sequence[Judged], run: IntArray) -
     return min(share, float((margins @ without.T >= 0.0).all(axis=0).mean()))
 
 
-def _other(chosen: Judged, item: Judged) -> bool:
+def other_name(chosen: Judged, item: Judged) -> bool:
     """Whether a candidate would be another name: another effect, that is not known to be the same function."""
     mine, theirs = effect_by_id(chosen.candidate.effect), effect_by_id(item.candidate.effect)
     if theirs.id == mine.id:

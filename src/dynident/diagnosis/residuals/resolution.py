@@ -16,6 +16,9 @@ from dynident.robot.model import FloatArray
 _SLOWEST_SHARE = 0.02
 """Share of a joint's moving rows that have to be slower than a speed for what happens below it to show."""
 
+_NEAREST_SHARE = 0.1
+"""Share of a joint's moving rows that have to be nearer to its last halt than a slip distance for that to show."""
+
 _SHARP_TURNS = 0.5
 """Of the free reversals so many have to be gentle enough."""
 
@@ -27,7 +30,8 @@ class Resolution:
     A joint that reverses with acceleration a is within a/(2πf)² of its turning point for as long as a filter with
     cut-off f takes to answer. What friction does inside that (sticking, above all) is there in the torque but not in q:
     a slip distance below it would be fitted to the filter, not to the robot. Only reversals at which the joint does not
-    stick count, since only their rows do. And what depends on the speed alone shows in rows where the joint moves, so
+    stick count, since only their rows do; or the distances from the last halt at which rows where the joint moves
+    begin. And what depends on the speed alone shows in rows where the joint moves, so
     that a speed must be above the slowest of these.
     """
 
@@ -50,8 +54,9 @@ def resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) 
         return Resolution(np.zeros(n), np.zeros(n))
     corner = 2 * np.pi * min(cutoffs)
     acceleration = np.array([_at_reversals(comparisons, j) for j in range(n)])
+    travelled = np.array([_travelled(comparisons, j) for j in range(n)])
     speed = np.array([_slowest(comparisons, j) for j in range(n)])
-    return Resolution(acceleration / corner**2, speed)
+    return Resolution(np.minimum(acceleration / corner**2, travelled), speed)
 
 
 def _at_reversals(comparisons: Sequence[Comparison], joint: int) -> float:
@@ -62,6 +67,19 @@ def _at_reversals(comparisons: Sequence[Comparison], joint: int) -> float:
         found.append(np.abs(c.ddq[turns[c.phase[turns, joint] == Phase.REVERSING], joint]))
     values = np.concatenate(found)
     return float(np.quantile(values, _SHARP_TURNS)) if len(values) else np.inf
+
+
+def _travelled(comparisons: Sequence[Comparison], joint: int) -> float:
+    """Distance from its last halt that a small share of a joint's moving rows are within; beyond all without any."""
+    found = []
+    for c in comparisons:
+        moving = c.moving[:, joint]
+        new = np.diff(c.segment, prepend=-1.0) != 0
+        last = np.maximum.accumulate(np.where(~moving | new, np.arange(len(moving)), 0))
+        seen = np.flatnonzero(moving & ~moving[last])
+        found.append(np.abs(c.q[seen, joint] - c.q[last[seen], joint]))
+    values = np.concatenate(found)
+    return float(np.quantile(values, _NEAREST_SHARE)) if len(values) else np.inf
 
 
 def _slowest(comparisons: Sequence[Comparison], joint: int) -> float:

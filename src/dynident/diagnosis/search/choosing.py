@@ -11,7 +11,7 @@ from dynident.diagnosis.candidates.gate import Judged, simplest
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.plausible import plausible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, share_found_again
+from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, other_name, share_found_again
 from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.search.acceptance import (
     JOINT_T,
@@ -31,6 +31,8 @@ from dynident.effects import effect_by_id
 _ONE_BY_ONE = 1.3
 # Times the sensor's noise that a joint which only sticks does not remove.
 _MORE_THAN_STICKING = 2.0
+# What gains so much of it still once the chosen effect is in the model is another finding, and no rival.
+_STILL = 0.5
 # A rival that gains so much of what the chosen effect does is told from it by this t of the difference.
 _NEARLY, _DECIDED = 0.97, 1.5
 
@@ -42,8 +44,7 @@ def choose(
     passing = [item for item in judged if acceptable(state, data, item)]
     while passing:
         chosen, equal = simplest(_each_its_own(passing))
-        stable = share_found_again(chosen, passing, data.moving.run) >= FOUND_AGAIN
-        if stable and plausible(data, pool, state.base, state.noise, chosen):
+        if _stable(data, pool, state, chosen, passing) and plausible(data, pool, state.base, state.noise, chosen):
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
@@ -51,6 +52,20 @@ def choose(
                 return replace(slim, p=chosen.p), equal + _rivals(slim, judged, equal)
         passing = [item for item in passing if item is not chosen]
     return None
+
+
+def _stable(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, passing: Sequence[Judged]) -> bool:
+    """Whether the same name is found in resampled data; another finding is none that could take its place."""
+    others = [item for item in passing if other_name(chosen, item)]
+    run = data.moving.run
+    if share_found_again(chosen, others, run) >= FOUND_AGAIN:
+        return True
+    base = state.base + chosen.candidate.columns
+    beside = judge_all(data, pool, base, [item.candidate for item in others], state.noise)
+    rivals = [
+        before for before, after in zip(others, beside, strict=True) if after.total_gain < _STILL * before.total_gain
+    ]
+    return share_found_again(chosen, rivals, run) >= FOUND_AGAIN
 
 
 def _best_alone(effect: str, judged: Sequence[Judged]) -> dict[str, Judged]:

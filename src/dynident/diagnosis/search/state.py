@@ -72,7 +72,7 @@ def judge_all(
     whole = [item for item in found if item is not None]
     if not whole:
         return []
-    p = family_wise_p(np.stack([item.by_kind for item in whole], axis=1))
+    p = family_wise_p(np.array([item.gains for item in whole]))
     return [replace(item, p=float(value)) for item, value in zip(whole, p, strict=True)]
 
 

@@ -74,7 +74,6 @@ def _tried(
         amplitudes=amplitudes,
         share_improved=float(np.mean(gains > 0)),
         measured=measured,
-        by_kind=gains[None],
         after_weighted=(after / noise**2).sum(axis=1),
     )
     return judged, float(stats.f.sf(f, k, freedom))
