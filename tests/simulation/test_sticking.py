@@ -48,6 +48,18 @@ def _slowly(reference: Reference, times: float) -> Reference:
     return Reference(reference.t * times, reference.q, reference.dq / times, reference.ddq / times**2)
 
 
+def _there_and_back(robot: Robot, seconds: float) -> Reference:
+    """The first joint moves by 0.4 rad, dwells for 0.3 s and moves back, each in as many seconds."""
+    t = np.arange(round((2 * seconds + 0.9) * 500) + 1) / 500
+    q, dq, ddq = (np.full((len(t), robot.n), at) for at in (0.7, 0.0, 0.0))
+    for begins, way in ((0.3, 0.4), (0.6 + seconds, -0.4)):
+        s = np.clip((t - begins) / seconds, 0.0, 1.0)
+        q[:, 0] += way * s**3 * (10 - 15 * s + 6 * s**2)
+        dq[:, 0] += way * 30 * s**2 * (1 - s) ** 2 / seconds
+        ddq[:, 0] += way * 60 * s * (1 - s) * (1 - 2 * s) / seconds**2
+    return Reference(t, q, dq, ddq)
+
+
 @pytest.mark.parametrize("joint", range(6))
 def test_a_joint_holds_any_torque_up_to_its_dry_friction_and_then_breaks_away(robot: Robot, joint: int) -> None:
     coulomb = 0.04 * effort(robot)[joint]
@@ -84,6 +96,29 @@ def test_stribeck_friction_holds_more_than_it_takes_to_keep_moving(robot: Robot)
     position, velocity = _pushed(robot, (*plain_friction(robot), excess), torque)
     assert position[-1, joint] > 0.701
     assert np.all(np.diff(velocity[gone + 400 :, joint]) > 0)
+
+
+@pytest.mark.parametrize("seconds", [1.0, 8.0])
+def test_break_away_friction_holds_a_joint_and_lets_go_over_a_distance_at_any_speed(
+    robot: Robot, seconds: float
+) -> None:
+    size, name = effort(robot)[0], robot.joint_names[0]
+    coulomb, excess, distance = 0.04 * size, 0.03 * size, 0.01
+    effects = (*plain_friction(robot), TrueEffect("break_away", name, (("Fba", excess),), (("db", distance),)))
+    truth = VirtualRobot(robot, effects).measure(_there_and_back(robot, seconds), EXACT).truth
+    links = pinocchio_torque(robot, truth.q, truth.dq, truth.ddq) + 0.003 * effort(robot) * truth.ddq
+    dry = (truth.tau - links - 0.03 * effort(robot) * truth.dq)[:, 0]
+    rests = truth.dq[:, 0] == 0
+    assert np.abs(dry[rests]).max() <= (coulomb + excess) * (1 + 2e-6)
+    assert np.abs(dry[rests]).max() > 0.99 * (coulomb + excess)
+    begins = np.flatnonzero(rests[:-1] & ~rests[1:])
+    assert len(begins) >= 2
+    for first in begins:
+        after = slice(first + 1, first + 1 + int(np.argmax(rests[first + 1 :]) or len(rests)))
+        travelled = np.abs(truth.q[after, 0] - truth.q[first, 0])
+        moving = np.abs(truth.dq[after, 0]) > 1e-3
+        expected = coulomb + excess * np.exp(-travelled / distance)
+        np.testing.assert_allclose(np.abs(dry[after])[moving], expected[moving], rtol=2e-2)
 
 
 def test_a_motor_that_two_joints_share_holds_them_both(robot: Robot) -> None:

@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.effects import MemorySignal
+from dynident.effects.memory import step_expression
 from dynident.expressions import Recurrence
 from dynident.robot.model import FloatArray
 from dynident.simulation.dynamics import Dynamics, directions, rest_inputs
@@ -193,13 +194,6 @@ def _within(torque: ca.SX, limit: float | None) -> ca.SX:
 
 
 def _moved(memory: Sequence[MemorySignal], states: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Hysteresis states after a displacement (n, 1): `dynident.effects.memory.step` in symbols."""
-    moved = []
-    for k, signal in enumerate(memory):
-        ratio = displacement[signal.joint] / signal.slip
-        if signal.operator == "stop":
-            moved.append(ca.fmin(1.0, ca.fmax(-1.0, states[k] + ratio)))
-        else:
-            direction = ca.sign(ratio)
-            moved.append(direction - (direction - states[k]) * ca.exp(-ca.fabs(ratio)))
-    return ca.vertcat(*moved) if moved else ca.SX(0, 1)
+    """Hysteresis states after a displacement (n, 1)."""
+    moved = (step_expression(signal, states[k], displacement[signal.joint]) for k, signal in enumerate(memory))
+    return ca.vertcat(ca.SX(0, 1), *moved)
