@@ -12,11 +12,11 @@ from running_commands import dynident
 
 from dynident.effects import CATALOGUE
 from dynident.errors import DynidentError
-from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import from_bytes
+from dynident.progress import silent
 from dynident.robot import robot_from_library
 from dynident_service.demo.hiding import hideable
-from dynident_service.demo.measuring import _in_motion
+from dynident_service.demo.measuring import design_runs
 from dynident_service.demo.scenario import Scenario
 
 ROBOT = robot_from_library("ur10")
@@ -152,25 +152,12 @@ def test_what_cannot_be_hidden_is_refused(effect: str, joint: str, pointer: str)
     assert refused.value.pointer == pointer
 
 
-def test_stretches_in_which_a_joint_dwells_are_left_out() -> None:
-    request = DesignRequest(
-        kind="random",
-        random_trajectories=3,
-        trajectory=TrajectoryRequest(duration=6.0, harmonics=4, periods=2, sampling_rate=200.0),
-    )
-    design: Design = design_experiment(ROBOT, request)
-    windows = _in_motion(design)
-    inside = np.zeros(design.n_samples, dtype=bool)
-    for start, end in windows:
-        inside |= (design.t >= start) & (design.t <= end)
-    first, last = design.exciting
-    assert inside.any()
-    assert not inside[(design.t < first) | (design.t > last)].any()
-    # Both ends of the exciting part and the border of its periods are at rest.
-    for rest in (first, 0.5 * (first + last), last):
-        assert not inside[np.abs(design.t - rest) < 0.1].any()
-    slow = np.abs(design.dq[inside]) < 0.005
-    longest = max(
-        (len(run) for column in slow.T for run in "".join("x" if s else " " for s in column).split()), default=0
-    )
-    assert longest / design.sampling_rate < 0.1
+def test_the_experiment_is_fast_slow_and_from_point_to_point_with_dwells() -> None:
+    scenario = Scenario.of(ROBOT, "stribeck", "", 0, quick=True)
+    fast, slow, held_out = design_runs(scenario, silent)
+    assert np.abs(slow.dq).max() < 0.4 * np.abs(fast.dq).max()
+    still = np.concatenate([[False], ~np.any(held_out.dq, axis=1), [False]]).astype(np.int8)
+    lasts = (np.flatnonzero(np.diff(still) == -1) - np.flatnonzero(np.diff(still) == 1) - 1) / held_out.sampling_rate
+    dwells = lasts[lasts > 0.05]
+    assert len(dwells) >= scenario.plan.courses[-1].points
+    assert dwells.max() < 0.65

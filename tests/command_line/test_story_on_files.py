@@ -258,6 +258,29 @@ def test_a_design_is_a_trajectory_that_the_virtual_robot_follows(tmp_path: Path)
     assert found["Fst2"]["value"] == pytest.approx(5.0, rel=0.25)
 
 
+def test_a_virtual_robot_goes_from_point_to_point_and_sticks_where_it_dwells(tmp_path: Path) -> None:
+    trajectory, measured = tmp_path / "trajectory.csv", tmp_path / "measured.csv"
+    designed = dynident(
+        *("design", "scara", "--kind", "random", "--family", "point_to_point", "--points", 4, "--rate", 200),
+        *("--dwell", 0.5, 0.6, "--out", trajectory, "--json"),
+    )
+    assert designed.code == 0, designed.err
+    simulated = dynident(
+        *("simulate", "scara", "--trajectory", trajectory, "--rate", 200, "--encoder-counts", 0, "--torque-noise", 0),
+        *("--out", measured),
+    )
+    assert simulated.code == 0, simulated.err
+    wanted, found = pacsv.read_csv(trajectory), pacsv.read_csv(measured)
+    still = np.all([wanted[f"dq_{name}"].to_numpy() == 0 for name in ROBOT.joint_names], axis=0)[: found.num_rows]
+    # 0.2 s into a rest the controller has come to its end, and friction holds what is left of its error.
+    rests = np.convolve(still, np.ones(81), "same") > 80.5
+    assert np.count_nonzero(rests) > 4 * 10
+    for j in range(ROBOT.n):
+        moved = np.diff(found[f"q{j + 1}"].to_numpy())[rests[1:]]
+        assert np.abs(moved).max() < 1e-5
+        assert np.mean(moved == 0) > 0.5
+
+
 def test_the_next_experiment_of_a_diagnosis_is_designed_as_it_is_proposed(desk: Path, tmp_path: Path) -> None:
     model, told, out = tmp_path / "m.npz", tmp_path / "d.json", tmp_path / "next.csv"
     assert dynident("identify", desk / "arm.json", desk / "run1.csv", "--out", model).code == 0

@@ -13,10 +13,10 @@ COUNT = 40
 PUBLISHED = (
     "rigid_body", "rotor_inertia", "coulomb", "viscous", "offset", "coulomb_asymmetric", "viscous_asymmetric",
     "stribeck", "viscous_nonlinear", "load_dependent_friction", "temperature_friction", "warm_up_friction",
-    "torque_ripple", "position_dependent_friction", "presliding", "backlash", "joint_elasticity", "joint_spring",
-    "gravity_compensator", "base_tilt", "payload", "transmission_coupling", "rotor_coupling", "drive_gain_error",
-    "drive_gain_saturation", "torque_delay", "encoder_zero_error", "kinematic_error", "external_contact",
-    "base_vibration", "cable_force",
+    "torque_ripple", "position_dependent_friction", "presliding", "break_away", "backlash", "joint_elasticity",
+    "joint_spring", "gravity_compensator", "base_tilt", "payload", "transmission_coupling", "rotor_coupling",
+    "drive_gain_error", "drive_gain_saturation", "torque_delay", "encoder_zero_error", "kinematic_error",
+    "external_contact", "base_vibration", "cable_force",
 )  # fmt: skip
 
 

@@ -49,11 +49,14 @@ def test_effects_with_a_shape_are_their_formulas_for_any_shape(vs, p, k, d0, law
         EffectChoice("position_dependent_friction", shape=(("k", k),)),
         EffectChoice("torque_ripple", shape=(("k", k),)),
         EffectChoice("presliding", shape=(("d0", d0), ("law", law))),
+        EffectChoice("break_away", shape=(("db", d0),)),
     )
     operator = "stop" if law > 0 else "dahl"
-    assert found.signals.memory_signals == tuple(MemorySignal(operator, j, d0) for j in range(6))
+    operators = (operator, "travel")
+    assert found.signals.memory_signals == tuple(MemorySignal(one, j, d0) for one in operators for j in range(6))
     for j in range(6):
         q, v, load, z = found.q[:, j], found.dq[:, j], found.load[:, j], found.z[:, j]
+        travelled = np.abs(found.z[:, 6 + j])
         expected = {
             "Fst": np.exp(-(np.abs(v / vs) ** delta)) * sign(v),
             "Fvn": np.abs(v) ** p * sign(v),
@@ -64,6 +67,7 @@ def test_effects_with_a_shape_are_their_formulas_for_any_shape(vs, p, k, d0, law
             "As": np.sin(k * q),
             "Fz": z,
             "cz": np.abs(load) * z,
+            "Fba": (1 - travelled) * sign(v),
         }
         for name, column in expected.items():
             np.testing.assert_allclose(found.column(f"{name}{j + 1}")[:, j], column, rtol=1e-9, atol=1e-11)
@@ -226,6 +230,7 @@ def test_under_common_gravity_a_tilt_is_named_by_the_axes_x_and_y():
         EffectChoice("viscous_nonlinear", shape=(("p", 0.5),)),
         EffectChoice("load_dependent_friction"),
         EffectChoice("transmission_coupling", shape=(("side", -1.0),)),
+        EffectChoice("break_away"),
     ],
     ids=lambda choice: choice.effect,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dynident.effects import MemorySignal
-from dynident.effects.memory import MemoryStates, step
+from dynident.effects.memory import MemoryStates, step, step_expression
 
 SIGNALS = (
     MemorySignal("stop", 0, 2e-3),
@@ -17,7 +18,10 @@ SIGNALS = (
     MemorySignal("stop", 1, 0.05),
     MemorySignal("dahl", 1, 0.3),
     MemorySignal("stop", 0, 0.5),
+    MemorySignal("travel", 0, 2e-3),
+    MemorySignal("travel", 1, 0.3),
 )
+PATH_ALONE = tuple(signal for signal in SIGNALS if signal.operator != "travel")
 # Moves of every size, with stretches of standstill.
 moves = st.one_of(st.just(0.0), st.floats(-1, 1), st.floats(-3e-3, 3e-3), st.sampled_from([1e-12, -1e-12]))
 
@@ -56,10 +60,25 @@ def test_states_are_those_of_the_recursion_however_the_run_is_cut_into_blocks(pa
 @settings(max_examples=50, deadline=None)
 @given(path=paths(), still=st.integers(1, 20))
 def test_standing_still_changes_no_state(path, still):
-    memory = MemoryStates(SIGNALS)
+    memory = MemoryStates(PATH_ALONE)
     before = memory.push(path)[-1]
     after = memory.push(np.repeat(path[-1:], still, axis=0))
     np.testing.assert_array_equal(after, np.tile(before, (still, 1)))
+
+
+@settings(max_examples=50, deadline=None)
+@given(path=paths(), still=st.integers(1, 20))
+def test_a_joint_that_stands_still_forgets_what_it_travelled(path, still):
+    memory = MemoryStates([signal for signal in SIGNALS if signal.operator == "travel"])
+    memory.push(path)
+    assert not memory.push(np.repeat(path[-1:], still, axis=0)).any()
+
+
+@given(state=st.floats(-1, 1), displacement=moves)
+def test_a_state_is_the_same_as_an_expression(state, displacement):
+    for signal in SIGNALS:
+        found = step_expression(signal, ca.SX(state), ca.SX(displacement))
+        assert float(found) == pytest.approx(step(signal, state, displacement), abs=1e-12)
 
 
 def test_a_new_run_starts_relaxed():
@@ -72,6 +91,20 @@ def test_a_new_run_starts_relaxed():
 def test_no_samples_and_no_signals_are_nothing_special():
     assert MemoryStates(SIGNALS).push(np.empty((0, 2))).shape == (0, len(SIGNALS))
     assert MemoryStates(()).push(np.zeros((4, 2))).shape == (4, 0)
+
+
+def test_travel_is_counted_from_the_last_stop_or_reversal_at_any_speed():
+    slip = 0.02
+    there, back = np.linspace(0, 0.05, 51), np.linspace(0.05, 0.02, 301)[1:]
+    path = np.concatenate([there, back, np.full(20, back[-1]), back[-1] - there[1:]])[:, None]
+    z = MemoryStates([MemorySignal("travel", 0, slip)]).push(path)[:, 0]
+    expected = [
+        1 - np.exp(-there / slip),
+        np.exp(-(0.05 - back) / slip) - 1,
+        np.zeros(20),
+        np.exp(-there[1:] / slip) - 1,
+    ]
+    np.testing.assert_allclose(z, np.concatenate(expected), atol=1e-12)
 
 
 def test_a_stop_operator_saturates_after_twice_its_slip_distance():

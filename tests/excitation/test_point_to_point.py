@@ -132,6 +132,21 @@ def test_joints_that_are_not_named_stay_locked(ur10):
     assert {name[-1] for name in design.parameter_names} == {"3", "4"}
 
 
+def test_the_arm_rests_in_every_point_for_as_long_as_it_is_asked_to(ur10):
+    asked = replace(QUICK, kind="random", trajectory=replace(QUICK.trajectory, dwell=(0.1, 0.6), periods=2))
+    design, again = (design_experiment(ur10, asked) for _ in range(2))
+    np.testing.assert_array_equal(design.q, again.q)
+    still = np.concatenate([[False], ~np.any(design.dq, axis=1), [False]]).astype(np.int8)
+    begins, ends = np.flatnonzero(np.diff(still) == 1), np.flatnonzero(np.diff(still) == -1)
+    lasts = np.sort((ends - begins - 1) / design.sampling_rate)[-2 * asked.trajectory.points :]
+    half = 0.5 / design.sampling_rate
+    assert lasts.min() >= 0.1 - half
+    assert lasts.max() <= 0.6 + half
+    assert np.ptp(lasts) > 0.1
+    for first, last in zip(begins, ends, strict=True):
+        assert not np.any(np.ptp(design.q[first:last], axis=0) > 1e-12)
+
+
 def test_a_random_sequence_can_be_had_and_a_time_budget_and_cancelling_are_heeded(ur10):
     design = design_experiment(ur10, replace(QUICK, kind="random"))
     assert design.baseline is not None
@@ -153,6 +168,10 @@ def test_a_random_sequence_can_be_had_and_a_time_budget_and_cancelling_are_heede
         ({"points": 1}, "/trajectory/points"),
         ({"points": 10_000}, "/trajectory/points"),
         ({"paces": (1.0, 0.5)}, "/trajectory/paces"),
+        ({"dwell": (0.5, 0.1)}, "/trajectory/dwell"),
+        ({"dwell": (-0.1, 0.1)}, "/trajectory/dwell"),
+        ({"dwell": (0.1, float("nan"))}, "/trajectory/dwell"),
+        ({"family": "fourier", "dwell": (0.1, 0.6)}, "/trajectory/dwell"),
     ],
 )
 def test_what_cannot_be_a_sequence_of_moves_is_refused_with_its_place(scara, trajectory, pointer):

@@ -37,6 +37,15 @@ def bench(live: Client) -> Bench:
     return Bench(live, robot, *runs)
 
 
+def test_a_virtual_robot_goes_from_point_to_point_and_dwells(bench: Bench) -> None:
+    points = {"family": "point_to_point", "points": 3, "sampling_rate": 200.0}
+    lasts = []
+    for dwell in ([0.0, 0.0], [0.5, 0.5]):
+        made = bench.client.simulations.create(bench.robot, trajectory={**points, "dwell": dwell}).wait()
+        lasts.append(made.result["n_samples"] / 200.0)
+    assert lasts[1] - lasts[0] == pytest.approx(3 * 0.5, abs=0.02)
+
+
 @pytest.mark.parametrize("model", [name for name in AVAILABLE_MODELS if name != "base_wrench"])
 def test_every_model_predicts_what_no_parameter_saw(bench: Bench, model: str) -> None:
     assert bench.identified(model=model).result["validation"]["relative_total"] < 0.3

@@ -56,6 +56,7 @@ def test_what_cannot_be_moved_like_that_is_refused_with_the_field(live: Client) 
         ({"family": "b_spline", "intervals": 1}, "/trajectory/intervals"),
         ({"family": "point_to_point", "points": 1}, "/trajectory/points"),
         ({"family": "point_to_point", "paces": [1.0, 0.5]}, "/trajectory/paces"),
+        ({"family": "point_to_point", "dwell": [0.6, 0.1]}, "/trajectory/dwell"),
         ({"sets": "ballet"}, "/trajectory/sets"),
     ):
         with pytest.raises(ProblemError) as refused:

@@ -9,7 +9,8 @@ from virtual_arms import fourier, plain_friction
 
 from dynident.robot import robot_from_library, to_pinocchio
 from dynident.simulation import Sensors, TrueEffect, VirtualRobot
-from dynident.simulation.dynamics import build_dynamics, build_step
+from dynident.simulation.dynamics import build_dynamics
+from dynident.simulation.step import build_step, first_state
 
 ARMS = ("franka_panda", "ur10", "scara", "dual_arm")
 EXACT = Sensors(encoder_counts=None, torque_noise=0.0)
@@ -18,14 +19,13 @@ EXACT = Sensors(encoder_counts=None, torque_noise=0.0)
 def _run(robot_name: str, duration: float, h: float, effects: tuple[TrueEffect, ...] = ()) -> np.ndarray:
     """States [q, dq, ddq, tau] of a robot that nobody controls, let go in the middle of its ranges."""
     robot = robot_from_library(robot_name)
-    dynamics = build_dynamics(robot, effects, robot.inertias, smooth_sign=1e-3)
+    dynamics = build_dynamics(robot, effects, robot.inertias)
     zero = np.zeros(robot.n)
     steps = round(duration / h)
     start = np.array([np.mean(joint.limits.position or (-0.5, 1.5)) for joint in robot.joints]) + 0.3
     model = to_pinocchio(robot)
     fall = pin.aba(model, model.createData(), start, zero, zero)
-    # The velocity stands half a step before the position.
-    state = np.concatenate([start, -0.5 * h * fall, fall, start, np.zeros(len(dynamics.signals.memory_signals))])
+    state = first_state(dynamics, start, zero, fall, h)
     return build_step(dynamics).run(state, np.zeros((steps, dynamics.n_inputs)), h, zero, zero)[1]
 
 

@@ -58,6 +58,7 @@ def design_request(asked: wire.DesignRequest) -> DesignRequest:
             harmonics=trajectory.harmonics,
             intervals=trajectory.intervals,
             points=trajectory.points,
+            dwell=trajectory.dwell,
             sets=trajectory.sets,
             periods=trajectory.periods,
             sampling_rate=trajectory.sampling_rate,

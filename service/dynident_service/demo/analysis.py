@@ -49,12 +49,11 @@ def analyse(
     robot: Robot,
     training: Sequence[Path],
     held_out: Sequence[Path],
-    windows: Sequence[str],
     design: Design,
     progress: Progress,
 ) -> Analysis:
     """Identify, compare, diagnose, add what is missing one by one, and write the report (with the first design)."""
-    options = FileOptions(windows=windows)
+    options = FileOptions()
     with loaded(training, robot, options, part(progress, 0.0, 0.1), held_out) as (given, tried):
         recordings, validation = recordings_of(given), recordings_of(tried)
         first = identify(robot, recordings, validation, progress=part(progress, 0.1, 0.2))

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
+from dynident.excitation import Design, DesignRequest, design_experiment
 from dynident.progress import Progress, part
 from dynident.simulation import (
-    Measurement,
     Reference,
     Sensors,
     VirtualRobot,
@@ -23,26 +22,17 @@ from dynident_service.cli.inputs import write_whole
 from dynident_service.cli.tables import write_table, write_trajectory
 from dynident_service.demo.scenario import Scenario
 
-# Where a joint stands still, or nearly so for a while, it may stick, and its torque is then not determined by any
-# motion: slower than this (rad/s or m/s) for longer than this (s) is left out, with some room (s) around it.
-_SLOW, _LONG, _ROOM = 0.012, 0.06, 0.1
-_SHORTEST_WINDOW = 0.6
-_DESIGN_RATE = 200.0
+# Random motions from point to point that the best is taken of: each takes a second to find.
+_FEW = 4
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRun:
-    """One recording as a user has it: a file, and the seconds of it that are worth using."""
+    """One recording as a user has it: a file, all of it, and the design it was made by."""
 
     path: Path
-    windows: tuple[tuple[float, float], ...]
     design: Design
     n_samples: int
-
-    @property
-    def windows_option(self) -> str:
-        """The windows as the command line reads them."""
-        return f"{self.path.stem}={','.join(f'{first:.9g}:{last:.9g}' for first, last in self.windows)}"
 
 
 def design_runs(scenario: Scenario, progress: Progress) -> list[Design]:
@@ -52,12 +42,8 @@ def design_runs(scenario: Scenario, progress: Progress) -> list[Design]:
     for index, course in enumerate(courses):
         request = DesignRequest(
             kind=course.kind,
-            trajectory=TrajectoryRequest(
-                duration=course.period,
-                harmonics=course.harmonics,
-                periods=course.periods,
-                sampling_rate=_DESIGN_RATE,
-            ),
+            trajectory=course.trajectory,
+            random_trajectories=_FEW if course.points else DesignRequest.random_trajectories,
             limits=scenario.limits(course),
             # A number of starts, not seconds: the same seed then gives the same trajectory on any machine.
             starts=course.starts,
@@ -92,7 +78,8 @@ def measure(scenario: Scenario, designs: Sequence[Design], folder: Path, progres
             reference = replace(reference, temperature=np.repeat(temperature[:, None], scenario.robot.n, axis=1))
         found = virtual.measure(reference, sensors, run=course.name, seed=seed, progress=share)
         write_trajectory(design, folder / f"trajectory_{course.name}.csv")
-        runs.append(_written(found, design, begins, folder / f"{course.name}.csv"))
+        write_table(measurement_table(found), folder / f"{course.name}.csv")
+        runs.append(MeasuredRun(folder / f"{course.name}.csv", design, found.n_samples))
         done += design.duration
     return runs
 
@@ -106,29 +93,3 @@ def seal(scenario: Scenario, path: Path) -> None:
 def reference_of(design: Design, begins: float = 0.0) -> Reference:
     """The motion of a design as the robot's controller takes it, from a time of the session (s) on."""
     return Reference(design.t + begins, design.q, design.dq, design.ddq)
-
-
-def _written(found: Measurement, design: Design, begins: float, path: Path) -> MeasuredRun:
-    write_table(measurement_table(found), path)
-    windows = tuple((begins + first, begins + last) for first, last in _in_motion(design))
-    return MeasuredRun(path, windows, design, found.n_samples)
-
-
-def _in_motion(design: Design) -> tuple[tuple[float, float], ...]:
-    """The stretches of a design's exciting part in which no joint dwells, in seconds of t."""
-    first, last = design.exciting
-    period = 1.0 / design.sampling_rate
-    usable = (design.t >= first) & (design.t <= last)
-    room = round(_ROOM / period)
-    for joint in range(design.dq.shape[1]):
-        for start, end in _stretches(np.abs(design.dq[:, joint]) < _SLOW):
-            if (end - start) * period > _LONG:
-                usable[max(0, start - room) : end + room] = False
-    windows = ((float(design.t[start]), float(design.t[end - 1])) for start, end in _stretches(usable))
-    return tuple((start, end) for start, end in windows if end - start >= _SHORTEST_WINDOW)
-
-
-def _stretches(mask: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[int, int]]:
-    """First index and end of every run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

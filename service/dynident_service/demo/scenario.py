@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
+from dynident.excitation import TrajectoryRequest
 from dynident.robot import Limits, Robot
 from dynident.robot.model import FloatArray
 from dynident.simulation import TrueEffect, typical_drive
@@ -26,12 +27,19 @@ _THIRD_RUN = "run3"
 _COLD, _WARM, _SLOWLY = 20.0, 45.0, 1200.0
 # s of rest before the third run.
 _REST = 1400.0
+_DESIGN_RATE = 200.0
+# s in each point of a motion from point to point.
+_DWELL = (0.1, 0.6)
 _LINK_SPREAD, _DRIVE_SPREAD, _HIDDEN_SPREAD = 0.1, 0.25, 0.2
 
 
 @dataclass(frozen=True)
 class Course:
-    """One trajectory: seconds of a period, harmonics, periods, share of the robot's speed, starts of the optimiser."""
+    """One trajectory: seconds of a period, harmonics, periods, share of the robot's speed, starts of the optimiser.
+
+    With `points` it goes at random from one to the next and dwells in each, as most users' arms do; period and
+    harmonics then say nothing.
+    """
 
     name: str
     kind: Literal["optimized", "random"]
@@ -40,11 +48,25 @@ class Course:
     periods: int
     speed: float
     starts: int = 1
+    points: int = 0
+
+    @property
+    def trajectory(self) -> TrajectoryRequest:
+        """The motion wanted of a design."""
+        return TrajectoryRequest(
+            family="point_to_point" if self.points else "fourier",
+            duration=self.period,
+            harmonics=self.harmonics,
+            points=max(self.points, 2),
+            dwell=_DWELL if self.points else (0.0, 0.0),
+            periods=self.periods,
+            sampling_rate=_DESIGN_RATE,
+        )
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The experiment: a fast and a slow run to identify from, one of another kind to try the model on; rate in Hz."""
+    """The experiment: a fast and a slow run to identify from, one with dwells to try it on; rate in Hz."""
 
     courses: tuple[Course, ...]
     rate: float = 500.0
@@ -58,15 +80,15 @@ class Plan:
 LONG = Plan(
     (
         Course("run1", "optimized", 10.0, 5, 3, 1.0, 2),
-        Course("run2", "optimized", 24.0, 8, 1, 0.35, 2),
-        Course("validation", "random", 14.0, 6, 1, 0.4),
+        Course("run2", "optimized", 24.0, 8, 1, 0.25, 2),
+        Course("validation", "random", 10.0, 5, 1, 1.0, points=6),
     )
 )
 SHORT = Plan(
     (
         Course("run1", "optimized", 8.0, 5, 2, 1.0, 2),
-        Course("run2", "optimized", 20.0, 6, 1, 0.35),
-        Course("validation", "random", 10.0, 5, 1, 0.4),
+        Course("run2", "optimized", 20.0, 6, 1, 0.25),
+        Course("validation", "random", 10.0, 5, 1, 1.0, points=4),
     )
 )
 

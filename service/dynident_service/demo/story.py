@@ -101,8 +101,7 @@ def _analysed(scenario: Scenario, runs: list[MeasuredRun]) -> Analysis:
     """The analysis is told the robot's description and the files; not what is hidden."""
     training, held_out = [run.path for run in runs[:-1]], [runs[-1].path]
     with progress_bar("identify and diagnose") as progress:
-        windows = [run.windows_option for run in runs]
-        return analyse(scenario.robot, training, held_out, windows, runs[0].design, progress)
+        return analyse(scenario.robot, training, held_out, runs[0].design, progress)
 
 
 def _prepare(folder: Path) -> None:

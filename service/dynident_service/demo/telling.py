@@ -45,7 +45,7 @@ def experiment(console: Console, runs: Sequence[MeasuredRun], seconds: float) ->
     for run in runs:
         values, baseline = run.design.criterion_values, run.design.baseline
         best = number(baseline.best.condition_number) if baseline is not None else "–"
-        kind = "optimised" if run.design.request.kind == "optimized" else run.design.request.kind
+        kind = "optimised" if run.design.request.kind == "optimized" else "from point to point"
         rows.append([run.path.name, kind, f"{run.design.duration:.0f} s", str(run.n_samples),
                      number(values.condition_number), best])  # fmt: skip
     columns = ("recording", "trajectory", "length", "samples", "condition number", "best random one")
@@ -53,7 +53,8 @@ def experiment(console: Console, runs: Sequence[MeasuredRun], seconds: float) ->
     _say(
         console,
         f"Encoders of 2^19 counts, torque noise of 0.5 % of each joint's limit; {seconds:.1f} s to design and measure. "
-        "validation.csv, another trajectory, is never fitted to.",
+        "run2.csv is slow; validation.csv, which is never fitted to, goes from point to point and dwells in each. "
+        "All of every recording is used, standstill and all.",
     )
 
 
@@ -131,12 +132,10 @@ def closing(console: Console, robot: Robot, runs: Sequence[MeasuredRun], folder:
     _heading(console, "Files")
     _say(console, f"{folder}/report.html tells all of this with figures; model.npz is the last model.")
     training = " ".join(str(run.path) for run in runs[:-1])
-    windows = " ".join(f"--windows {run.windows_option}" for run in runs)
-    only = " ".join(f"--windows {run.windows_option}" for run in runs[:-1])
     _say(console, "The same by hand, on the files alone:")
     for line in (
-        f"dynident identify {robot.name} {training} -v {runs[-1].path} {windows} -o my_model.npz",
-        f"dynident diagnose my_model.npz {training} {only} -o my_diagnosis.json",
+        f"dynident identify {robot.name} {training} -v {runs[-1].path} -o my_model.npz",
+        f"dynident diagnose my_model.npz {training} -o my_diagnosis.json",
     ):
         console.print(f"  {line}", markup=False, soft_wrap=True, style="cyan")
     _say(console, f"Everything took {seconds:.1f} s.")

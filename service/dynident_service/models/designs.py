@@ -44,6 +44,10 @@ class Trajectory(Asked):
     harmonics: int = Field(default=5, description="For fourier: of the fundamental frequency 1 / duration")
     intervals: int = Field(default=9, description="For b_spline: between its knots; as many free coefficients a joint")
     points: int = Field(default=12, description="For point_to_point: where the arm comes to rest in a round")
+    dwell: tuple[float, float] = Field(
+        default=(0.0, 0.0),
+        description="For point_to_point: shortest and longest rest in a point, s; drawn between them",
+    )
     sets: Literal["link_by_link", "wrist_then_shoulder", "vandanjon"] = Field(
         default="vandanjon", description="For sequential designs: the test motions (§12.3.4.2)"
     )

@@ -25,7 +25,7 @@ from dynident.effects.friction_in_time import TemperatureFriction, WarmUpFrictio
 from dynident.effects.gears import Backlash, JointElasticity
 from dynident.effects.geometry import EncoderZeroError, KinematicError
 from dynident.effects.plugins import installed_effects
-from dynident.effects.presliding import Presliding
+from dynident.effects.presliding import BreakAway, Presliding
 from dynident.effects.rigid_body import RigidBody, RotorInertia
 from dynident.effects.signals import RunSignal, Signals
 from dynident.effects.springs import CableForce, GravityCompensator
@@ -49,6 +49,7 @@ _OURS: tuple[Effect, ...] = (
     TorqueRipple(),
     PositionDependentFriction(),
     Presliding(),
+    BreakAway(),
     Backlash(),
     JointElasticity(),
     JointSpring(),

@@ -1,6 +1,6 @@
 """Hysteresis states: what a joint's path up to now has left behind, sample by sample and one step at a time.
 
-Both operators depend on the path alone, not on its speed, so between two reversals they have a closed form in the
+The operators depend on the path alone, not on its speed, so between two reversals they have a closed form in the
 distance travelled since the last one. A run is therefore evaluated by walking over its reversals, not its samples.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
+import casadi as ca
 import numpy as np
 
 from dynident.effects.signals import MemorySignal
@@ -20,7 +21,20 @@ def step(signal: MemorySignal, state: float, displacement: float) -> float:
     if signal.operator == "stop":
         return min(1.0, max(-1.0, state + displacement / signal.slip))
     direction = float(np.sign(displacement))
+    if signal.operator == "travel":
+        # What was travelled the other way, or before a standstill, is forgotten.
+        state = direction * max(0.0, direction * state)
     return direction - (direction - state) * float(np.exp(-abs(displacement) / signal.slip))
+
+
+def step_expression(signal: MemorySignal, state: ca.SX, displacement: ca.SX) -> ca.SX:
+    """`step` as an expression of SX (1, 1)."""
+    if signal.operator == "stop":
+        return ca.fmin(1, ca.fmax(-1, state + displacement / signal.slip))
+    direction = ca.sign(displacement)
+    if signal.operator == "travel":
+        state = direction * ca.fmax(0, direction * state)
+    return direction - (direction - state) * ca.exp(-ca.fabs(displacement) / signal.slip)
 
 
 class MemoryStates:
@@ -56,21 +70,28 @@ class MemoryStates:
     def _walk(self, path: FloatArray, members: list[int], out: FloatArray) -> None:
         """Fill the columns `members` of `out` (m, …) along `path` (m + 1,), whose first point is the last one known."""
         slips = np.array([self.signals[k].slip for k in members])
-        stops = np.array([self.signals[k].operator == "stop" for k in members])
+        operators = [self.signals[k].operator for k in members]
+        stops, travels = (np.array([one == name for one in operators]) for name in ("stop", "travel"))
         state = self._state[members]
-        moves = np.sign(np.diff(path))
-        # A sample without movement belongs to the stroke before it.
-        turns = np.flatnonzero(np.diff(moves[moves != 0]) != 0)
-        moving = np.flatnonzero(moves)
-        borders = [0, *(int(moving[k + 1]) for k in turns), len(moves)]
-        for first, last in itertools.pairwise(borders):
+        for first, last in itertools.pairwise(_strokes(np.sign(np.diff(path)), standstills=bool(travels.any()))):
             travelled = path[first + 1 : last + 1, None] - path[first]
             ratio = travelled / slips
             direction = np.sign(travelled)
-            sliding = np.clip(state + ratio, -1.0, 1.0)
+            begun = np.where(travels & (state * direction[-1] <= 0), 0.0, state)
+            sliding = np.clip(begun + ratio, -1.0, 1.0)
             if not stops.all():
-                dahl = direction - (direction - state) * np.exp(-np.abs(ratio))
+                dahl = direction - (direction - begun) * np.exp(-np.abs(ratio))
                 sliding = np.where(stops, sliding, dahl)
             out[first:last, members] = sliding
             state = sliding[-1]
         self._state[members] = state
+
+
+def _strokes(moves: FloatArray, *, standstills: bool) -> list[int]:
+    """First moves of the strokes in one direction, and the number of all moves (m,), given by their signs.
+
+    A sample without movement belongs to the stroke before it, unless standstills are strokes of their own.
+    """
+    told = np.arange(len(moves)) if standstills else np.flatnonzero(moves)
+    turns = np.flatnonzero(np.diff(moves[told]) != 0)
+    return [0, *(int(told[k + 1]) for k in turns), len(moves)]

@@ -1,4 +1,4 @@
-"""Friction with memory: the rounded corner after each reversal."""
+"""Friction with memory: the rounded corner after each reversal, and the peak when a joint breaks away."""
 
 from __future__ import annotations
 
@@ -48,3 +48,46 @@ class Presliding(Effect):
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Slip distances from 0.5 to 64 mrad (or mm) in factors of two, by both laws."""
         return [{"d0": d, "law": law} for law in (1.0, -1.0) for d in geometric_grid(0.5e-3, 64e-3, 2.0)]
+
+
+class BreakAway(Effect):
+    """Static friction above Coulomb friction: an excess after every standstill that falls off as the joint moves on.
+
+    Stribeck friction falls with speed, whatever was before; this with the distance from where the joint last stood or
+    turned, however slowly it goes. A joint at rest is held by as much as Coulomb friction and the excess together.
+    """
+
+    id = "break_away"
+    title = "Break-away friction"
+    formula = (
+        r"(F_s - F_c)\,e^{-s / d_b}\,\mathrm{sign}(\dot q),\qquad s:\ \text{travelled since the last stop or reversal}"
+    )
+    parameters = (ParameterSpec("Fba", "N m", "excess of static over Coulomb friction", "N", positive=True),)
+    shapes = (
+        ShapeSpec(
+            "db",
+            "rad",
+            "distance over which the excess falls off",
+            8e-3,
+            least=0.5e-3,
+            resolved_by="displacement",
+            refined=RATIO,
+        ),
+    )
+    signature = "a peak when a joint starts to move, gone after some distance at any speed"
+    confused_with = ("stribeck", "presliding")
+    sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
+    is_friction = True
+
+    def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
+        """One column a joint."""
+        constants = self.shape_with_defaults(shape)
+        made = []
+        for j in joints:
+            travelled = ca.fabs(signals.memory(MemorySignal("travel", j, constants["db"])))
+            made.append(self._column(signals, self.parameters[0], j, (1 - travelled) * signals.sign[j], constants))
+        return made
+
+    def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
+        """Distances from 2 to 32 mrad (or mm) in factors of two."""
+        return [{"db": d} for d in geometric_grid(2e-3, 32e-3, 2.0)]

@@ -12,7 +12,7 @@ from dynident.effects.mechanics import Mechanics
 from dynident.effects.prediction import Prediction, reference_size
 from dynident.robot.model import Robot
 
-Operator = Literal["stop", "dahl"]
+Operator = Literal["stop", "dahl", "travel"]
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,9 @@ class MemorySignal:
     """A hysteresis state z in [-1, 1] of one joint: what the joint's path up to now has left behind.
 
     `stop`: z follows Δq / slip and is cut at ±1 (an element of the generalised Maxwell-slip model, Al-Bender and
-    Swevers 2005). `dahl`: dz = dq/slip (1 - z sign q̇) (Dahl 1968). Neither depends on how fast the path is travelled.
+    Swevers 2005). `dahl`: dz = dq/slip (1 - z sign q̇) (Dahl 1968). `travel`: |z| = 1 - exp(-s / slip), with the sign of
+    the motion, where s is the distance travelled since the joint last turned or stood still, when z is 0. None depends
+    on how fast the path is travelled.
     """
 
     operator: Operator

@@ -16,6 +16,7 @@ _MOST_TIMES = 1_000_000
 _SAMPLES_PER_WAVE = 4
 _MOST_HARMONICS = 100
 _MOST_POINTS = 200
+_LONGEST_DWELL = 60.0
 
 
 def check_request(request: DesignRequest) -> None:
@@ -50,6 +51,7 @@ def check_request(request: DesignRequest) -> None:
             raise DynidentError(f"{name} is too large; at most {_MOST_TIMES} can be designed", pointer=at)
     _check_shares(request.wanted_speeds, "speeds", "the velocity limit")
     _check_shares(trajectory.paces, "paces", "the speed of the path")
+    _check_dwell(request)
     for amplitude in request.wanted_amplitudes:
         _positive(amplitude, "an amplitude", "/trajectory/amplitudes")
     alone = request.kind in JOINT_BY_JOINT or len(trajectory.paces) > 1
@@ -81,6 +83,21 @@ def _check_set(request: DesignRequest) -> None:
         raise DynidentError(
             "a set of test motions says itself which joints move in each of them; leave joints out",
             pointer="/trajectory/joints",
+        )
+
+
+def _check_dwell(request: DesignRequest) -> None:
+    least, most = request.trajectory.dwell
+    if not 0 <= least <= most <= _LONGEST_DWELL:
+        raise DynidentError(
+            f"dwell is {list(request.trajectory.dwell)}; it must be the shortest and the longest rest in a point, "
+            f"between 0 and {_LONGEST_DWELL:g} s",
+            pointer="/trajectory/dwell",
+        )
+    together = request.kind in ("optimized", "random")
+    if most > 0 and not (together and request.trajectory.family == "point_to_point"):
+        raise DynidentError(
+            "only a motion from point to point rests in its points; leave dwell out", pointer="/trajectory/dwell"
         )
 
 

@@ -44,6 +44,8 @@ class TrajectoryRequest:
     points : int
         Of a point-to-point sequence: where the arm comes to rest in a round. They, and the shares of the velocity and
         acceleration limits of every move, are free.
+    dwell : tuple of two floats
+        Of a point-to-point sequence: the shortest and the longest rest in a point, in s; each is drawn between them.
     sets : str
         For sequential designs, the test motions: "link_by_link" from the terminal link, "wrist_then_shoulder", or
         "vandanjon": inertia, centrifugal coupling, inertial coupling, gravity. Each run takes about the duration.
@@ -67,6 +69,7 @@ class TrajectoryRequest:
     harmonics: int = 5
     intervals: int = 9
     points: int = 12
+    dwell: tuple[float, float] = (0.0, 0.0)
     sets: str = "vandanjon"
     periods: int = 1
     sampling_rate: float = 100.0

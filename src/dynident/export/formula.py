@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynident.effects import MemorySignal, RunSignal, Signals, reference_size
+from dynident.effects.memory import step_expression
 from dynident.identification import Identification
 from dynident.robot.model import Robot
 
@@ -68,7 +69,9 @@ def torque_formula(identification: Identification) -> TorqueFormula:
     if states:
         before, z = ca.SX.sym("q_before", model.robot.n), ca.SX.sym("z", len(states))
         moved = signals.q - before
-        z_next = ca.vertcat(*(_after(item, z[k], moved[item.joint]) for k, item in enumerate(observation.memory)))
+        z_next = ca.vertcat(
+            *(step_expression(item, z[k], moved[item.joint]) for k, item in enumerate(observation.memory))
+        )
         torque = ca.substitute(torque, ca.vertcat(*states), z_next)
         arguments += [
             Argument("z", z, "hysteresis states, -1 to 1, before the step; 0 at the start of a run"),
@@ -99,11 +102,3 @@ def _motion(signals: Signals, torque: ca.SX) -> list[Argument]:
         Argument("temperature", signals.temperature, "temperature of each joint, degrees Celsius"),
     )
     return [one for one in known if one.name in ("q", "dq", "ddq") or ca.depends_on(torque, one.symbol)]
-
-
-def _after(signal: MemorySignal, z: ca.SX, moved: ca.SX) -> ca.SX:
-    """A hysteresis state after the joint has moved on; `dynident.effects.memory.step` as an expression."""
-    if signal.operator == "stop":
-        return ca.fmin(1, ca.fmax(-1, z + moved / signal.slip))
-    direction = ca.sign(moved)
-    return direction - (direction - z) * ca.exp(-ca.fabs(moved) / signal.slip)

@@ -1,10 +1,4 @@
-"""One step of a robot with friction: explicit in the positions, implicit in the velocities.
-
-Positions and velocities are staggered in time by half a step (leapfrog), so that at every step the position, the
-velocity (mean of the two around it) and the acceleration are central differences of one discrete path, and the torque
-that belongs to them is known exactly. Friction is stiff near zero velocity; the velocity at a step is therefore solved
-for by a few Newton iterations that see friction alone, the rigid body being evaluated once a step.
-"""
+"""The equation of motion of a virtual robot, sorted by what determines each torque."""
 
 from __future__ import annotations
 
@@ -12,22 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
-from dynident.effects import MemorySignal, RunSignal
-from dynident.expressions import Program, Recurrence
+from dynident.effects import RunSignal
+from dynident.expressions import Program
 from dynident.robot.model import FloatArray, Robot
-from dynident.simulation.signals import SimulatedSignals
+from dynident.simulation.signals import SimulatedSignals, Sliding
 from dynident.simulation.truth import TrueColumns, TrueEffect, true_columns, true_reference
-
-NEWTON_ITERATIONS = 6
-# Powers of the velocity have no derivative at exactly zero.
-_NOT_ZERO = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class _Expressions:
-    """Symbolic parts of the equation of motion M ddq + c + position torque + rest = tau."""
+class Expressions:
+    """Symbolic parts of the equation of motion M ddq + c + position torque + rest = tau.
+
+    The derivatives of `rest` are those by acceleration, velocity (with the directions of friction held) and directions.
+    """
 
     mass: ca.SX
     bias: ca.SX
@@ -35,6 +27,7 @@ class _Expressions:
     rest: ca.SX
     rest_mass: ca.SX
     rest_slope: ca.SX
+    dry: ca.SX
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +37,15 @@ class Dynamics:
     rigid : (q, dq, ddq) -> torque of the links
     mass_diagonal : q -> diagonal of the mass matrix with all that turns with acceleration
     rest : (q, dq, ddq, load, z, time, temperature, runs) -> torque of all effects other than the links
+    sliding : the relative velocities with dry friction: those of the n joints first, then any others
     runs : the run signals among its inputs, each 1 in its runs and 0 in all others
     """
 
     robot: Robot
     signals: SimulatedSignals
+    sliding: tuple[Sliding, ...]
     runs: tuple[RunSignal, ...]
-    parts: _Expressions
+    parts: Expressions
     rigid: Program
     mass_diagonal: Program
     rest: Program
@@ -58,7 +53,7 @@ class Dynamics:
     @property
     def n_state(self) -> int:
         """Length of a step's state."""
-        return 4 * self.robot.n + len(self.signals.memory_signals)
+        return 4 * self.robot.n + len(self.signals.memory_signals) + len(self.sliding)
 
     @property
     def n_inputs(self) -> int:
@@ -66,9 +61,7 @@ class Dynamics:
         return 4 * self.robot.n + 1 + len(self.runs)
 
 
-def build_dynamics(
-    robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray, *, smooth_sign: float
-) -> Dynamics:
+def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> Dynamics:
     """Build the equation of motion of a robot.
 
     Parameters
@@ -77,14 +70,13 @@ def build_dynamics(
     effects : sequence of TrueEffect
         What acts besides the links; what is a matter of the sensors alone is left out.
     inertias : (n, 10)
-    smooth_sign : float
-        Velocity (rad/s or m/s) over which the sign of friction changes.
     """
-    signals = SimulatedSignals(robot, smooth_sign=smooth_sign)
+    signals = SimulatedSignals(robot)
     truth = true_columns(effects, signals)
-    parts = _expressions(signals, truth, inertias, true_reference(robot, effects, inertias))
+    parts, sliding = _expressions(signals, truth, inertias, true_reference(robot, effects, inertias))
     runs = signals.runs_in(parts.rest)
     links = ca.mtimes(parts.mass, signals.ddq) + parts.bias
+    others = _as_it_slides(parts.rest, sliding) + parts.position_torque
     # What turns with acceleration does so whatever the velocity, load and history.
     anything = [
         signals.load,
@@ -92,26 +84,40 @@ def build_dynamics(
         signals.dq,
         signals.time,
         signals.temperature,
-        _run_symbols(signals, runs),
+        run_symbols(signals, runs),
+        directions(sliding),
     ]
     still = [ca.SX.zeros(item.numel(), 1) for item in anything]
     inertia = ca.substitute([parts.mass + parts.rest_mass], anything, still)[0]
     return Dynamics(
         robot=robot,
         signals=signals,
+        sliding=sliding,
         runs=runs,
         parts=parts,
         rigid=Program([signals.q, signals.dq, signals.ddq], ca.densify(links)),
         mass_diagonal=Program([signals.q], ca.densify(ca.diag(inertia))),
-        rest=Program(_rest_inputs(signals, runs), ca.densify(parts.rest + parts.position_torque)),
+        rest=Program(rest_inputs(signals, runs), ca.densify(others)),
     )
 
 
-def _run_symbols(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> ca.SX:
+def directions(sliding: Sequence[Sliding]) -> ca.SX:
+    """SX (number of sliding velocities, 1): the symbols of their directions."""
+    return ca.vertcat(*(one.direction for one in sliding))
+
+
+def _as_it_slides(torque: ca.SX, sliding: Sequence[Sliding]) -> ca.SX:
+    """The torque with every direction that of its velocity."""
+    return ca.substitute(torque, directions(sliding), ca.vertcat(*(ca.sign(one.velocity) for one in sliding)))
+
+
+def run_symbols(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> ca.SX:
+    """SX (number of runs, 1)."""
     return ca.vertcat(*(signals.in_runs(run) for run in runs)) if runs else ca.SX(0, 1)
 
 
-def _rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca.SX]:
+def rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca.SX]:
+    """What all effects other than the links depend on, besides the directions of friction."""
     return [
         signals.q,
         signals.dq,
@@ -120,13 +126,13 @@ def _rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[c
         signals.memory_symbols,
         signals.time,
         signals.temperature,
-        _run_symbols(signals, runs),
+        run_symbols(signals, runs),
     ]
 
 
 def _expressions(
     signals: SimulatedSignals, truth: TrueColumns, inertias: FloatArray, reference: FloatArray
-) -> _Expressions:
+) -> tuple[Expressions, tuple[Sliding, ...]]:
     """Sort the torque into what the mass matrix, the position, and the velocity or memory determine."""
     n = signals.robot.n
     standard = ca.DM(inertias.reshape(-1))
@@ -141,7 +147,8 @@ def _expressions(
             position_torque += torque
         else:
             rest += torque
-    return _Expressions(
+    sliding = signals.sliding_in(rest)
+    parts = Expressions(
         # From the kinetic energy: 2.6 times fewer operations than the derivative of the rows by the acceleration.
         mass=ca.hessian(ca.mtimes(kinetic, standard), signals.dq)[0],
         bias=ca.substitute(links, signals.ddq, ca.SX.zeros(n, 1)),
@@ -149,93 +156,6 @@ def _expressions(
         rest=rest,
         rest_mass=ca.jacobian(rest, signals.ddq),
         rest_slope=ca.jacobian(rest, signals.dq),
+        dry=ca.jacobian(rest, directions(sliding)),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One step of a robot under joint control, `h` s long."""
-
-    recurrence: Recurrence
-
-    def run(
-        self, state: FloatArray, inputs: FloatArray, h: float, stiffness: FloatArray, damping: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """The state (s,) after m steps, and the samples (m, 4 n) at them.
-
-        Parameters
-        ----------
-        state : (s,)
-            [q, v, a, q_last, z]: position at the step; velocity half a step before it; acceleration and position of
-            the last step; hysteresis states there.
-        inputs : (m, w)
-            [q_r, dq_r, feed-forward torque, time, temperature (n), runs].
-        h : float
-            Length of a step in s.
-        stiffness, damping : (n,)
-            Gains of the joint controller on the errors of position and velocity.
-
-        Returns
-        -------
-        The state, and [q, dq, ddq, tau] at every step.
-        """
-        return self.recurrence.run(state, inputs, np.concatenate([[h], stiffness, damping]))
-
-
-def build_step(dynamics: Dynamics) -> Step:
-    """Build the step of a robot."""
-    signals, parts, h = dynamics.signals, dynamics.parts, ca.SX.sym("h")
-    robot, n = dynamics.robot, dynamics.robot.n
-    stiffness, damping = ca.SX.sym("stiffness", n), ca.SX.sym("damping", n)
-    velocity, before, last = ca.SX.sym("v", n), ca.SX.sym("a", n), ca.SX.sym("q_last", n)
-    memory = ca.SX.sym("z", len(signals.memory_signals))
-    reference, reference_rate = ca.SX.sym("q_r", n), ca.SX.sym("dq_r", n)
-    feed_forward = ca.SX.sym("tau_ff", n)
-
-    predicted = velocity + 0.5 * h * before
-    tau = feed_forward + stiffness * (reference - signals.q) + damping * (reference_rate - predicted)
-    tau = ca.vertcat(*(_within(tau[j], robot.joints[j].limits.effort) for j in range(n)))
-
-    states = _moved(signals.memory_signals, memory, signals.q - last)
-    rigid = ca.Function("rigid", [signals.q, signals.dq], [parts.mass, parts.bias, parts.position_torque])
-    mass, bias, position_torque = rigid(signals.q, predicted)
-    inputs_of_rest = _rest_inputs(signals, dynamics.runs)
-    runs = inputs_of_rest[-1]
-    friction = ca.Function("friction", inputs_of_rest, [parts.rest, parts.rest_mass, parts.rest_slope])
-
-    middle = predicted
-    for _ in range(NEWTON_ITERATIONS):
-        ddq = 2 * (middle - velocity) / h
-        load = ca.mtimes(mass, ddq) + bias
-        torque, inertia, slope = friction(
-            signals.q, middle + _NOT_ZERO, ddq, load, states, signals.time, signals.temperature, runs
-        )
-        residual = load + position_torque + torque - tau
-        update = middle - ca.ldl_solve(residual, *ca.ldl(ca.densify(2 / h * (mass + inertia) + slope), False))
-        # Friction is odd in the velocity and bends towards its axis on both sides: a Newton step that jumps over zero
-        # may jump for ever, one from zero cannot.
-        middle = update * (middle * update >= 0)
-    ddq = 2 * (middle - velocity) / h
-    after = velocity + h * ddq
-    state = ca.vertcat(signals.q, velocity, before, last, memory)
-    inputs = ca.vertcat(reference, reference_rate, feed_forward, signals.time, signals.temperature, runs)
-    following = ca.vertcat(signals.q + h * after, after, ddq, signals.q, states)
-    sample = ca.vertcat(signals.q, middle, ddq, tau)
-    return Step(Recurrence(state, inputs, ca.vertcat(h, stiffness, damping), following, sample))
-
-
-def _within(torque: ca.SX, limit: float | None) -> ca.SX:
-    return torque if limit is None else ca.fmin(limit, ca.fmax(-limit, torque))
-
-
-def _moved(memory: Sequence[MemorySignal], states: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Hysteresis states after a displacement (n, 1): `dynident.effects.memory.step` in symbols."""
-    moved = []
-    for k, signal in enumerate(memory):
-        ratio = displacement[signal.joint] / signal.slip
-        if signal.operator == "stop":
-            moved.append(ca.fmin(1.0, ca.fmax(-1.0, states[k] + ratio)))
-        else:
-            direction = ca.sign(ratio)
-            moved.append(direction - (direction - states[k]) * ca.exp(-ca.fabs(ratio)))
-    return ca.vertcat(*moved) if moved else ca.SX(0, 1)
+    return parts, sliding

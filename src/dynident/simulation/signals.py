@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 
 from dynident.effects import Signals
 from dynident.effects.prediction import Prediction
+from dynident.robot.model import Robot
 
 
 class _InsideStep(Prediction):
@@ -62,8 +64,45 @@ class _InsideStep(Prediction):
         return ca.repmat(self.unknown, self.robot.n, 1)
 
 
+@dataclass(frozen=True, eq=False)
+class Sliding:
+    """A relative velocity with dry friction, and the symbol of its direction: ±1 sliding, anything between at rest."""
+
+    velocity: ca.SX
+    direction: ca.SX
+
+
 class SimulatedSignals(Signals):
-    """Signals inside a step of the motion."""
+    """Signals inside a step of the motion.
+
+    The sign of a velocity is a symbol of its own: where the velocity is zero, friction takes whatever value between the
+    two directions holds the joint, and the step has to find it.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._others: list[Sliding] = []
+
+    @cached_property
+    def sign(self) -> ca.SX:
+        """SX (n, 1): the directions in which the joints' friction acts."""
+        return ca.SX.sym("direction", self.robot.n)
+
+    def sign_of(self, velocity: ca.SX) -> ca.SX:
+        """The direction of friction at a relative velocity, entry by entry; the joint's own where it is a joint's."""
+        return ca.vertcat(*(self._direction_of(velocity[k]) for k in range(velocity.numel())))
+
+    def _direction_of(self, velocity: ca.SX) -> ca.SX:
+        for j in range(self.robot.n):
+            if ca.is_equal(velocity, self.dq[j]):
+                return self.sign[j]
+        self._others.append(Sliding(velocity, ca.SX.sym(f"direction_{self.robot.n + len(self._others)}")))
+        return self._others[-1].direction
+
+    def sliding_in(self, torque: ca.SX) -> tuple[Sliding, ...]:
+        """Those of all joints, then the others that a torque depends on."""
+        joints = [Sliding(self.dq[j], self.sign[j]) for j in range(self.robot.n)]
+        return (*joints, *(one for one in self._others if ca.depends_on(torque, one.direction)))
 
     @cached_property
     def predicted(self) -> _InsideStep:

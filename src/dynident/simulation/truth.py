@@ -14,7 +14,9 @@ from dynident.robot.model import FloatArray, Robot
 
 _TITLE = "Unusable virtual robot"
 # Torque that these scale takes energy out of the motion; with a negative value the virtual robot would run away.
-_NEVER_NEGATIVE = frozenset({("coulomb", "Fc"), ("viscous", "Fv"), ("rotor_inertia", "Ia"), ("presliding", "Fz")})
+_NEVER_NEGATIVE = frozenset(
+    {("coulomb", "Fc"), ("viscous", "Fv"), ("rotor_inertia", "Ia"), ("presliding", "Fz"), ("break_away", "Fba")}
+)
 
 
 @dataclass(frozen=True)

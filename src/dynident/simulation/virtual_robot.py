@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from dynident.effects import effect_by_id
-from dynident.effects.friction import slowest_velocity
 from dynident.errors import DynidentError
 from dynident.progress import Progress, silent
 from dynident.robot.drive_chain import currents_of
@@ -20,19 +19,18 @@ from dynident.simulation.control import (
     feed_forward_torque,
     joint_gains,
 )
-from dynident.simulation.dynamics import Dynamics, Step, build_dynamics, build_step
+from dynident.simulation.dynamics import Dynamics, build_dynamics
 from dynident.simulation.measurement import Measurement, Truth
 from dynident.simulation.reference import Reference, ReferencePath, check_reference
 from dynident.simulation.sensing import Sensing
 from dynident.simulation.sensors import IntArray, Sensors, check_sensors, noise_deviation, quantised, sampling_steps
+from dynident.simulation.step import Step, build_step, first_state
 from dynident.simulation.truth import TrueEffect, true_inertias
 
 LONGEST_STEP = 0.25e-3
 """Longest internal step in s."""
 
 _CHUNK = 1000
-# The sign of friction changes over this share of the slowest joint's velocity limit: far below any Stribeck velocity.
-_SIGN_WIDTH = 5e-4
 # A joint this far from its reference (rad or m) is not following it any more.
 _LOST = 0.5
 
@@ -74,8 +72,7 @@ class VirtualRobot:
         self.inertias = true_inertias(robot, inertias)
         self.controller = Controller() if controller is None else controller
         self.longest_step = longest_step
-        sign_width = _SIGN_WIDTH * slowest_velocity(robot)
-        self.dynamics: Dynamics = build_dynamics(robot, self.effects, self.inertias, smooth_sign=sign_width)
+        self.dynamics: Dynamics = build_dynamics(robot, self.effects, self.inertias)
         self.sensing = Sensing.of(self.effects, self.inertias, self.dynamics.signals)
 
     def measure(
@@ -147,7 +144,8 @@ class VirtualRobot:
         coarse = np.arange(0.0, reference.duration + 2 / FEED_FORWARD_RATE, 1 / FEED_FORWARD_RATE) + start
         gains: Gains = joint_gains(self.controller, self.dynamics, path, coarse)
         feed_forward = feed_forward_torque(self.controller, self.dynamics, path, coarse)
-        state = self._initial_state(path, start, h)
+        q, dq, ddq = (values[0] for values in path.at(np.array([start])))
+        state = first_state(self.dynamics, q, dq, ddq, h)
         present = np.array([float(not one.runs or run_label in one.runs) for one in self.dynamics.runs])
         out = np.empty((len(taken), 4 * self.robot.n))
         done = 0
@@ -165,11 +163,6 @@ class VirtualRobot:
             self._check_followed(t[:last], q[:last], rows[:last, : self.robot.n])
             progress(min(1.0, (first + last) / n_steps), f"simulated {t[last - 1] - start:.1f} s")
         return out
-
-    def _initial_state(self, path: ReferencePath, start: float, h: float) -> FloatArray:
-        q, dq, ddq = (values[0] for values in path.at(np.array([start])))
-        memory = np.zeros(len(self.dynamics.signals.memory_signals))
-        return np.concatenate([q, dq - 0.5 * h * ddq, ddq, q, memory])
 
     def _check_temperature(self, reference: Reference) -> None:
         heated = [one.effect for one in self.effects if effect_by_id(one.effect).needs_temperature]

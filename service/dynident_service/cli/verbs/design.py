@@ -30,6 +30,10 @@ def design(
     harmonics: Annotated[int, typer.Option("--harmonics", help="fourier: of the fundamental frequency.")] = 5,
     intervals: Annotated[int, typer.Option("--intervals", help="b_spline: between its knots.")] = 9,
     points: Annotated[int, typer.Option("--points", help="point_to_point: rests in a round.")] = 12,
+    dwell: Annotated[
+        tuple[float, float],
+        typer.Option("--dwell", help="point_to_point: shortest and longest rest in a point, s.", show_default=False),
+    ] = (0.0, 0.0),
     sets: Annotated[
         str, typer.Option("--sets", help="sequential: link_by_link, wrist_then_shoulder or vandanjon.")
     ] = "vandanjon",
@@ -109,6 +113,7 @@ def design(
             harmonics=harmonics,
             intervals=intervals,
             points=points,
+            dwell=dwell,
             sets=sets,
             joints=tuple(joints or ()),
             periods=periods,

@@ -20,7 +20,7 @@ from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.points.search import FoundSequence, drawn, improved
 from dynident.excitation.points.sequence import Legs, PointSequence, values_of
 from dynident.excitation.points.spaces import FreePoints
-from dynident.excitation.trajectories.motion import Piece
+from dynident.excitation.trajectories.motion import Piece, Rest
 from dynident.progress import part
 
 _VARIATIONS_OF_A_POINT = 40
@@ -54,24 +54,38 @@ def point_to_point(task: Task, budget: Budget) -> Made:
     chosen, pieces = first_that_fits(task, [best.sequence, *(one.sequence for one in candidates)])
     placed = with_moves(request.home, chosen.points[-1], bounds, model, task.rate)
     margins = verified(task, (placed.approach, *pieces, placed.retreat))
-    rounds = pieces * request.trajectory.periods
+    rounds = _dwelling(pieces * request.trajectory.periods, chosen, task)
     first = placed.approach.duration
     exciting = (first, first + sum(piece.duration for piece in rounds))
     course = (placed.approach, *rounds, placed.retreat)
     valued = task.valued(course, exciting)
     if not np.isfinite(valued.values.condition_number):
         notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
-    period = sum(piece.duration for piece in pieces)
+    period = sum(piece.duration for piece in rounds) / request.trajectory.periods
     notes.append(f"One round through {len(pieces)} points takes {period:.9g} s.")
     return Made(
         course,
         exciting,
-        period,
+        None if request.trajectory.dwell[1] > 0 else period,
         valued,
         baseline_of([one.values for one in candidates]),
         margins,
         (*notes, *placed.notes),
     )
+
+
+def _dwelling(moves: Sequence[Piece], sequence: PointSequence, task: Task) -> tuple[Piece, ...]:
+    """The moves, each of which ends in the next of the points, with a rest after each where one is asked for."""
+    least, most = task.request.trajectory.dwell
+    if most <= 0:
+        return tuple(moves)
+    rng = np.random.default_rng((task.request.seed, len(moves)))
+    pieces: list[Piece] = []
+    for k, move in enumerate(moves):
+        # A whole number of samples, as of every piece.
+        lasts = round(float(rng.uniform(least, most)) * task.rate) / task.rate
+        pieces += (move, Rest(sequence.points[k % len(sequence.points)], lasts))
+    return tuple(pieces)
 
 
 def _best(

@@ -1,8 +1,8 @@
 """Hysteresis states along a sampled path, and the reverse sweep: from ∂/∂z back to ∂/∂q.
 
 A state depends on the path alone, z(k) = step(z(k-1), q(k) - q(k-1)), so its gradient is that of a recursion. Where a
-stop operator is at its stop, the past is forgotten and the gradient ends there: it is exact except at the instant at
-which the stop is reached.
+stop operator is at its stop, or a joint turns and forgets what it travelled, the past is lost and the gradient ends
+there: it is exact except at the instant at which that happens.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ class PathMemory:
         self._joints = np.array([signal.joint for signal in self.signals], dtype=np.intp)
         self._slips = np.array([signal.slip for signal in self.signals])
         self._stops = np.array([signal.operator == "stop" for signal in self.signals])
+        self._travels = np.array([signal.operator == "travel" for signal in self.signals])
 
     def along(self, q: FloatArray, *, periodic: bool) -> FloatArray:
         """States (m, k) along q (m, n); of a periodic path those of a later period, when the start is forgotten."""
@@ -61,9 +62,11 @@ class PathMemory:
         """∂z(k)/∂z(k-1) and ∂z(k)/∂(q(k) - q(k-1)), both (m, k)."""
         path = q[:, self._joints]
         moves = path - np.roll(path, 1, axis=0)
+        direction, before = np.sign(moves), np.roll(z, 1, axis=0)
+        forgets = self._travels & (direction * before <= 0)
         inside = (np.abs(z) < _AT_STOP).astype(np.float64)
         decay = np.exp(-np.abs(moves) / self._slips)
-        sliding = (1.0 - np.sign(moves) * np.roll(z, 1, axis=0)) * decay
-        passes = np.where(self._stops, inside, decay)
+        sliding = (1.0 - direction * np.where(forgets, 0.0, before)) * decay
+        passes = np.where(self._stops, inside, np.where(forgets, 0.0, decay))
         follows = np.where(self._stops, inside, sliding) / self._slips
         return passes, follows
