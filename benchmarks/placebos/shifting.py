@@ -28,6 +28,10 @@ KindsOf = Callable[[Recording, FilteredSamples], IntArray]
 
 # Shares of a run: clear of no shift at all, which is also one of the whole run.
 _LEAST, _MOST = 0.15, 0.85
+# Correlation of a run's torque with itself from which on it repeats itself, and what came later would be right again.
+_ALIKE = 0.3
+# Share of the shifts that are left where a run repeats itself everywhere.
+_FEW = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +45,11 @@ class Shifts:
     rng: np.random.Generator
     _drawn: dict[tuple[str, str, str], float] = field(default_factory=dict)
 
-    def share(self, effect: str, joint: str, run: str) -> float:
-        """The share of a run by which the columns of an effect on a joint are late."""
+    def share(self, effect: str, joint: str, run: str, possible: FloatArray) -> float:
+        """The share of a run by which the columns of an effect on a joint are late: one of those that are possible."""
         key = (effect, joint, run)
         if key not in self._drawn:
-            self._drawn[key] = float(self.rng.uniform(_LEAST, _MOST))
+            self._drawn[key] = float(self.rng.choice(possible))
         return self._drawn[key]
 
 
@@ -64,9 +68,10 @@ class ShiftedCandidates:
         for samples in whole_runs(self.samples_of(recording)):
             kinds = self.kinds_of(recording, samples)
             run = recording.run_label(samples.segment)
+            possible = wrong_shares(samples.tau)
             values = samples.values.copy()
             for (effect, joint, row), entries in self._groups():
-                share = self.shifts.share(effect, joint, run)
+                share = self.shifts.share(effect, joint, run, possible)
                 values[:, entries] = rolled(values[:, entries], share, kinds[:, row])
             yield replace(samples, values=values)
 
@@ -81,6 +86,18 @@ class ShiftedCandidates:
         shifted = np.flatnonzero(self.observation.entry_columns >= self.n_base).tolist()
         for which, entries in groupby(sorted(shifted, key=key), key):
             yield which, np.array(list(entries), dtype=np.intp)
+
+
+def wrong_shares(tau: FloatArray) -> FloatArray:
+    """Shares of a run by which it can be shifted and is then unlike itself, from its torque (m, n)."""
+    spectrum = np.fft.rfft(tau - tau.mean(axis=0), axis=0)
+    own = np.fft.irfft(np.abs(spectrum) ** 2, len(tau), axis=0)
+    moved = own[0] > 0
+    likeness = np.abs(own[:, moved] / own[0, moved]).mean(axis=1) if moved.any() else np.zeros(len(tau))
+    shares = np.arange(len(tau)) / len(tau)
+    inside = (shares >= _LEAST) & (shares <= _MOST)
+    wrong = inside & (likeness < max(_ALIKE, float(np.quantile(likeness[inside], _FEW))))
+    return shares[wrong] if wrong.any() else shares[inside]
 
 
 def rolled(values: FloatArray, share: float, kinds: IntArray) -> FloatArray:

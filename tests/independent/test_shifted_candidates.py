@@ -12,7 +12,7 @@ from hiding.manners import Manners
 from hiding.recorded import recorded
 from placebo import named_at
 from placebos.decision import Question
-from placebos.shifting import IntArray, ShiftedCandidates, Shifts, rolled, whole_runs
+from placebos.shifting import IntArray, ShiftedCandidates, Shifts, rolled, whole_runs, wrong_shares
 
 from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice, Signals, columns_of
@@ -28,11 +28,14 @@ COLUMNS = columns_of([EffectChoice(name) for name in ("coulomb", "viscous", "str
 OBSERVATION = Observation.of(ROBOT, COLUMNS, SIGNALS)
 N_BASE = ROBOT.n
 RNG = np.random.default_rng(3)
-LENGTHS = (80, 50)
-ROWS = [
-    FilteredSamples(np.arange(m) / 20.0, RNG.standard_normal((m, len(OBSERVATION.entry_rows))), np.ones((m, N_BASE)), k)
-    for k, m in enumerate(LENGTHS)
-]
+
+
+def _run(number: int, length: int) -> FilteredSamples:
+    values, tau = (RNG.standard_normal((length, width)) for width in (len(OBSERVATION.entry_rows), ROBOT.n))
+    return FilteredSamples(np.arange(length) / 20.0, values, tau, number)
+
+
+ROWS = [_run(0, 80), _run(1, 50)]
 RECORDING = recording_from_arrays(
     np.arange(400) / 100.0,
     np.zeros((400, ROBOT.n)),
@@ -75,16 +78,26 @@ def test_columns_of_candidates_come_later_by_the_share_that_was_drawn() -> None:
     for shifted, run in zip(_shifted(shifts), ROWS, strict=True):
         for k in np.flatnonzero(OBSERVATION.entry_columns >= N_BASE):
             column = OBSERVATION.columns[OBSERVATION.entry_columns[k]]
-            share = shifts.share(column.effect, column.link, RECORDING.run_label(run.segment))
+            share = shifts.share(column.effect, column.link, RECORDING.run_label(run.segment), np.empty(0))
             assert 0.1 < share < 0.9
             assert np.array_equal(shifted.values[:, k], np.roll(run.values[:, k], round(share * len(run.t))))
 
 
 def test_effects_joints_and_runs_are_shifted_apart() -> None:
     shifts = Shifts(np.random.default_rng(1))
-    shares = {shifts.share(effect, joint, run) for effect in "ab" for joint in "cd" for run in "ef"}
+    possible = np.linspace(0.2, 0.8, 1000)
+    shares = {shifts.share(effect, joint, run, possible) for effect in "ab" for joint in "cd" for run in "ef"}
     assert len(shares) == 8
-    assert shifts.share("a", "c", "e") == shifts.share("a", "c", "e")
+    assert shifts.share("a", "c", "e", possible) == shifts.share("a", "c", "e", possible)
+
+
+def test_a_periodic_run_is_not_shifted_by_a_period() -> None:
+    t = np.arange(400) / 400
+    shares = wrong_shares(np.column_stack([np.sin(2 * np.pi * 4 * t), np.cos(2 * np.pi * 8 * t)]))
+    assert len(shares) > 20
+    assert all(abs(shares - period).min() > 0.02 for period in (0.25, 0.5, 0.75))
+    # Noise is never like itself.
+    assert len(wrong_shares(RNG.standard_normal((400, 2)))) > 200
 
 
 def test_rows_change_places_with_rows_of_their_own_kind() -> None:
