@@ -2,14 +2,20 @@
 
     python benchmarks/hidden_effects.py [--seed 1 | --seed new] [--cases 84] [--processes 2] [--json out.json]
     python benchmarks/hidden_effects.py --families stribeck,payload+torque_ripple,clean --arms ur10 --size full
+    python benchmarks/hidden_effects.py --motion point-to-point --controller soft --rate 125,60 --paces 1,0.5,0.2
 
 Every case is an arm that MuJoCo moves in closed loop, with one or two effects of the catalogue in it, or something that
 no catalogue has, or nothing. The program gets two recordings and a description whose masses are some 15 % off; a third
-recording is held out. A case counts as one that shows where the effect leaves more than the noise in the residual of
-the plain model, measured without the program. In the table, shares are of the cases that show; `first` counts names
-that stand first or are reported as equivalent to the first (`equiv` of them only so); `beside`: something was
-recommended that is not there; `error ratio`: held-out error after adding what is recommended over that of the true
-structure, median and worst; `par. err`: the same for the main parameters.
+recording is held out. Every recording has runs at full speed, a middle and a low one. Motions (Fourier, or from point
+to point with pauses), controllers (soft, stiff) and rates are drawn with the seed, apart from what is hidden: the same
+effects can be asked of other recordings. A case counts as one that shows where the effect leaves more than the noise
+in the residual of the plain model, measured without the program.
+
+In the table, shares are of the cases that show; `first` counts names that stand first or are reported as equivalent to
+the first (`equiv` of them only so). `beside`, `extra` and `unknown` are of all cases. `beside`: something was
+recommended that is not there, or on a joint where it is not, equivalents let pass; `extra`: a recommended name that is
+not there, equivalents counted. `error ratio`: held-out error, where joints move, after adding what is recommended over
+that of the true structure, median and worst; `par. err`: the same for the main parameters.
 """
 
 from __future__ import annotations
@@ -26,15 +32,17 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from multiprocessing import get_context
 from pathlib import Path
+from typing import get_args
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 from common import show  # noqa: E402
-from hiding.case import Case, Size  # noqa: E402
+from hiding.case import Case, Firmness, MotionKind, Size  # noqa: E402
 from hiding.drawing import Wanted, draw_cases  # noqa: E402
 from hiding.families import FAMILIES  # noqa: E402
 from hiding.judging import judge_safely  # noqa: E402
+from hiding.manners import Manners  # noqa: E402
 from hiding.outcome import Outcome  # noqa: E402
 from hiding.outside import OUTSIDE  # noqa: E402
 from hiding.table import describe, is_failure, table, totals  # noqa: E402
@@ -49,7 +57,12 @@ def main() -> None:
     families = _listed(arguments.families)
     cases = draw_cases(
         Wanted(
-            seed, arguments.cases or (0 if families else 84), families, _listed(arguments.arms), SIZES[arguments.size]
+            seed,
+            arguments.cases or (0 if families else 84),
+            families,
+            _listed(arguments.arms),
+            SIZES[arguments.size],
+            _manners(arguments),
         )
     )
     print(f"seed {seed}: {len(cases)} cases on {', '.join(dict.fromkeys(case.arm for case in cases))}", flush=True)
@@ -80,6 +93,17 @@ def judged(cases: Sequence[Case], folder: Path | None, shows: float, processes: 
             yield job.result()
 
 
+def _manners(arguments: argparse.Namespace) -> Manners:
+    """How the arms may be moved and recorded: what is not named is drawn."""
+    usual = Manners()
+    return Manners(
+        (arguments.motion,) if arguments.motion else usual.motions,
+        (arguments.controller,) if arguments.controller else usual.firmnesses,
+        tuple(map(float, _listed(arguments.rate))) or usual.rates,
+        tuple(map(float, _listed(arguments.paces))),
+    )
+
+
 def _line(outcome: Outcome) -> str:
     said = outcome.failure or "; ".join(outcome.recommended) or outcome.verdict
     mark = "FAIL " if is_failure(outcome) else "     "
@@ -94,6 +118,10 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--families", default="", help="names with commas between; + joins two in one arm; clean")
     parser.add_argument("--arms", default="", help="franka_panda, ur10, ur5, six-<number>, sliding-<number>, …")
     parser.add_argument("--size", choices=SIZES, default="both")
+    parser.add_argument("--motion", choices=get_args(MotionKind), help="either by default")
+    parser.add_argument("--controller", choices=get_args(Firmness), help="either by default")
+    parser.add_argument("--rate", default="", help="Hz, several with commas between: drawn from these")
+    parser.add_argument("--paces", default="", help="shares of full speed that every recording has a run at: 1,0.5,0.2")
     parser.add_argument("--shows", type=float, default=SHOWS, help="excess from which on an effect counts as shown")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--json", type=Path, default=None, help="write every outcome here")

@@ -1,4 +1,4 @@
-"""The run: feedforward of the level, rigid, frictionless arm, and a stiff controller at every joint, in the engine."""
+"""The run: feedforward of the level, rigid, frictionless arm, and a controller at every joint, in the engine."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _controller(arm: Arm, motion: Motion) -> tuple[FloatArray, FloatArray, Float
         mujoco.mj_mulM(model, data, column, np.eye(n)[dof[j]])
         inertia[j] = column[dof[j]]
     friction = drives.coulomb + drives.viscous * np.abs(motion.dq).max(axis=0)
-    rate = np.maximum(2 * np.pi * 15.0, np.sqrt(friction / arm.lag / inertia))
+    rate = arm.servo.rate(inertia, friction)
     samples = np.append(np.arange(0, len(motion.t) - 1, _FEEDFORWARD_EVERY), len(motion.t) - 1)
     torques = np.empty((len(samples), n))
     for row, k in enumerate(samples):
@@ -102,7 +102,7 @@ def _controller(arm: Arm, motion: Motion) -> tuple[FloatArray, FloatArray, Float
         mujoco.mj_inverse(model, data)
         torques[row] = data.qfrc_inverse[dof]
     feedforward = np.column_stack([np.interp(motion.t, motion.t[samples], torques[:, j]) for j in range(n)])
-    return inertia * rate**2, 2 * inertia * rate, feedforward
+    return inertia * rate**2, 2 * arm.servo.damping * inertia * rate, feedforward
 
 
 def typical_torque(robot: Robot, seed: int, samples: int = 300) -> FloatArray:

@@ -22,10 +22,14 @@ class Instruments:
     noise: float = 0.005
     rate: float = 1000.0
 
+    def every(self, step: float) -> int:
+        """Steps of the engine, so many seconds each, between two samples."""
+        return round(1 / (self.rate * step))
+
 
 def seen(exact: Measured, arm: Arm, instruments: Instruments, seed: int) -> Run:
     """What is recorded of a run."""
-    every = round(1 / (instruments.rate * arm.step))
+    every = instruments.every(arm.step)
     rng = np.random.default_rng(seed)
     noise = instruments.noise * effort_limits(arm.robot)
     linear = np.array([joint.kind == "prismatic" for joint in arm.robot.joints])

@@ -31,26 +31,28 @@ def fourier_motion(
     period: float = 12.0,
     slope: float = 0.5,
     rise: float = 1.0,
+    pace: float = 1.0,
 ) -> Motion:
     """A Fourier motion of random phases, as large and as fast as the limits let it, swelling from rest in `rise` s.
 
-    The amplitudes of the harmonics fall with the frequency to the power `slope`: the larger, the wider the motion.
+    The amplitudes of the harmonics fall with the frequency to the power `slope`: the larger, the wider the motion. A
+    `pace` below 1 runs it so much more slowly, as an operator's override does.
     """
     rng = np.random.default_rng(seed)
     t: FloatArray = np.arange(round(duration / step) + 1, dtype=np.float64) * step
-    rates = 2 * np.pi / period * np.arange(1, harmonics + 1)[:, None]
+    rates = 2 * np.pi / period * pace * np.arange(1, harmonics + 1)[:, None]
     swell, dswell, ddswell = _swell(t, rise)
     q, dq, ddq = (np.zeros((len(t), robot.n), dtype=np.float64) for _ in range(3))
     for j, joint in enumerate(robot.joints):
         low, high = joint.limits.position or (-np.pi, np.pi)
         middle, half = (low + high) / 2, min((high - low) / 2, np.pi)
         angle = rates * t + rng.uniform(0, 2 * np.pi, (harmonics, 1))
-        size = rng.uniform(0.4, 1.0, (harmonics, 1)) / rates**slope
+        size = rng.uniform(0.4, 1.0, (harmonics, 1)) / (rates / pace) ** slope
         x = (size * np.sin(angle)).sum(0)
         dx = (size * rates * np.cos(angle)).sum(0)
         ddx = -(size * rates**2 * np.sin(angle)).sum(0)
         x, dx, ddx = swell * x, swell * dx + dswell * x, swell * ddx + 2 * dswell * dx + ddswell * x
-        speed, strength = joint.limits.velocity or 2.0, joint.limits.acceleration or 8.0
+        speed, strength = (pace * limit for limit in (joint.limits.velocity or 2.0, joint.limits.acceleration or 8.0))
         scale = min(0.85 * half / np.abs(x).max(), 0.7 * speed / np.abs(dx).max(), 0.6 * strength / np.abs(ddx).max())
         q[:, j], dq[:, j], ddq[:, j] = middle + scale * x, scale * dx, scale * ddx
     return Motion(t, q, dq, ddq)

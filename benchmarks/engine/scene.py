@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from dynident.robot import Robot
 from engine.drives import Drives
+from engine.servos import Lag, Servo
 
 if TYPE_CHECKING:
     from engine.physics import Hidden
@@ -29,16 +30,12 @@ _SMALLEST_LOSS = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A robot with drives and hidden effects.
-
-    `lag`: how far friction makes a joint stay behind its reference (rad or m); the stiffer the controller, the shorter
-    a joint sticks at a reversal. `step` is the engine's, in s.
-    """
+    """A robot with drives, hidden effects and a controller. `step` is the engine's, in s."""
 
     robot: Robot
     drives: Drives
     hidden: tuple[Hidden, ...] = ()
-    lag: float = 1.5e-3
+    servo: Servo = field(default_factory=Lag)
     step: float = 0.5e-3
 
 

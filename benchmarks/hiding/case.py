@@ -6,9 +6,14 @@ import hashlib
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from engine import Hidden, Instruments
+from engine import Bandwidth, Hidden, Instruments
 
 Size = Literal["full", "quarter"]
+MotionKind = Literal["fourier", "point-to-point"]
+Firmness = Literal["soft", "stiff"]
+
+# Hz: between the bandwidths of controllers that are called soft and stiff.
+_STIFF = 9.0
 
 
 @dataclass(frozen=True)
@@ -54,32 +59,48 @@ class Placed:
 class Take:
     """One run of a session: when it starts (s of the session), how long it is, and whether it is held out.
 
-    `joined`: it shares its file with the run before, as another segment of it.
+    `joined`: it shares its file with the run before, as another segment of it. `pace`: how fast the motion is run, as a
+    share of full speed. `sitting`: runs of one sitting are recorded without a change to the arm between them.
     """
 
     start: float
     duration: float
     held_out: bool = False
     joined: bool = False
+    pace: float = 1.0
+    sitting: int = 0
 
 
-USUAL_SESSION = (Take(0.0, 24.0), Take(60.0, 24.0), Take(120.0, 24.0, held_out=True))
+@dataclass(frozen=True)
+class Manner:
+    """How an arm is moved: kind of motion, seed of it, the controller.
+
+    `slope`: the larger, the wider a Fourier motion and the less quick.
+    """
+
+    motion: MotionKind
+    seed: int
+    servo: Bandwidth
+    slope: float = 1.0
+
+    @property
+    def firmness(self) -> Firmness:
+        """What the controller would be called."""
+        return "stiff" if self.servo.hertz > _STIFF else "soft"
 
 
 @dataclass(frozen=True)
 class Case:
-    """`hidden` empty: a clean arm. `motion` and `noise` are seeds, `slope` is the motion's, `lag` the controller's."""
+    """`hidden` empty: a clean arm. `noise` is a seed."""
 
     name: str
     arm: str
     hidden: tuple[Placed, ...]
     size: Size
     instruments: Instruments
-    motion: int
+    manner: Manner
     noise: int
-    slope: float = 1.0
-    lag: float = 1.0e-3
-    session: tuple[Take, ...] = USUAL_SESSION
+    session: tuple[Take, ...]
 
     @property
     def kind(self) -> str:
@@ -100,5 +121,5 @@ class Case:
         """Tells the simulated runs of cases apart."""
         physics = tuple(placed.physics for placed in self.hidden)
         seen = (self.instruments.counts, self.instruments.rate)
-        text = repr((self.arm, physics, seen, self.motion, self.slope, self.lag, self.session))
+        text = repr((self.arm, physics, seen, self.manner, self.session))
         return hashlib.sha256(text.encode()).hexdigest()[:20]

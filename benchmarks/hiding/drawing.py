@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from engine import Instruments
 from engine.robots import arm_by_name
 
-from hiding.case import USUAL_SESSION, Case, Placed, Size, Take
+from hiding.case import Case, Size
 from hiding.families import FAMILIES
+from hiding.manners import Manners, draw_instruments, draw_manner, draw_paces
 from hiding.outside import OUTSIDE
+from hiding.sessions import draw_session
 from hiding.site import Site
 
-_COUNTS, _RATES = (2**17, 2**18, 2**19), (1000.0, 1000.0, 500.0, 250.0)
-# Motions are shared between cases, so that a clean arm need not be simulated for every one of them.
-_MOTIONS = 2
-# Quick and wide; with a stiff and a soft controller.
-_SLOPES = (0.7, 1.3)
-_LAGS = (0.5e-3, 1.5e-3)
-_AFRESH = (Take(0.0, 24.0), Take(0.0, 24.0), Take(0.0, 24.0, held_out=True))
 # Families that never stand beside one another in a double case: both are the same function of the motion.
 PAIRS = (
     ("stribeck", "base_tilt"),
@@ -42,13 +35,14 @@ PAIRS = (
 
 @dataclass(frozen=True)
 class Wanted:
-    """What to draw: empty families or arms stand for all."""
+    """What to draw: empty families or arms stand for all; `manners` is how they may be moved and recorded."""
 
     seed: int
     cases: int
     families: tuple[str, ...] = ()
     arms: tuple[str, ...] = ()
     sizes: tuple[Size, ...] = ("full", "quarter")
+    manners: Manners = field(default_factory=Manners)
 
 
 def draw_cases(wanted: Wanted) -> list[Case]:
@@ -64,7 +58,7 @@ def draw_cases(wanted: Wanted) -> list[Case]:
         number = drawn[names, size]
         drawn[names, size] += 1
         start = zlib.crc32("+".join(names).encode()) + (1 if size == "quarter" else 0)
-        cases.append(_case(names, size, arms[(start + number) % len(arms)], wanted.seed, number))
+        cases.append(_case(names, size, arms[(start + number) % len(arms)], wanted, number))
     return cases
 
 
@@ -91,36 +85,20 @@ def _plan(wanted: Wanted) -> list[tuple[tuple[str, ...], Size]]:
     ]
 
 
-def _case(names: tuple[str, ...], size: Size, arm: str, seed: int, number: int) -> Case:
-    rng = np.random.default_rng([seed, number, size == "full", zlib.crc32("+".join(names).encode())])
-    site = Site(arm_by_name(arm), rng, 1.0 if size == "full" else 0.25)
-    hidden = tuple({**FAMILIES, **OUTSIDE}[name](site) for name in names)
-    instruments = Instruments(int(rng.choice(_COUNTS)), float(rng.uniform(0.004, 0.008)), float(rng.choice(_RATES)))
-    motion = int(rng.integers(_MOTIONS))
-    name = f"{'+'.join(names) or 'clean'} {size} {arm} #{number}"
+def _case(names: tuple[str, ...], size: Size, arm: str, wanted: Wanted, number: int) -> Case:
+    key = (wanted.seed, number, size == "full", zlib.crc32("+".join(names).encode()))
+    # What is hidden is drawn apart from how it is recorded: the same can be asked of other motions and rates.
+    rng, recording = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
+    manner = draw_manner(wanted.manners, recording)
+    session = draw_session(names, draw_paces(wanted.manners, recording), recording)
+    site = Site(arm_by_name(arm), rng, 1.0 if size == "full" else 0.25, session)
     return Case(
-        name,
+        f"{'+'.join(names) or 'clean'} {size} {arm} #{number}",
         arm,
-        hidden,
+        tuple({**FAMILIES, **OUTSIDE}[name](site) for name in names),
         size,
-        instruments,
-        100 * seed + 10 * motion,
-        int(rng.integers(2**31)),
-        _SLOPES[motion],
-        _LAGS[motion],
-        _session(hidden, rng),
+        draw_instruments(wanted.manners, recording),
+        manner,
+        int(recording.integers(2**31)),
+        session,
     )
-
-
-def _session(hidden: Sequence[Placed], rng: np.random.Generator) -> tuple[Take, ...]:
-    names = [placed.effect for placed in hidden]
-    if "temperature_friction" in names:
-        return Take(0.0, 24.0), Take(3600.0, 24.0), Take(1800.0, 24.0, held_out=True)
-    if "warm_up_friction" in names:
-        starts = (0.0, 900.0, 2400.0, 6000.0)
-        return (*(Take(start, 15.0) for start in starts), Take(1500.0, 15.0, held_out=True))
-    if "payload" in names and rng.random() < 0.5:
-        # Both runs in one file, told apart by its segment column.
-        return Take(0.0, 24.0), Take(60.0, 24.0, joined=True), Take(120.0, 24.0, held_out=True)
-    # Most people's files begin at t = 0.
-    return _AFRESH if rng.random() < 0.5 else USUAL_SESSION

@@ -6,6 +6,8 @@ size. Full sizes are drawn from the upper half of what is usual.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from engine import Hidden, disturbances, friction, gears, structure
 from engine.temperature import Warming
@@ -60,10 +62,19 @@ def load_dependent_friction(site: Site) -> Placed:
 
 def temperature_friction(site: Site) -> Placed:
     j, share = site.joint(), -site.sized(0.02, 0.04)
-    warming = Warming(site.between(18, 26), site.between(15, 25), 900.0, (0.05, 0.85, 0.4))
+    warming = Warming(site.between(18, 26), site.between(15, 25), 900.0, _warmth(site, 900.0, (0.05, 0.85, 0.4)))
     viscous, coulomb = share * as_float(site.drives.viscous[j]), 0.3 * share * as_float(site.drives.coulomb[j])
     physics = friction.TemperatureFriction(j, viscous, coulomb, warming)
     return Placed("temperature_friction", (j,), physics, (Truth(("Fvt",), viscous), Truth(("Fct",), coulomb)))
+
+
+def _warmth(site: Site, time: float, sittings: Sequence[float]) -> tuple[float, ...]:
+    """The share of its warmth that every run starts with, from what the sittings start with; it goes on in between."""
+    begins = [min(take.start for take in site.session if take.sitting == k) for k in range(len(sittings))]
+    return tuple(
+        as_float(1 - (1 - sittings[take.sitting]) * np.exp(-(take.start - begins[take.sitting]) / time))
+        for take in site.session
+    )
 
 
 def warm_up_friction(site: Site) -> Placed:
@@ -154,7 +165,7 @@ def payload(site: Site) -> Placed:
     assert site.robot.inertias is not None
     mass = site.sized(0.6, 1.0) * float(site.robot.inertias[:, 9].sum()) / 18.0
     centre = (site.between(-0.03, 0.03), site.between(-0.03, 0.03), site.between(0.05, 0.12))
-    return Placed("payload", (), structure.Payload(mass, centre, 0.04, (1,)), (Truth(("Mp",), mass),))
+    return Placed("payload", (), structure.Payload(mass, centre, 0.04, site.runs_of(1)), (Truth(("Mp",), mass),))
 
 
 def transmission_coupling(site: Site) -> Placed:
@@ -218,11 +229,11 @@ def external_contact(site: Site) -> Placed:
     force = site.rng.standard_normal(3)
     # A push that the second joint feels as a tenth or two of its load.
     force *= site.sized(0.10, 0.25) * as_float(site.load[1]) / 0.7 / np.linalg.norm(force)
-    begin = site.between(5.0, 15.0)
+    begin = site.between(0.2, 0.55) * site.length
     physics = disturbances.Contact(
         (as_float(force[0]), as_float(force[1]), as_float(force[2])),
         (0.0, 0.0, 0.1),
-        (1,),
+        (int(site.rng.choice(site.runs_of(1))),),
         begin,
         begin + site.between(1.5, 3.0),
     )
@@ -234,7 +245,8 @@ def base_vibration(site: Site) -> Placed:
     shake = site.sized(0.25, 0.5) * direction / np.linalg.norm(direction)
     frequency = site.between(2.5, 6.0)
     # What shakes the base does not wait for the next run; but nobody's clock is so good that phases stay.
-    phases = (0.4, 0.4, 0.4) if site.rng.random() < 0.5 else (0.4, site.between(0, 6.28), site.between(0, 6.28))
+    sittings = [0.4] * 3 if site.rng.random() < 0.5 else [0.4, site.between(0, 6.28), site.between(0, 6.28)]
+    phases = tuple(sittings[take.sitting % len(sittings)] for take in site.session)
     physics = disturbances.Vibration(as_vector(shake), frequency, phases)
     amplitude = float(np.linalg.norm(shake))
     names = ("axc", "axs", "ayc", "ays", "azc", "azs")

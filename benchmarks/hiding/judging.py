@@ -12,16 +12,20 @@ import numpy as np
 from engine.disturbances import Contact
 from engine.robots import arm_by_name, as_described
 
-from dynident.diagnosis import Diagnosis, diagnose
+from dynident.diagnosis import Diagnosis, compare, diagnose
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend, identify
 from dynident.recordings import Recording, low_pass
 from dynident.robot import Robot
 from hiding.case import Case, Placed
-from hiding.outcome import Hint, Naming, Outcome
+from hiding.moving import moving_at
+from hiding.outcome import Hint, HowRecorded, Naming, Outcome
 from hiding.recorded import Recorded, label_of, recorded
 from hiding.visibility import SHOWS, excess
+
+# Hz, where the program does not filter the torque.
+_BAND = 20.0
 
 
 def judge_safely(case: Case, folder: Path | None, shows: float = SHOWS) -> Outcome:
@@ -68,11 +72,24 @@ def judge(case: Case, folder: Path | None, shows: float = SHOWS) -> Outcome:
 
 
 def error_over_noise(found: Identification, data: Recorded) -> float:
-    """Held-out residual over what the filter leaves of the torque sensor's noise, joints taken together."""
-    assert found.held_out is not None
-    taps = low_pass(data.case.instruments.rate, found.preprocessing.torque_cutoff)
+    """Held-out residual over what the filter leaves of the torque sensor's noise, joints taken together.
+
+    Of the rows in which a joint moves, which is told apart without the program: where it sticks, nobody could know.
+    """
+    robot, cutoff = arm_by_name(data.case.arm), found.preprocessing.torque_cutoff
+    taps = low_pass(data.case.instruments.rate, cutoff)
     floor = data.runs[0].noise * float(np.sqrt((taps**2).sum()))
-    return float(np.sqrt(np.mean((found.held_out.rms / floor) ** 2)))
+    residuals, clear = [], []
+    for numbers, recording in zip(data.files(held_out=True), data.recordings(held_out=True), strict=True):
+        compared = compare(found, recording)
+        for segment, number in enumerate(numbers):
+            rows = compared.segment == segment
+            residuals.append(compared.residual[rows])
+            clear.append(moving_at(compared.t[rows], data.runs[number], robot, cutoff or _BAND))
+    squares, counted = np.concatenate(residuals) ** 2, np.concatenate(clear)
+    joints = counted.any(axis=0)
+    rms = np.sqrt((squares * counted).sum(axis=0)[joints] / counted.sum(axis=0)[joints])
+    return float(np.sqrt(np.mean((rms / floor[joints]) ** 2)))
 
 
 def parameter_errors(case: Case, robot: Robot, found: Identification) -> tuple[tuple[str, float], ...]:
@@ -167,6 +184,7 @@ def _named(case: Case, robot: Robot, diagnosis: Diagnosis) -> Outcome:
         joint=None if first is None or meant is None else _on_its_joint(meant, first.joints, robot),
         complete=bool(case.hidden) and all(_found(p, diagnosis, robot) for p in case.hidden),
         beside=_beside(case, diagnosis, robot),
+        extra=_extra(case, diagnosis),
         unknown_right=right_unknown,
         recommended=tuple(_told(choice) for choice in recommended),
         unknown=tuple(f"{u.joint} over {u.variable} ({u.share:.0%})" for u in diagnosis.unknown),
@@ -188,6 +206,12 @@ def _beside(case: Case, diagnosis: Diagnosis, robot: Robot) -> tuple[str, ...]:
         if meant and all(placed.joints for placed in meant):
             found |= {f"{choice.effect} on {name}" for name in elsewhere}
     return tuple(sorted(found))
+
+
+def _extra(case: Case, diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Recommended names that are not there, whatever stands beside them and whatever they are equivalent to."""
+    there = {name for placed in case.hidden for name in placed.names}
+    return tuple(dict.fromkeys(choice.effect for choice in diagnosis.recommended if choice.effect not in there))
 
 
 def _twins(case: Case, diagnosis: Diagnosis) -> set[str]:
@@ -226,10 +250,16 @@ def _told(choice: EffectChoice) -> str:
 def _failed(case: Case, failure: str) -> Outcome:
     robot = arm_by_name(case.arm)
     return Outcome(
-        case=case.name, kind=case.kind, size=case.size, effects=tuple(p.effect for p in case.hidden), arm=case.arm,
+        case=case.name, kind=case.kind, size=case.size, recorded=_how(case),
+        effects=tuple(p.effect for p in case.hidden), arm=case.arm,
         joints=tuple(robot.joint_names[j] for p in case.hidden for j in p.joints), excess=0.0, shows=False,
         known=all(set(p.names) & set(CATALOGUE) for p in case.hidden), verdict="", naming="none", in_three=False,
-        joint=None, complete=False, beside=(), unknown_right=False, recommended=(), unknown=(), hints=(),
+        joint=None, complete=False, beside=(), extra=(), unknown_right=False, recommended=(), unknown=(), hints=(),
         plain=float("nan"), after=float("nan"), oracle=None, oracle_gain=None, parameter_errors=(), seconds=0.0,
         simulating=0.0, failure=failure,
     )  # fmt: skip
+
+
+def _how(case: Case) -> HowRecorded:
+    paces = tuple(dict.fromkeys(take.pace for take in case.session))
+    return HowRecorded(case.manner.motion, case.manner.firmness, round(case.instruments.rate, 1), paces)

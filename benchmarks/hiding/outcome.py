@@ -20,6 +20,16 @@ class Hint:
 
 
 @dataclass(frozen=True)
+class HowRecorded:
+    """How a case was recorded: kind of motion, controller, samples a second, speeds as shares of full speed."""
+
+    motion: str
+    controller: str
+    rate: float
+    paces: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Outcome:
     """One case judged.
 
@@ -29,16 +39,19 @@ class Outcome:
     `naming`: what stands first among the findings, or that there is none. `in_three`: the name is among the first
     three candidates. `joint`: the first finding is on the right joint (None where nothing is found or the effect has
     no joint). `complete`: every hidden effect is among the recommended, on its joint. `beside`: recommended names
-    that are not hidden, and joints where one is not. `unknown_right`: the joint and the variable of what has no name.
+    that are not hidden, and joints where one is not; an equivalent of what is hidden is let pass. `extra`: every
+    recommended name that is not there, equivalents too. `unknown_right`: the joint and the variable of what has no
+    name.
 
     `oracle_gain`: share by which the true structure lowers the held-out error. `plain`, `after`, `oracle`: held-out
-    errors over the sensor's noise in the band; `oracle` None where the product lacks the effect.
+    errors over the sensor's noise in the band, where joints move; `oracle` None where the product lacks the effect.
     `parameter_errors`: relative errors of the main parameters.
     """
 
     case: str
     kind: str
     size: str
+    recorded: HowRecorded
     effects: tuple[str, ...]
     arm: str
     joints: tuple[str, ...]
@@ -51,6 +64,7 @@ class Outcome:
     joint: bool | None
     complete: bool
     beside: tuple[str, ...]
+    extra: tuple[str, ...]
     unknown_right: bool
     recommended: tuple[str, ...]
     unknown: tuple[str, ...]

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import engine
 import numpy as np
-from engine import Arm, Instruments, Plan, Run, fourier_motion, record, usual_drives
+from engine import Arm, Instruments, Motion, Plan, Run, fourier_motion, point_to_point_motion, record, usual_drives
 from engine.drives import effort_limits
 from engine.robots import arm_by_name
 
 from dynident.recordings import Recording, recording_from_arrays
-from hiding.case import Case
+from dynident.robot import Robot
+from hiding.case import Case, Manner, Take
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,21 +35,25 @@ class Recorded:
         """The runs that no parameter sees."""
         return tuple(run for run, take in zip(self.runs, self.case.session, strict=True) if take.held_out)
 
+    def files(self, *, held_out: bool) -> list[list[int]]:
+        """Numbers of the runs that share a file, file by file."""
+        files: list[list[int]] = []
+        for number, take in enumerate(self.case.session):
+            if take.held_out == held_out:
+                if take.joined and files:
+                    files[-1].append(number)
+                else:
+                    files.append([number])
+        return files
+
     def recordings(self, *, held_out: bool) -> list[Recording]:
         """As recordings named "run 1", …; runs that share a file are segments of it, with its name."""
         names = arm_by_name(self.case.arm).joint_names
-        files: list[list[tuple[int, Run]]] = []
-        for index, (run, take) in enumerate(zip(self.runs, self.case.session, strict=True)):
-            if take.held_out == held_out:
-                if take.joined and files:
-                    files[-1].append((index, run))
-                else:
-                    files.append([(index, run)])
         made = []
-        for parts in files:
-            runs = [run for _, run in parts]
+        for numbers in self.files(held_out=held_out):
+            runs = [self.runs[number] for number in numbers]
             heat = None if runs[0].temperature is None else np.concatenate([_heat(run) for run in runs])
-            labels = np.repeat([index + 1 for index, _ in parts], [len(run.t) for run in runs])
+            labels = np.repeat([number + 1 for number in numbers], [len(run.t) for run in runs])
             made.append(
                 recording_from_arrays(
                     np.concatenate([run.t for run in runs]),
@@ -56,8 +61,8 @@ class Recorded:
                     np.concatenate([run.tau for run in runs]),
                     joint_names=names,
                     temperature=heat,
-                    segment=labels if len(parts) > 1 else None,
-                    name=f"run {parts[0][0] + 1}",
+                    segment=labels if len(numbers) > 1 else None,
+                    name=f"run {numbers[0] + 1}",
                 )
             )
         return made
@@ -81,11 +86,11 @@ def recorded(case: Case, folder: Path | None = None) -> Recorded:
     if kept and kept.exists():
         with np.load(kept) as stored:
             return Recorded(case, tuple(_stored(case, stored, k) for k in range(len(case.session))))
-    arm = Arm(robot, usual_drives(robot), tuple(placed.physics for placed in case.hidden), case.lag)
+    arm = Arm(robot, usual_drives(robot), tuple(placed.physics for placed in case.hidden), case.manner.servo)
     exact = Instruments(case.instruments.counts, 0.0, case.instruments.rate)
     runs = []
     for k, take in enumerate(case.session):
-        motion = fourier_motion(robot, take.duration, case.motion + k, arm.step, slope=case.slope, rise=2.0)
+        motion = _motion(robot, case.manner, take, case.manner.seed + k, arm.step)
         runs.append(record(arm, motion, exact, plan=Plan(k, take.start)))
     if kept:
         kept.parent.mkdir(parents=True, exist_ok=True)
@@ -97,6 +102,12 @@ def recorded(case: Case, folder: Path | None = None) -> Recorded:
     return Recorded(
         case, tuple(_noisy(case, k, run.t, run.q, run.exact_tau, run.temperature) for k, run in enumerate(runs))
     )
+
+
+def _motion(robot: Robot, manner: Manner, take: Take, seed: int, step: float) -> Motion:
+    if manner.motion == "point-to-point":
+        return point_to_point_motion(robot, take.duration, seed, step, take.pace)
+    return fourier_motion(robot, take.duration, seed, step, slope=manner.slope, rise=2.0, pace=take.pace)
 
 
 def _stored(case: Case, stored: np.lib.npyio.NpzFile, k: int) -> Run:

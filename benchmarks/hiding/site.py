@@ -12,16 +12,17 @@ from engine.drives import Drives, effort_limits, speed_limits, usual_drives
 from engine.scene import FloatArray
 
 from dynident.robot import Robot
-from hiding.case import Placed
+from hiding.case import Placed, Take
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """An arm in which something is to be hidden, and the chance by which it is drawn."""
+    """An arm in which something is to be hidden, the session it is for, and the chance by which it is drawn."""
 
     robot: Robot
     rng: np.random.Generator
     scale: float
+    session: tuple[Take, ...]
 
     @property
     def drives(self) -> Drives:
@@ -39,6 +40,15 @@ class Site:
     def load(self) -> FloatArray:
         """(n,): what the links ask of each joint."""
         return _load(self.robot)
+
+    @property
+    def length(self) -> float:
+        """Duration of the session's shortest run in s."""
+        return min(take.duration for take in self.session)
+
+    def runs_of(self, sitting: int) -> tuple[int, ...]:
+        """Numbers of the runs of a sitting."""
+        return tuple(k for k, take in enumerate(self.session) if take.sitting == sitting)
 
     def between(self, low: float, high: float) -> float:
         return float(self.rng.uniform(low, high))

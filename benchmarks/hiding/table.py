@@ -11,13 +11,16 @@ from hiding.outcome import Outcome
 T = TypeVar("T")
 
 _HEAD = (
-    "", "cases", "show", "first", "equiv", "three", "joint", "wrong", "none", "both", "beside", "error ratio",
-    "par. err", "excess", "s",
+    "", "cases", "show", "first", "equiv", "three", "joint", "wrong", "none", "both", "beside", "extra", "unknown",
+    "error ratio", "par. err", "excess", "s",
 )  # fmt: skip
 
 
 def table(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
-    """Rows of the table: a family a row, then totals by kind and size. Shares are of the cases that show."""
+    """Rows of the table: a family a row, then totals by kind and size, then single cases by how they were recorded.
+
+    Shares are of the cases that show; `beside`, `extra` and `unknown` of all.
+    """
     rows: list[tuple[str, ...]] = [_HEAD]
     singles = [o for o in outcomes if o.kind == "single"]
     families = dict.fromkeys(o.effects[0] for o in singles)
@@ -25,7 +28,23 @@ def table(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
     rows += [_row(family, [o for o in singles if o.effects[0] == family]) for family in families]
     rows += [_row(f"all single, {size}", [o for o in singles if o.size == size]) for size in sizes]
     rows += [_row(f"all {kind}", [o for o in outcomes if o.kind == kind]) for kind in ("double", "outside", "clean")]
+    rows += _by_recording(singles)
     return [row for row in rows if row[1] != "0"]
+
+
+def _by_recording(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+    """A row for every motion, controller and rate, where there are several."""
+    of: tuple[Callable[[Outcome], str], ...] = (
+        lambda o: o.recorded.motion,
+        lambda o: f"{o.recorded.controller} controller",
+        lambda o: f"{o.recorded.rate:g} Hz",
+    )
+    rows = []
+    for title_of in of:
+        titles = dict.fromkeys(title_of(o) for o in sorted(outcomes, key=lambda o: -o.recorded.rate))
+        if len(titles) > 1:
+            rows += [_row(f"  {title}", [o for o in outcomes if title_of(o) == title]) for title in titles]
+    return rows
 
 
 def totals(outcomes: Sequence[Outcome]) -> dict[str, float]:
@@ -49,6 +68,7 @@ def totals(outcomes: Sequence[Outcome]) -> dict[str, float]:
         "both of two": _share(double, lambda o: o.complete),
         "outside: unknown with its variable, or an equivalent": _share(outside, right_outside),
         "outside: wrong name": _share(outside, lambda o: bool(o.beside)),
+        "extra names, all cases": _share([o for o in outcomes if not o.failure], lambda o: bool(o.extra)),
         "clean: something recommended": _share(clean, lambda o: bool(o.recommended)),
         "clean: something unknown": _share(clean, lambda o: bool(o.unknown)),
         "held-out error within 1.05 of the true structure": _share(ratios, lambda ratio: ratio <= 1.05),
@@ -85,7 +105,11 @@ def is_failure(outcome: Outcome) -> bool:
 
 def describe(outcome: Outcome) -> str:
     """A failure in enough detail to look for its cause."""
-    lines = [f"{outcome.case}: hidden on {', '.join(outcome.joints) or 'the whole robot'}, excess {outcome.excess:.2f}"]
+    how = outcome.recorded
+    lines = [
+        f"{outcome.case}: hidden on {', '.join(outcome.joints) or 'the whole robot'}, excess {outcome.excess:.2f}; "
+        f"{how.motion}, {how.controller} controller, {how.rate:g} Hz, at {', '.join(f'{p:.0%}' for p in how.paces)}"
+    ]
     if outcome.failure:
         return "\n".join([*lines, f"    {outcome.failure}"])
     oracle = "-" if outcome.oracle is None else f"{outcome.oracle:.3f}"
@@ -121,6 +145,8 @@ def _row(title: str, outcomes: Sequence[Outcome]) -> tuple[str, ...]:
         _count(shown, lambda o: o.naming == "none"),
         _count([o for o in shown if o.kind == "double"], lambda o: o.complete),
         _count(worked, lambda o: bool(o.beside)),
+        _count(worked, lambda o: bool(o.extra)),
+        _count(worked, lambda o: bool(o.unknown)),
         f"{statistics.median(ratios):.3f} {max(ratios):.3f}" if ratios else "-",
         f"{statistics.median(errors):.1%} {max(errors):.1%}" if errors else "-",
         f"{statistics.median(o.excess for o in worked):.2f}" if worked else "-",

@@ -14,6 +14,7 @@ from hiding.case import Case
 from hiding.drawing import PAIRS, Wanted, draw_cases
 from hiding.families import FAMILIES
 from hiding.judging import judge_safely
+from hiding.manners import Manners
 from hiding.outcome import Outcome
 from hiding.outside import OUTSIDE
 from hiding.table import describe, is_failure
@@ -24,6 +25,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 # Single cases at their full size and at a quarter of it.
 FEW, MANY = (4, 1), (8, 2)
+# Quick motions without pauses, firmly controlled: what is harder is for the benchmark.
+EASY = Manners(motions=("fourier",), firmnesses=("stiff",), paces=(1.0,))
 # What any seed has to reach: a few cases tell little, so this is far below what is usual.
 NAMED, WITHIN, MADE_UP = 0.5, 0.5, 0.25
 
@@ -34,8 +37,8 @@ def _drawn(seed: int, full: int, quarter: int) -> list[Case]:
     pair = "+".join(PAIRS[int(rng.integers(len(PAIRS)))])
     odd = str(rng.choice(list(OUTSIDE)))
     return [
-        *draw_cases(Wanted(seed, 0, (*singles[:full], pair, odd, "clean"), sizes=("full",))),
-        *draw_cases(Wanted(seed, 0, tuple(singles[full:]), sizes=("quarter",))),
+        *draw_cases(Wanted(seed, 0, (*singles[:full], pair, odd, "clean"), sizes=("full",), manners=EASY)),
+        *draw_cases(Wanted(seed, 0, tuple(singles[full:]), sizes=("quarter",), manners=EASY)),
     ]
 
 

@@ -1,0 +1,103 @@
+"""What the decision rule would recommend of given rows: the one place that knows how candidates are judged.
+
+It does what `dynident.diagnosis.diagnose` does between its pool of candidates and its picks. Where that changes, this
+has to follow; all else of the placebo stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.diagnosis import compare
+from dynident.diagnosis.candidates.pool import Pool, build_pool
+from dynident.diagnosis.candidates.products import Products, products
+from dynident.diagnosis.comparing.noise import sensor_noise
+from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
+from dynident.diagnosis.residuals.leads import find_leads
+from dynident.diagnosis.residuals.resolution import resolution
+from dynident.diagnosis.search.refine import improved
+from dynident.diagnosis.search.search import search
+from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
+from dynident.diagnosis.search.transients import CONTACT, find_contacts
+from dynident.identification import Identification
+from dynident.progress import silent
+from dynident.recordings import Recording
+from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
+from dynident.robot.model import FloatArray
+from placebos.shifting import IntArray, SamplesOf, remembered
+
+Change = Callable[[SamplesOf], SamplesOf]
+"""What is done to the rows before they are judged."""
+
+# Hz, where the torque is not filtered.
+_BAND = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is missing in a model of these recordings? With all that does not depend on what is done to their rows."""
+
+    identification: Identification
+    recordings: tuple[Recording, ...]
+    pool: Pool
+    floor: FloatArray
+    plain: SamplesOf
+
+    @classmethod
+    def of(cls, identification: Identification, recordings: Sequence[Recording]) -> Question:
+        """Everything of the catalogue that could be missing, and what the residual suggests."""
+        preprocessing = identification.preprocessing
+        comparisons = [compare(identification, recording) for recording in recordings]
+        resolved = resolution(comparisons, preprocessing)
+        pool = build_pool(identification.model, None, find_leads(comparisons, recordings, identification), resolved)
+        floor = sensor_noise(recordings, preprocessing)
+        plain = remembered(_rows(identification, pool, identification.next_reference()))
+        return cls(identification, tuple(recordings), pool, floor, plain)
+
+    def named(self, change: Change) -> tuple[str, ...]:
+        """Names, with their joints, of all that passes once the rows are changed."""
+        pool, preprocessing = self.pool, self.identification.preprocessing
+        reference = self.identification.next_reference()
+
+        def folded(samples_of: SamplesOf) -> Products:
+            return products(
+                reduce_recordings(
+                    pool.observation, self.recordings, preprocessing, reference, samples_of=change(samples_of)
+                )
+            )
+
+        def relearn(findings: Sequence[Finding]) -> Products:
+            found = [finding.judged.candidate.choice for finding in findings]
+            better = improved(self.identification.model, found, self.recordings, preprocessing, reference)
+            return folded(_rows(self.identification, pool, better))
+
+        data = folded(self.plain)
+        start = self._start(data)
+        lasting = [candidate for candidate in pool.candidates if candidate.effect != CONTACT]
+        first = judge_all(data, pool, start.base, lasting, start.noise)
+        picks = search(data, pool, start, first, DEFAULT_MOST_EFFECTS, relearn, silent)
+        return tuple(_told(pick) for pick in picks)
+
+    def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IntArray:
+        """(m, n): rows that the rule takes for equations of another kind; here it knows one kind alone."""
+        return np.zeros(samples.tau.shape, dtype=np.intp)
+
+    def _start(self, data: Products) -> State:
+        base, noise = tuple(range(self.pool.n_base)), self.identification.noise
+        band = self.identification.preprocessing.torque_cutoff or _BAND
+        picks = find_contacts(data, self.pool, base, noise, band)
+        for finding in picks:
+            base += finding.columns
+        return State(base, noise_left(data, base) if picks else noise, self.floor, picks)
+
+
+def _rows(identification: Identification, pool: Pool, reference: FloatArray) -> SamplesOf:
+    return lambda recording: filtered_samples(pool.observation, recording, identification.preprocessing, reference)
+
+
+def _told(pick: Finding) -> str:
+    candidate = pick.judged.candidate
+    return candidate.effect + (f" on {', '.join(candidate.joints)}" if candidate.joints else "")
