@@ -9,9 +9,9 @@ design is made as it is posted (with the data at hand as earlier runs), the virt
 together are identified and diagnosed.
 
 `asked`: the experiment is about the two; `right`: then the true one is recommended and the other is not; `first`:
-nothing stands before it either; `alone`: the other is no equal any more (what includes the true one always is). `designed` and
-`reached` are the standard deviation that the design made expects, and the one of the identified parameter beside its
-rival, over the one that was promised.
+nothing stands before it either; `alone`: the other is no equal any more (what includes the true one always is).
+`designed` and `reached` are the standard deviation that the design made expects, and the one of the identified
+parameter beside its rival, over the one that was promised.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ def judged(case: Case, two: bool) -> Outcome | None:
         _is_right(again, case),
         bool(recommended) and recommended[0] == case.hidden.effect,
         _is_right(again, case) and not _is_equal(again, case),
-        *_kept(robot, advice, design, runs, choices),
+        *_kept(robot, advice, design, runs, replace(choices, effects=_refined(advice, again))),
         f"{_said(found)}; {design.request.kind} {'/'.join(sorted(asked))} {design.duration:.0f} s; {_said(again)}",
     )
 
@@ -236,8 +236,7 @@ def _kept(
     if promised is None:
         return None, None
     expected = next(one for one in design.expected if one.name == promised.parameter).standard_deviation
-    with_both = replace(choices, effects=_joined(advice.design.effects or ()))
-    grown = identify(robot, runs, [], with_both)
+    grown = identify(robot, runs, [], choices)
     reached = next((one for one in grown.parameters if one.name == promised.parameter), None)
     return (
         None if expected is None else expected / promised.standard_deviation,
@@ -245,7 +244,10 @@ def _kept(
     )
 
 
-def _joined(effects: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:
+def _refined(advice: NextExperiment, again: Diagnosis) -> tuple[EffectChoice, ...]:
+    """The model with both rivals, with the shape constants that the second diagnosis found."""
+    found = {one.effect: one for one in again.recommended}
+    effects = [found.get(one.effect, one) for one in advice.design.effects or ()]
     return tuple(dict.fromkeys(effects))
 
 

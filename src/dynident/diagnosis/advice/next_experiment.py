@@ -24,7 +24,7 @@ from dynident.diagnosis.result import NextExperiment, Separation
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
-from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, quick_motion, rehearsed_motion
+from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, Surroundings, quick_motion, rehearsed_motion
 from dynident.excitation.criteria.deciding import parameters_of
 from dynident.excitation.experiments.earlier import planned_seconds
 from dynident.excitation.limits.bounds import Bounds, bounds_of
@@ -63,7 +63,8 @@ def next_experiment(
         What is open, most important first.
     """
     try:
-        bounds = bounds_of(identification.model.robot, {}).tightened()
+        # With what the design will have to keep clear of, the robot itself: strokes are shorter for it.
+        bounds = bounds_of(identification.model.robot, {}, surroundings=Surroundings()).tightened()
     except DynidentError:
         # Limits that are not known: no motion can be proposed.
         return None
@@ -88,8 +89,10 @@ class _Answer:
 class _Pairing:
     """A suspect and one rival in one model [others | suspect | rival], and how well the data at hand tell them apart.
 
-    `deciding` is the parameter of the suspect that comes out best, `size` its amplitude (as found, or as usual on real
-    arms where the suspect could not be seen), None where nobody knows it.
+    `deciding` is the parameter that comes out best, of the suspect, or of the rival where this alone has no shape
+    constants: with other constants, which more data will find, the same effect has other amplitudes. `size` is what it
+    is if the other of the two is not there (as usual on real arms where the suspect could not be seen), None where
+    nobody knows it.
     """
 
     rival: EffectChoice | None
@@ -271,9 +274,11 @@ def _paired(
     known = rows.information(weights)
     undecided = _Pairing(rival, wanted, rows, weights, known, None, None)
     own = parameters_of(wanted, doubt.suspect)
+    others = () if rival is None else parameters_of(wanted, rival)
+    if others and doubt.suspect.shape and rival is not None and not rival.shape:
+        own, others = others, own
     if not own:
         return undecided
-    others = () if rival is None else parameters_of(wanted, rival)
     sizes = _usual_sizes(wanted, doubt.suspect, own) if rival is None else amplitudes(known, own, others)
     pairings = [replace(undecided, deciding=k, size=float(size)) for k, size in zip(own, sizes, strict=True)]
     return max(pairings, key=_certainty)

@@ -14,6 +14,7 @@ from dynident.estimation.correlation import overstatement
 from dynident.estimation.least_squares import floored
 from dynident.excitation import Rehearsal
 from dynident.excitation.criteria.variances import inverse_diagonal_of
+from dynident.excitation.experiments.task import STANDS
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.trajectories.motion import Motion
 from dynident.robot.model import FloatArray
@@ -30,11 +31,11 @@ _MOST_DATA_ROWS = 5000
 _STRETCHES, _SHORTEST, _LONGEST = 20, 0.25, 2.0
 _ROUNDS = 3
 
-_RESTS, _RESTS_EXACTLY = 0.01, 1e-4
-"""rad/s or m/s below which a joint stands, in filtered data and in a motion without noise.
+_STANDS = 0.01
+"""rad/s or m/s below which a joint stands, in filtered data.
 
 The equation of a joint that stands says nothing of its own torque but that friction is enough to hold it: neither noise
-nor information may be taken from it. Between 0.005 and 0.04 the first makes no difference on recorded arms."""
+nor information may be taken from it. Between 0.005 and 0.04 the number makes no difference on recorded arms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +101,7 @@ def rows_of(model: DesignModel, comparisons: Sequence[Comparison]) -> Rows:
         jerk = np.gradient(one.ddq, step, axis=0)
         motion = Motion(step * np.arange(len(one.t), dtype=np.float64), one.q, one.dq, one.ddq, jerk)
         taken = np.arange(0, len(one.t), every)
-        moves = np.abs(one.dq[taken]) > _RESTS
+        moves = np.abs(one.dq[taken]) > _STANDS
         w.append(model.observe_along(motion, taken).reshape(len(taken), n, b) * moves[:, :, None])
         residual.append(one.residual[taken] * moves)
         counts += moves.sum(axis=0)
@@ -147,7 +148,7 @@ def of_rehearsal(model: DesignModel, rehearsal: Rehearsal, row_weights: FloatArr
     motion = rehearsal.motion
     taken = _spread(len(motion.t))
     w = model.observe_along(motion, taken)
-    moves = np.abs(motion.dq[taken]) > _RESTS_EXACTLY
+    moves = np.abs(motion.dq[taken]) > STANDS
     weights = (row_weights * moves).reshape(-1) * np.sqrt(rehearsal.n_samples / len(taken))
     weighted = w * weights[:, None]
     return Information(weighted.T @ weighted, np.zeros(w.shape[1]))
