@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.residuals.stretches import t_of
@@ -59,11 +59,11 @@ def doubts_of(
     """
     doubts = []
     for finding, choice in zip(picks, recommended, strict=True):
+        beside = tuple(other for other in recommended if other is not choice)
         # What came near matters where nothing is equal: with equals there is a plainer question to ask.
-        rivals = _rivals(choice, finding.equal) or _rivals(choice, _near(choice, judged))
-        if rivals:
-            beside = tuple(other for other in recommended if other is not choice)
-            doubts.append(Doubt(choice, rivals, beside))
+        rivals = _rivals(choice, finding.equal)
+        found = Doubt(choice, rivals, beside) if rivals else _near_doubt(choice, beside, judged)
+        doubts += [found] if found else []
     hidden: dict[str, list[str]] = {}
     for item in invisible:
         hidden.setdefault(item.effect, []).extend(item.joints)
@@ -88,33 +88,51 @@ def _rivals(choice: EffectChoice, others: Iterable[Judged]) -> tuple[EffectChoic
     return tuple(found.values())[:_MOST_RIVALS]
 
 
-def _near(choice: EffectChoice, judged: Sequence[Judged]) -> list[Judged]:
-    """Candidates in the place of a pick, or known to be confused with it, that gain nearly as much; best first."""
-    own = [item for item in judged if item.candidate.effect == choice.effect and _same_place(item, choice)]
-    if not own:
-        return []
-    best = max(own, key=lambda item: item.total_gain)
-    return sorted(
-        (item for item in judged if _comparable(item, choice) and _nearly_as_good(item, best)),
-        key=lambda item: -item.total_gain,
-    )
+def _near_doubt(choice: EffectChoice, beside: tuple[EffectChoice, ...], judged: Sequence[Judged]) -> Doubt | None:
+    """The doubt that a candidate raises which gains nearly as much as a pick, on some of its joints or on all."""
+    own = _best_by_place(choice, judged)
+    near = [item for item in judged if _nearly_as_good(item, _beside(item, choice, own))]
+    for first in sorted(near, key=lambda item: -item.total_gain):
+        place = _place(first.candidate.joints, choice)
+        at_issue = tuple(name for name in choice.joints if name in place)
+        same_place = [item for item in near if _place(item.candidate.joints, choice) == place]
+        rivals = _rivals(choice, sorted(same_place, key=lambda item: -item.total_gain))
+        if rivals:
+            rest = tuple(name for name in choice.joints if name not in place)
+            undoubted = (replace(choice, joints=rest),) if rest else ()
+            return Doubt(replace(choice, joints=at_issue), rivals, (*beside, *undoubted))
+    return None
 
 
-def _same_place(item: Judged, choice: EffectChoice) -> bool:
-    return set(item.candidate.joints) == set(choice.joints)
+def _best_by_place(choice: EffectChoice, judged: Sequence[Judged]) -> dict[frozenset[str], Judged]:
+    """The best candidate of a picked effect on all of its joints, and on some of them alone."""
+    best: dict[frozenset[str], Judged] = {}
+    for item in sorted(judged, key=lambda item: -item.total_gain):
+        joints = frozenset(item.candidate.joints)
+        within = joints <= set(choice.joints) and bool(joints) == bool(choice.joints)
+        if item.candidate.effect == choice.effect and within:
+            best.setdefault(joints, item)
+    return best
 
 
-def _comparable(item: Judged, choice: EffectChoice) -> bool:
-    """Whether a candidate is another explanation of what was found: on a joint of it, or known to be taken for it."""
+def _place(joints: Sequence[str], choice: EffectChoice) -> frozenset[str]:
+    """The joints of a pick that a rival is about: its own, or all where one of them is the whole robot."""
+    return frozenset(joints) if joints and choice.joints else frozenset(choice.joints)
+
+
+def _beside(item: Judged, choice: EffectChoice, own: Mapping[frozenset[str], Judged]) -> Judged | None:
+    """The candidate of the pick that another one has to be held against; None where they do not compare."""
+    if bool(item.candidate.joints) == bool(choice.joints):
+        return own.get(frozenset(item.candidate.joints))
+    # What is on a joint and what belongs to the whole robot are known to be taken for one another, or they are not.
     name = item.candidate.effect
-    if _same_place(item, choice) or set(item.candidate.joints) & set(choice.joints):
-        return True
-    # What is on a joint and what belongs to the whole robot may still be taken for one another.
     confused = name in effect_by_id(choice.effect).confused_with or choice.effect in effect_by_id(name).confused_with
-    return confused and (not choice.joints or not item.candidate.joints)
+    return own.get(frozenset(choice.joints)) if confused else None
 
 
-def _nearly_as_good(item: Judged, best: Judged) -> bool:
+def _nearly_as_good(item: Judged, best: Judged | None) -> bool:
+    if best is None or item.total_gain <= 0:
+        return False
     if item.total_gain >= _CLOSE * best.total_gain:
         return True
     return item.total_gain >= _NEAR * best.total_gain and t_of(best.gains - item.gains) < _NEAR_T
