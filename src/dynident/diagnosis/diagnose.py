@@ -110,7 +110,9 @@ def diagnose(
         not_visible=invisible,
         failure_map=failure_map(comparisons),
         next_experiment=next_experiment(
-            identification, comparisons, doubts_of(picks, recommended, invisible, model.robot, first)
+            identification,
+            comparisons,
+            doubts_of(picks, recommended, invisible, model.robot, first, candidates or ()),
         ),
     )
 

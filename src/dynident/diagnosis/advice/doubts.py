@@ -42,11 +42,12 @@ def doubts_of(
     invisible: Sequence[Invisible],
     robot: Robot,
     judged: Sequence[Judged] = (),
+    asked: Sequence[str] = (),
 ) -> tuple[Doubt, ...]:
     """What a diagnosis leaves open, what decides about the first recommendation first.
 
-    Picks that may be another effect come in the order in which they are recommended; then what most arms have and the
-    data could not have shown.
+    Picks that may be another effect come in the order in which they are recommended; then what somebody asked about, or
+    most arms have, and the data could not have shown.
 
     Parameters
     ----------
@@ -56,6 +57,8 @@ def doubts_of(
     robot : Robot
     judged : sequence of Judged
         All candidates beside the model that was diagnosed: among them are rivals that come near a pick.
+    asked : sequence of effect ids
+        Those that somebody named; the others were only tried because they are in the catalogue.
     """
     doubts = []
     for finding, choice in zip(picks, recommended, strict=True):
@@ -68,8 +71,8 @@ def doubts_of(
     for item in invisible:
         hidden.setdefault(item.effect, []).extend(item.joints)
     taken = {choice.effect for choice in recommended}
-    asked = [name for name in _COMMON if name in hidden and name not in taken]
-    doubts += [Doubt(_unseen(name, hidden[name], robot), (), tuple(recommended)) for name in asked]
+    wondered = [name for name in dict.fromkeys((*asked, *_COMMON)) if name in hidden and name not in taken]
+    doubts += [Doubt(_unseen(name, hidden[name], robot), (), tuple(recommended)) for name in wondered]
     return tuple(doubts)
 
 

@@ -156,7 +156,7 @@ def _answer(
         return None
     best: tuple[Experiment, DesignRequest, Separation | None] | None = None
     for experiment in _worth_trying(question):
-        request = _within_the_motion(pairing.model, experiment.design(question), identification.model.effects)
+        request = within_the_motion(pairing.model, experiment.design(question), identification.model.effects)
         try:
             reached = case.roughly(request) if experiment.predictable else None
         except DynidentError:
@@ -301,7 +301,7 @@ def _short(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _within_the_motion(model: DesignModel, request: DesignRequest, effects: tuple[EffectChoice, ...]) -> DesignRequest:
+def within_the_motion(model: DesignModel, request: DesignRequest, effects: tuple[EffectChoice, ...]) -> DesignRequest:
     """The request with a criterion that a motion can meet: what rests on more than it is left out."""
     possible = tuple(choice for choice in request.criterion.effects if parameters_of(model, choice))
     if possible:
