@@ -205,9 +205,13 @@ def _names(case: Case) -> list[str]:
 
 
 def _is_right(found: Diagnosis, case: Case) -> bool:
-    """Whether of the two the true one alone is recommended."""
-    names = [one.effect for one in found.recommended]
-    return case.hidden.effect in names and case.rival not in names
+    """Whether of the two the true one alone is recommended in its place; what is said of other joints is not asked."""
+    here = {
+        one.effect
+        for one in found.recommended
+        if not one.joints or not case.hidden.joint or case.hidden.joint in one.joints
+    }
+    return case.hidden.effect in here and case.rival not in here
 
 
 def _is_equal(found: Diagnosis, case: Case) -> bool:
