@@ -22,6 +22,9 @@ _CLOSE, _NEAR, _NEAR_T = 0.95, 0.8, 2.0
 """A rival is one that gains so much of what the pick gains (`_CLOSE`), or less (`_NEAR`) where stretches disagree which
 of the two gains more (t of the difference below `_NEAR_T`). What a simulated model gets wrong elsewhere shifts gains by
 some percent: a spring passed for a gravity compensator with 0.699 against 0.705 of the error explained."""
+_NEAR_IN_NAME = 0.7
+"""The same for effects that the catalogue says are confused with each other: candidates are judged at the few shape
+constants of a grid, and a power law of the speed that no grid value met took Stribeck's name at 0.78 of its gain."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ def _rivals(choice: EffectChoice, others: Iterable[Judged]) -> tuple[EffectChoic
 def _near_doubt(choice: EffectChoice, beside: tuple[EffectChoice, ...], judged: Sequence[Judged]) -> Doubt | None:
     """The doubt that a candidate raises which gains nearly as much as a pick, on some of its joints or on all."""
     own = _best_by_place(choice, judged)
-    near = [item for item in judged if _nearly_as_good(item, _beside(item, choice, own))]
+    near = [item for item in judged if _nearly_as_good(item, _beside(item, choice, own), _confused(item, choice))]
     for first in sorted(near, key=lambda item: -item.total_gain):
         place = _place(first.candidate.joints, choice)
         at_issue = tuple(name for name in choice.joints if name in place)
@@ -128,15 +131,19 @@ def _beside(item: Judged, choice: EffectChoice, own: Mapping[frozenset[str], Jud
     if bool(item.candidate.joints) == bool(choice.joints):
         return own.get(frozenset(item.candidate.joints))
     # What is on a joint and what belongs to the whole robot are known to be taken for one another, or they are not.
+    return own.get(frozenset(choice.joints)) if _confused(item, choice) else None
+
+
+def _confused(item: Judged, choice: EffectChoice) -> bool:
+    """Whether the catalogue warns that one of two effects is taken for the other."""
     name = item.candidate.effect
-    confused = name in effect_by_id(choice.effect).confused_with or choice.effect in effect_by_id(name).confused_with
-    return own.get(frozenset(choice.joints)) if confused else None
+    return name in effect_by_id(choice.effect).confused_with or choice.effect in effect_by_id(name).confused_with
 
 
-def _nearly_as_good(item: Judged, best: Judged | None) -> bool:
+def _nearly_as_good(item: Judged, best: Judged | None, confused: bool) -> bool:
     if best is None or item.total_gain <= 0:
         return False
-    if item.total_gain >= _CLOSE * best.total_gain:
+    if item.total_gain >= (_NEAR_IN_NAME if confused else _CLOSE) * best.total_gain:
         return True
     return item.total_gain >= _NEAR * best.total_gain and t_of(best.gains - item.gains) < _NEAR_T
 
