@@ -27,16 +27,17 @@ def significant(found: Diagnosis) -> list[RankedEffect]:
     return [item for item in found.candidates if item.significant]
 
 
-def made(found: Diagnosis) -> Design:
-    """The design that a diagnosis with an open pair proposes."""
+def made(run: Recording) -> Design:
+    """The design that the diagnosis of a run with an open pair proposes, to complement the run."""
+    found = diagnosed(run)
     first = significant(found)[0]
     assert first.joints == (JOINT,)
     assert {first.effect, *first.equivalent} >= {"stribeck", "viscous_nonlinear"}
     assert found.next_experiment is not None
     assert found.next_experiment.kind == "constant_velocity"
     now, then = found.next_experiment.present_separation, found.next_experiment.expected_separation
-    assert now.t_value < 2 < 3 < then.t_value
-    return design_experiment(ROBOT, found.next_experiment.design)
+    assert now.t_value < 4 < then.t_value
+    return design_experiment(ROBOT, found.next_experiment.design, earlier=[run])
 
 
 def simulated(motion: Motion | Design, hidden: TrueEffect, seed: int, name: str) -> Recording:
@@ -55,7 +56,7 @@ def test_the_virtual_robot_makes_the_proposed_motion_and_of_the_two_the_right_on
     bend = TrueEffect("viscous_nonlinear", JOINT, (("Fvn", 0.03 * ROBOT.joints[0].limits.effort),), (("p", 0.5),))
     motion = fourier_motion(ROBOT, 10.0, 200.0, 7, harmonics=2, fastest=0.9, base_frequency=0.2)
     fast = simulated(motion, bend, 1, "fast")
-    second = simulated(made(diagnosed(fast)), bend, 2, "proposed")
+    second = simulated(made(fast), bend, 2, "proposed")
     first, *others = significant(diagnosed(fast, second))
     assert (first.effect, first.joints) == ("viscous_nonlinear", (JOINT,))
     assert "stribeck" not in [item.effect for item in others]
@@ -65,9 +66,8 @@ def test_the_virtual_robot_makes_the_proposed_motion_and_of_the_two_the_right_on
 def test_an_effect_that_took_another_ones_name_gets_its_own():
     peak = on_joint(0, lambda q, v, load: 6.0 * np.exp(-np.abs(v / 0.25)) * np.sign(v))
     fast = recorded(fourier_motion(ROBOT, 20.0, 200.0, 7, harmonics=3, fastest=0.9), peak, 3, "fast")
-    before = diagnosed(fast)
-    assert significant(before)[0].effect == "viscous_nonlinear"
-    design = made(before)
+    assert significant(diagnosed(fast))[0].effect == "viscous_nonlinear"
+    design = made(fast)
     second = recorded(Motion(design.t, design.q, design.dq, design.ddq), peak, 4, "proposed")
     first = significant(diagnosed(fast, second))[0]
     assert (first.effect, first.joints, first.equivalent) == ("stribeck", (JOINT,), ())

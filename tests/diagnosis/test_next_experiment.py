@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import pytest
-from hidden_effects import CASES, NAMES, ROBOT, Experiment, experiment
+from hidden_effects import BAND, CASES, NAMES, ROBOT, WITH_OFFSET, Experiment, experiment, nothing, recorded
+from oracles import fourier_motion
 
 from dynident.diagnosis import Comparison, NextExperiment, compare
 from dynident.diagnosis.advice.doubts import Doubt, doubts_of
-from dynident.diagnosis.advice.kinds import EXPERIMENTS
-from dynident.diagnosis.advice.next_experiment import next_experiment
+from dynident.diagnosis.advice.kinds import EXPERIMENTS, Question
+from dynident.diagnosis.advice.next_experiment import next_experiment, within_the_motion
 from dynident.diagnosis.advice.pairs import ALONE, PAIRS, experiment_for
+from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.result import Invisible
+from dynident.diagnosis.search.state import Finding
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.excitation import design_experiment
+from dynident.excitation.limits.bounds import bounds_of
+from dynident.excitation.observation.model import design_model
+from dynident.identification import IdentificationChoices, identify
 
 
 def on(joint: int, effect: str, **shape: float) -> EffectChoice:
@@ -58,15 +65,15 @@ def test_rivals_are_to_be_told_apart_by_a_motion_that_knows_them_better_than_the
     assert found.expected_separation.standard_deviation < 0.8 * found.present_separation.standard_deviation
 
 
-@pytest.mark.parametrize("kind", ["constant_velocity", "reversals"])
-def test_the_predicted_deviation_is_that_of_the_design_made_and_of_the_data_together(kind):
+@pytest.mark.parametrize("kind", PAIRS_TO_DECIDE)
+def test_the_promised_deviation_is_that_of_the_design_made_with_the_data_at_hand(kind):
     found = proposed(PAIRS_TO_DECIDE[kind])
     assert found is not None
-    design = design_experiment(ROBOT, found.design)
+    design = design_experiment(ROBOT, found.design, earlier=[data()[0].training])
     parameter = found.expected_separation.parameter
-    alone = next(one for one in design.expected if one.name == parameter)
-    # The data at hand add what the motion alone lacks, never the other way round.
-    assert found.expected_separation.standard_deviation < 1.05 * alone.standard_deviation
+    made = next(one for one in design.expected if one.name == parameter)
+    ratio = made.standard_deviation / found.expected_separation.standard_deviation
+    assert 1 / 1.5 < ratio < 1.5
     assert design.criterion_values.criterion < np.inf
 
 
@@ -75,7 +82,8 @@ def test_a_proposal_does_not_keep_a_diagnosis_waiting():
     for doubt in PAIRS_TO_DECIDE.values():
         began = time.process_time()
         proposed(doubt)
-        assert time.process_time() - began < 1.0
+        # One start of an optimisation, where it is a motion of all joints.
+        assert time.process_time() - began < 3.0
 
 
 def test_what_people_have_to_do_is_said_beside_the_design():
@@ -89,15 +97,89 @@ def test_what_people_have_to_do_is_said_beside_the_design():
     design_experiment(ROBOT, session.design)
 
 
+def test_only_what_most_arms_have_or_somebody_asked_for_is_looked_for_where_it_could_not_be_seen():
+    hidden = tuple(
+        Invisible(effect, (NAMES[joint],), "too small")
+        for effect, joint in (("drive_gain_error", 5), ("joint_spring", 5), ("presliding", 1))
+    )
+
+    def suspects(**more) -> list[str]:
+        return [doubt.suspect.effect for doubt in doubts_of((), (), hidden, ROBOT, **more)]
+
+    assert suspects() == ["presliding"]
+    assert suspects(asked=["joint_spring"]) == ["joint_spring", "presliding"]
+
+
 def test_an_effect_that_could_not_be_seen_gets_the_motion_that_shows_it():
-    hidden = (Invisible("joint_spring", (NAMES[5],), "too small"), Invisible("presliding", (NAMES[1],), "too fast"))
-    doubts = doubts_of((), (), hidden, ROBOT)
-    assert [doubt.suspect.effect for doubt in doubts] == ["presliding", "joint_spring"]
-    found = proposed(*doubts)
+    """A joint that only ever turns one way round has no reversals in which it would slip first."""
+    motion = fourier_motion(ROBOT, 20.0, 200.0, 3, fastest=0.9)
+    motion.q[:, 1] = -2.0 + 0.05 * motion.t
+    motion.dq[:, 1], motion.ddq[:, 1] = 0.05, 0.0
+    run = recorded(motion, nothing, 5, "one way")
+    identification = identify(
+        ROBOT, [run], [], IdentificationChoices(WITH_OFFSET[:1] + WITH_OFFSET[2:4], preprocessing=BAND)
+    )
+    doubts = doubts_of((), (), (Invisible("presliding", (NAMES[1],), "too fast"),), ROBOT)
+    found = next_experiment(identification, (compare(identification, run),), doubts)
     assert found is not None
     assert found.design.kind == "reversals"
     assert found.design.trajectory.joints == (NAMES[1],)
     assert f"show whether presliding is there on {NAMES[1]}" in found.reason
+
+
+def test_what_the_data_would_have_shown_is_not_looked_for():
+    assert proposed(Doubt(on(1, "stribeck", vs=0.1))) is None
+
+
+@dataclass(frozen=True)
+class Tried:
+    """As much of a judged candidate as counts here: where it is, and what it gains in every stretch."""
+
+    candidate: Candidate
+    gains: np.ndarray
+
+    @property
+    def total_gain(self) -> float:
+        return float(self.gains.sum())
+
+
+def tried(effect: str, gain: float, *joints: int) -> Tried:
+    even = np.full(20, gain) + np.linspace(-0.01, 0.01, 20)
+    return Tried(Candidate(effect, tuple(NAMES[j] for j in joints), (), (0,)), even)
+
+
+def picked(effect: str, *joints: int) -> EffectChoice:
+    return EffectChoice(effect, tuple(NAMES[j] for j in joints))
+
+
+def test_a_spring_that_gains_nearly_as_much_as_a_compensator_is_asked_about_before_all_else():
+    judged = (tried("gravity_compensator", 0.705, 1), tried("joint_spring", 0.699, 1), tried("stribeck", 0.3, 1))
+    chosen = (picked("gravity_compensator", 1), picked("torque_ripple", 3))
+    alone = tuple(Finding(item, (), 1e-6) for item in (judged[0], tried("torque_ripple", 0.2, 3)))
+    (doubt,) = doubts_of(alone, chosen, (), ROBOT, judged)
+    assert doubt == Doubt(chosen[0], (picked("joint_spring", 1),), (chosen[1],))
+
+
+def test_of_a_group_only_the_joints_with_a_rival_are_in_doubt():
+    judged = (
+        tried("viscous_nonlinear", 1.0, 0, 5),
+        tried("viscous_nonlinear", 0.6, 0),
+        tried("stribeck", 0.59, 0),
+        tried("stribeck", 0.1, 5),
+    )
+    group = picked("viscous_nonlinear", 0, 5)
+    (doubt,) = doubts_of((Finding(judged[0], (), 1e-6),), (group,), (), ROBOT, judged)
+    assert doubt == Doubt(picked("viscous_nonlinear", 0), (picked("stribeck", 0),), (picked("viscous_nonlinear", 5),))
+
+
+def test_what_includes_the_pick_is_no_rival_and_an_equal_comes_before_what_is_only_near():
+    judged = (tried("joint_spring", 0.5, 2), tried("cable_force", 0.52, 2), tried("torque_ripple", 0.49, 2))
+    spring = picked("joint_spring", 2)
+    (near,) = doubts_of((Finding(judged[0], (judged[1],), 1e-6),), (spring,), (), ROBOT, judged)
+    assert near.rivals == (picked("torque_ripple", 2),)
+    equal = tried("gravity_compensator", 0.3, 2)
+    (doubt,) = doubts_of((Finding(judged[0], (equal,), 1e-6),), (spring,), (), ROBOT, judged)
+    assert doubt.rivals == (picked("gravity_compensator", 2),)
 
 
 def test_nothing_is_proposed_where_nothing_is_open():
@@ -130,10 +212,10 @@ def test_every_effect_gets_a_design_that_can_be_made(effect):
     grid = CATALOGUE[effect].grid(ROBOT, possible[-1])
     shape = tuple(sorted((name, float(value) or 0.5) for name, value in grid[0].items())) if grid else ()
     joints = () if CATALOGUE[effect].scope == "robot" else (NAMES[possible[-1]],)
-    found = proposed(Doubt(EffectChoice(effect, joints, shape)))
-    if effect in ("offset", "coulomb_asymmetric", "rotor_coupling", "encoder_zero_error"):
-        return  # In the model, or the same function of every motion as something that is.
-    assert found is not None
-    quick = found.design.kind not in ("optimized", "random")
-    if quick:
-        assert design_experiment(ROBOT, found.design).duration < 600
+    suspect = EffectChoice(effect, joints, shape)
+    noise = dict.fromkeys(NAMES, 0.5)
+    question = Question(WITH_OFFSET, suspect, None, joints or NAMES, bounds_of(ROBOT, {}), noise, 200.0)
+    model = design_model(ROBOT, (*WITH_OFFSET, suspect), other_runs=True)
+    request = within_the_motion(model, experiment_for(effect, None).design(question), WITH_OFFSET)
+    if request.kind not in ("optimized", "random"):
+        assert design_experiment(ROBOT, request).duration < 600

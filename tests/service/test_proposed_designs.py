@@ -62,6 +62,12 @@ def test_a_proposed_design_is_accepted_as_it_is(client: TestClient, scara: dict[
     assert request_of(DesignRequest.model_validate(proposed.design), robot) == advice(scara, name).design
 
 
+def test_a_proposed_design_counts_the_measurements_at_hand(scara: dict[str, Any]) -> None:
+    body = show_next(advice(scara, "reversals"), scara["id"], ["mea_1", "mea_2"]).design
+    assert body["earlier_ids"] == ["mea_1", "mea_2"]
+    assert design_request(DesignRequest.model_validate(body)) == advice(scara, "reversals").design
+
+
 def test_a_proposed_experiment_is_stored_and_read_back(scara: dict[str, Any]) -> None:
     found = advice(scara, "reversals")
     stored = show_next(found, scara["id"]).model_dump(mode="json")

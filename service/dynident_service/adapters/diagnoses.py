@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,8 @@ from dynident_service.models import diagnoses as wire
 from dynident_service.models.designs import DesignRequest
 
 
-def describe_diagnosis(found: Diagnosis, robot_id: str) -> wire.DiagnosisResult:
-    """Describe a diagnosis for the wire."""
+def describe_diagnosis(found: Diagnosis, robot_id: str, measurement_ids: Sequence[str] = ()) -> wire.DiagnosisResult:
+    """Describe a diagnosis of measurements for the wire; without their ids where they are no resources."""
     return wire.DiagnosisResult(
         verdict=found.verdict,
         summary=found.summary,
@@ -61,13 +61,17 @@ def describe_diagnosis(found: Diagnosis, robot_id: str) -> wire.DiagnosisResult:
             )
             for one in found.failure_map
         ],
-        next_experiment=None if found.next_experiment is None else show_next(found.next_experiment, robot_id),
+        next_experiment=None
+        if found.next_experiment is None
+        else show_next(found.next_experiment, robot_id, measurement_ids),
     )
 
 
-def show_next(advice: NextExperiment, robot_id: str) -> wire.NextExperiment:
-    """Show a proposed experiment, its design ready to be posted."""
+def show_next(advice: NextExperiment, robot_id: str, measurement_ids: Sequence[str] = ()) -> wire.NextExperiment:
+    """Show a proposed experiment, its design ready to be posted and to count the data at hand as earlier runs."""
     body = show_request(advice.design, robot_id).model_dump(mode="json", exclude_defaults=True)
+    if measurement_ids:
+        body["earlier_ids"] = list(measurement_ids)
     return wire.NextExperiment(
         reason=advice.reason,
         # The kind is a default, but nobody should have to know that.

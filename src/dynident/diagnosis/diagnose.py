@@ -116,7 +116,9 @@ def diagnose(
         not_visible=invisible,
         failure_map=failure_map(comparisons),
         next_experiment=next_experiment(
-            identification, comparisons, doubts_of(picks, recommended, invisible, model.robot)
+            identification,
+            comparisons,
+            doubts_of(picks, recommended, invisible, model.robot, first, candidates or ()),
         ),
     )
 

@@ -8,7 +8,7 @@ from dynident.excitation.design import design_experiment
 from dynident.excitation.formats.files import FORMATS, design_document, design_table, trajectory_document, write_design
 from dynident.excitation.limits.bounds import ImpossibleLimitsError
 from dynident.excitation.limits.margins import Margin
-from dynident.excitation.quick import quick_motion
+from dynident.excitation.quick import Rehearsal, quick_motion, rehearsed_motion
 from dynident.excitation.request import KINDS, DesignRequest, TrajectoryRequest
 from dynident.excitation.result import Design, Run
 from dynident.excitation.surroundings.obstacles import Box, Surroundings, ToolRange, Wall
@@ -26,6 +26,7 @@ __all__ = [
     "ExpectedParameter",
     "ImpossibleLimitsError",
     "Margin",
+    "Rehearsal",
     "Run",
     "Surroundings",
     "ToolRange",
@@ -35,6 +36,7 @@ __all__ = [
     "design_experiment",
     "design_table",
     "quick_motion",
+    "rehearsed_motion",
     "trajectory_document",
     "write_design",
 ]

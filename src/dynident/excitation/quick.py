@@ -1,20 +1,21 @@
-"""A motion of the kind that a request asks for, made in a fraction of a second: to predict what a design is worth."""
+"""The motion that a request is going to give, without its verification: to predict what a design is worth."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.excitation.criteria.deciding import yardstick_of
-from dynident.excitation.experiments.periodic import family_of
+from dynident.excitation.experiments.periodic import family_of, searched
 from dynident.excitation.experiments.strokes import Stroke, course_of, strokes_of
 from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.excitation.limits.postures import static_torque
 from dynident.excitation.moves.home import home_candidates
 from dynident.excitation.observation.model import DesignModel
-from dynident.excitation.optimising.random_trajectories import Judge, random_candidates
+from dynident.excitation.optimising.budget import Budget
+from dynident.excitation.optimising.sampling import samples_of_a_period
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
 from dynident.excitation.trajectories.family import PeriodicMotion
 from dynident.excitation.trajectories.motion import Motion, in_sequence, joined
@@ -24,11 +25,40 @@ _CANDIDATES = 6
 _POSTURES = 30
 
 
-def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float) -> tuple[Motion, float]:
-    """A motion of the kind asked for, and how many samples at `rate` (Hz) the whole experiment has.
+@dataclass(frozen=True, eq=False)
+class Rehearsal:
+    """A motion that stands for an experiment: `n_samples` samples at `rate` Hz are like those of `motion`."""
 
-    Of a periodic trajectory one period of the best of a few random ones, at every pace: what is optimised is better.
-    The moves from and to rest are not in it.
+    motion: Motion
+    n_samples: float
+
+
+def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float) -> Rehearsal:
+    """A motion of the kind asked for, to tell in a moment whether that kind is worth while.
+
+    Of a periodic trajectory one period of the best of a few random ones, at every pace: what is optimised is better, or
+    at least another. The moves from and to rest are not in it.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        No such motion keeps the limits.
+    """
+    hasty = replace(request, kind="random", random_trajectories=_CANDIDATES)
+    return rehearsed_motion(request if request.kind in JOINT_BY_JOINT else hasty, model, bounds, rate)
+
+
+def rehearsed_motion(
+    request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float, earlier: FloatArray | None = None
+) -> Rehearsal:
+    """The motion that a design of this request is going to have, but for what its verification takes off.
+
+    Parameters
+    ----------
+    rate : float
+        Hz, of the samples of strokes: the design's own where the model has a memory, fewer do otherwise.
+    earlier : (r, b), optional
+        Rows beside W / √N that stand for earlier runs, see `earlier_rows`.
 
     Raises
     ------
@@ -43,22 +73,21 @@ def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rat
         unloaded = replace(bounds, torque=np.full_like(bounds.torque, np.inf))
         course = course_of(unloaded, model, home, strokes, repeats=request.trajectory.periods, rate=rate)
         motion = in_sequence(course.pieces, rate)
-        return motion, float(len(motion.t))
+        return Rehearsal(motion, float(len(motion.t)))
     wanted = request.trajectory
     family = family_of(wanted, wanted.duration)
-    judge = Judge(family, model, yardstick_of(model, request.criterion, request.noise))
-    candidates = random_candidates(family, bounds, model, judge, count=_CANDIDATES, seed=request.seed)
-    if not candidates:
-        raise ImpossibleLimitsError("no trajectory fits into the limits", pointer="/limits")
+    yardstick = yardstick_of(model, request.criterion, request.noise, earlier=earlier)
+    budget = Budget(request.wanted_starts, request.time_budget)
+    best = searched(request, family, model, bounds, yardstick, budget).best
     parts, elapsed = [], 0.0
     for pace in wanted.paces:
         slow = family.lasting(wanted.duration / pace)
         # The same number of samples at every pace would count the slow ones too little.
-        t = np.arange(0.0, slow.period, wanted.duration / judge.n_samples)
-        part = PeriodicMotion(slow, candidates[0].x).evaluate(t)
+        t = np.arange(0.0, slow.period, wanted.duration / samples_of_a_period(model, family))
+        part = PeriodicMotion(slow, best.x).evaluate(t)
         parts.append(Motion(elapsed + part.t, part.q, part.dq, part.ddq, part.dddq))
         elapsed += slow.period
-    return joined(parts), elapsed * wanted.periods * rate
+    return Rehearsal(joined(parts), elapsed * wanted.periods * rate)
 
 
 def _check_held(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, model: DesignModel) -> None:

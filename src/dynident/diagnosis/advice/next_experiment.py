@@ -10,27 +10,48 @@ import numpy as np
 from dynident.diagnosis.advice.doubts import Doubt
 from dynident.diagnosis.advice.kinds import EXPERIMENTS, Experiment, Question
 from dynident.diagnosis.advice.pairs import ALONE, experiment_for
-from dynident.diagnosis.advice.separation import Information, amplitudes, of_data, of_proposal, separation
+from dynident.diagnosis.advice.separation import (
+    Information,
+    Rows,
+    amplitudes,
+    of_rehearsal,
+    row_weights,
+    rows_of,
+    separation,
+)
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import NextExperiment, Separation
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
-from dynident.excitation import CriterionChoice, DesignRequest
+from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, Surroundings, quick_motion, rehearsed_motion
 from dynident.excitation.criteria.deciding import parameters_of
+from dynident.excitation.experiments.earlier import planned_seconds
 from dynident.excitation.limits.bounds import Bounds, bounds_of
 from dynident.excitation.observation.model import DesignModel, design_model
 from dynident.identification import Identification
 from dynident.robot.model import FloatArray
+from dynident.simulation import typical_effect
 
-# Of the present standard deviation: below it no other motion is looked for, above it none is proposed.
-_CLEARLY_BETTER, _HARDLY_BETTER = 0.8, 0.95
+_BETTER = 0.8
+"""Of the present standard deviation: an experiment that leaves more of it tells nothing new."""
+_DECISIVE, _MUCH_BETTER = 4.0, 0.5
+"""An amplitude of so many standard deviations decides; where none is known, half of the present deviation has to do."""
+_DECIDED_SHARE = 0.5
+"""Rivals with so much of their columns to themselves are not alike in the data; with a decisive t nothing is open."""
+_SEEN = 3.0
+"""An effect of usual size that would have been so many standard deviations large in the data has been looked for."""
 
 
 def next_experiment(
     identification: Identification, comparisons: Sequence[Comparison], doubts: Sequence[Doubt]
 ) -> NextExperiment | None:
     """Propose the motion that decides the first doubt that a motion can decide.
+
+    Doubts about what was found come first and are settled as well as a motion can; what could not be seen is asked
+    about only where its usual size would have been missed and the motion would show it. Nothing is proposed rather than
+    a motion that decides nothing. What is promised is the separation by the data at hand and the motion that a design
+    with these data for `earlier` runs comes to.
 
     Parameters
     ----------
@@ -41,92 +62,154 @@ def next_experiment(
     doubts : sequence of Doubt
         What is open, most important first.
     """
+    try:
+        # With what the design will have to keep clear of, the robot itself: strokes are shorter for it.
+        bounds = bounds_of(identification.model.robot, {}, surroundings=Surroundings()).tightened()
+    except DynidentError:
+        # Limits that are not known: no motion can be proposed.
+        return None
+    second_best = None
     for doubt in doubts:
-        found = _answer(identification, comparisons, doubt)
-        if found is not None:
-            return found
-    return None
+        found = _answer(identification, comparisons, doubt, bounds)
+        if found is not None and found.decides:
+            return found.advice
+        second_best = second_best or found
+    return None if second_best is None else second_best.advice
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """A proposal, and whether it decides the doubt or only brings light into it."""
+
+    advice: NextExperiment
+    decides: bool
 
 
 @dataclass(frozen=True, eq=False)
 class _Pairing:
-    """The suspect's rival that is hardest to tell from it, and how well the data at hand do.
+    """A suspect and one rival in one model [others | suspect | rival], and how well the data at hand tell them apart.
 
-    `deciding` is the parameter of the suspect that comes out best, `size` its amplitude, None where nobody knows it;
-    `others` are the parameters of the other rivals.
+    `deciding` is the parameter that comes out best, of the suspect, or of the rival where this alone has no shape
+    constants: with other constants, which more data will find, the same effect has other amplitudes. `size` is what it
+    is if the other of the two is not there (as usual on real arms where the suspect could not be seen), None where
+    nobody knows it.
     """
 
     rival: EffectChoice | None
-    others: tuple[int, ...]
+    model: DesignModel
+    rows: Rows
+    row_weights: FloatArray
+    known: Information
     deciding: int | None
     size: float | None
-    present: Separation | None
 
-    def judged(self, model: DesignModel, known: Information) -> Separation | None:
-        """The separation from this rival alone."""
+    def separation(self, more: Information | None = None) -> Separation | None:
+        """By the data at hand, and `more`."""
         if self.deciding is None:
             return None
-        matrix = known.matrix.copy()
-        matrix[list(self.others), :] = 0.0
-        matrix[:, list(self.others)] = 0.0
-        return separation(model, Information(matrix, known.right), self.deciding, self.size)
+        known = self.known if more is None else self.known + more
+        return separation(self.model, known, self.deciding, self.size)
 
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """One doubt, with the model [others | suspect | rivals], what the data at hand say about it, and how hard it is."""
+    """One doubt as a question, the hardest pairing in it, and the rows a second of filtered data."""
 
     question: Question
-    model: DesignModel
-    known: Information
-    row_weights: FloatArray
-    rate: float
     pairing: _Pairing
+    rate: float
 
-    def after(self, request: DesignRequest) -> Separation | None:
-        """The separation that the data at hand and a design like this reach together."""
-        if self.pairing.deciding is None:
-            return None
-        more = of_proposal(self.model, request, self.question.bounds, self.row_weights, self.rate)
-        return self.pairing.judged(self.model, self.known + more)
+    def roughly(self, request: DesignRequest) -> Separation | None:
+        """What a motion of this kind reaches together with the data at hand."""
+        pairing = self.pairing
+        return self._after(quick_motion(request, pairing.model, self.question.bounds, self._rate(request)), request)
+
+    def promised(self, request: DesignRequest) -> Separation | None:
+        """What the motion of this very design reaches together with the data at hand, which it counts as well."""
+        pairing = self.pairing
+        earlier = pairing.rows.earlier(planned_seconds(request) * self.rate)
+        motion = rehearsed_motion(request, pairing.model, self.question.bounds, self._rate(request), earlier)
+        return self._after(motion, request)
+
+    def _after(self, motion: Rehearsal, request: DesignRequest) -> Separation | None:
+        weights = self.pairing.row_weights * np.sqrt(self.rate / self._rate(request))
+        return self.pairing.separation(of_rehearsal(self.pairing.model, motion, weights))
+
+    def _rate(self, request: DesignRequest) -> float:
+        """Hz. What depends on the path taken needs all of it: between two rows of filtered data a joint turns round."""
+        return request.trajectory.sampling_rate if self.pairing.model.needs_path else self.rate
 
 
-def _answer(identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt) -> NextExperiment | None:
+def _answer(
+    identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt, bounds: Bounds
+) -> _Answer | None:
     try:
-        bounds = bounds_of(identification.model.robot, {}).tightened()
         case = _case_of(identification, comparisons, doubt, bounds)
     except DynidentError:
-        # Limits that are not known: no motion can be proposed.
+        # Effects that no motion has columns for.
         return None
-    if _absorbed(case.model, doubt.suspect):
+    pairing, question = case.pairing, case.question
+    if _absorbed(pairing.model, doubt.suspect):
         return None
-    question = case.question
+    present = pairing.separation()
+    if present is not None and _is_settled(doubt, present):
+        return None
     best: tuple[Experiment, DesignRequest, Separation | None] | None = None
     for experiment in _worth_trying(question):
-        request = _within_the_motion(case.model, experiment.design(question), identification.model.effects)
+        request = within_the_motion(pairing.model, experiment.design(question), identification.model.effects)
         try:
-            reached = case.after(request) if experiment.predictable else None
+            reached = case.roughly(request) if experiment.predictable else None
         except DynidentError:
             continue
-        if best is None or (reached and best[2] and reached.standard_deviation < best[2].standard_deviation):
+        if best is None or (reached and best[2] and _much_better(best[2], reached)):
             best = experiment, request, reached
-        if reached is None or case.pairing.present is None:
-            break
-        if reached.standard_deviation < _CLEARLY_BETTER * case.pairing.present.standard_deviation:
+        if reached is None or present is None or _decides(present, reached):
             break
     if best is None:
         return None
     experiment, request, reached = best
-    present = case.pairing.present if reached else None
-    if present and reached and not reached.standard_deviation < _HARDLY_BETTER * present.standard_deviation:
-        return None
-    return NextExperiment(
+    if reached is None or present is None:
+        reached = present = None
+    else:
+        try:
+            reached = case.promised(request)
+        except DynidentError:
+            return None
+        if reached is None or not reached.standard_deviation < _BETTER * present.standard_deviation:
+            return None
+    decides = present is None or reached is None or _decides(present, reached)
+    if not doubt.rivals:
+        if present is None or not decides:
+            return None
+        # The size is not what was found: nothing was.
+        present, reached = (replace(one, t_value=None) if one else None for one in (present, reached))
+    advice = NextExperiment(
         reason=_reason(experiment, question, doubt, present, reached),
         design=request,
         present_separation=present,
         expected_separation=reached,
         instructions=experiment.instructions,
     )
+    return _Answer(advice, decides)
+
+
+def _is_settled(doubt: Doubt, present: Separation) -> bool:
+    """Whether the data at hand have decided already, or would have shown what was not seen."""
+    if present.t_value is None:
+        return False
+    if doubt.rivals:
+        return present.t_value >= _DECISIVE and present.share >= _DECIDED_SHARE
+    return present.t_value >= _SEEN
+
+
+def _much_better(one: Separation, other: Separation) -> bool:
+    return other.standard_deviation < _MUCH_BETTER * one.standard_deviation
+
+
+def _decides(present: Separation, reached: Separation) -> bool:
+    if reached.t_value is None:
+        return _much_better(present, reached)
+    return reached.t_value >= _DECISIVE and reached.standard_deviation < _BETTER * present.standard_deviation
 
 
 def _absorbed(model: DesignModel, suspect: EffectChoice) -> bool:
@@ -145,21 +228,12 @@ def _worth_trying(question: Question) -> list[Experiment]:
 
 def _case_of(identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt, bounds: Bounds) -> _Case:
     model = identification.model
-    effects = (*model.effects, *doubt.beside)
-    wanted = design_model(
-        model.robot,
-        (*effects, doubt.suspect, *doubt.rivals),
-        signals=model.signals,
-        reference=identification.next_reference(),
-    )
-    weights = _row_weights(identification, comparisons)
-    known = of_data(wanted, comparisons, weights)
-    pairing = _hardest(wanted, known, doubt)
+    pairing = _hardest(identification, comparisons, doubt)
     rate = _row_rate(comparisons)
     raw_rate = rate * identification.preprocessing.decimation
-    names = model.robot.joint_names
+    names, weights = model.robot.joint_names, pairing.row_weights
     question = Question(
-        effects=effects,
+        effects=(*model.effects, *doubt.beside),
         suspect=doubt.suspect,
         rival=pairing.rival,
         joints=tuple(names[j] for j in joints_of(doubt.suspect, model.robot)),
@@ -167,40 +241,54 @@ def _case_of(identification: Identification, comparisons: Sequence[Comparison], 
         noise={name: _short(np.sqrt(raw_rate / rate) / weight) for name, weight in zip(names, weights, strict=True)},
         rate=_short(raw_rate),
     )
-    return _Case(question, wanted, known, weights, rate, pairing)
+    return _Case(question, pairing, rate)
 
 
-def _row_weights(identification: Identification, comparisons: Sequence[Comparison]) -> FloatArray:
-    """(n,): one over the noise that every row would have if rows were independent of each other."""
-    rows = sum(len(one.t) for one in comparisons)
-    independent = np.clip(identification.effective_rows / max(rows, 1), 1e-3, 1.0)
-    return np.asarray(np.sqrt(independent) / identification.noise)
-
-
-def _hardest(model: DesignModel, known: Information, doubt: Doubt) -> _Pairing:
+def _hardest(identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt) -> _Pairing:
     """The pairing with the rival that leaves the suspect least certain."""
-    suspect = parameters_of(model, doubt.suspect)
-    groups = [set(parameters_of(model, rival)) for rival in doubt.rivals]
-    taken = set().union(*groups)
-    first = doubt.rivals[0] if doubt.rivals else None
-    if not suspect:
-        return _Pairing(first, (), None, None, None)
-    best = _Pairing(first, tuple(sorted(taken)), suspect[0], None, None)
-    if doubt.rivals:
-        sizes = amplitudes(known, suspect, sorted(taken))
-        alone = [replace(best, deciding=k, size=float(size)) for k, size in zip(suspect, sizes, strict=True)]
-        best = max(alone, key=lambda one: _t_of(one.judged(model, known)))
-    pairings = [
-        replace(best, rival=rival, others=tuple(sorted(taken - group)))
-        for rival, group in zip(doubt.rivals, groups, strict=True)
-        if group
-    ]
-    judged = [replace(one, present=one.judged(model, known)) for one in pairings or [best]]
-    return max(judged, key=lambda one: one.present.standard_deviation if one.present else 0.0)
+    pairings = [_paired(identification, comparisons, doubt, rival) for rival in doubt.rivals or (None,)]
+    # A rival without a column of its own is the same function as something in the model: it is no other explanation.
+    real = [one for one in pairings if one.rival is None or parameters_of(one.model, one.rival)]
+    return min(real or pairings, key=_certainty)
 
 
-def _t_of(found: Separation | None) -> float:
+def _certainty(pairing: _Pairing) -> float:
+    found = pairing.separation()
     return 0.0 if found is None or found.t_value is None else found.t_value
+
+
+def _paired(
+    identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt, rival: EffectChoice | None
+) -> _Pairing:
+    model = identification.model
+    pair = (doubt.suspect,) if rival is None else (doubt.suspect, rival)
+    wanted = design_model(
+        model.robot,
+        (*model.effects, *doubt.beside, *pair),
+        signals=model.signals,
+        reference=identification.next_reference(),
+        other_runs=True,
+    )
+    rows = rows_of(wanted, comparisons)
+    weights = row_weights(rows)
+    known = rows.information(weights)
+    undecided = _Pairing(rival, wanted, rows, weights, known, None, None)
+    own = parameters_of(wanted, doubt.suspect)
+    others = () if rival is None else parameters_of(wanted, rival)
+    if others and doubt.suspect.shape and rival is not None and not rival.shape:
+        own, others = others, own
+    if not own:
+        return undecided
+    sizes = _usual_sizes(wanted, doubt.suspect, own) if rival is None else amplitudes(known, own, others)
+    pairings = [replace(undecided, deciding=k, size=float(size)) for k, size in zip(own, sizes, strict=True)]
+    return max(pairings, key=_certainty)
+
+
+def _usual_sizes(model: DesignModel, suspect: EffectChoice, parameters: Sequence[int]) -> list[float]:
+    """How large the parameters of an effect are on real arms that have it; 0 where nobody knows."""
+    joint = suspect.joints[0] if suspect.joints else ""
+    usual = dict(typical_effect(model.robot, suspect.effect, joint).values)
+    return [usual.get(model.kept[k].parameter, 0.0) for k in parameters]
 
 
 def _row_rate(comparisons: Sequence[Comparison]) -> float:
@@ -213,7 +301,7 @@ def _short(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _within_the_motion(model: DesignModel, request: DesignRequest, effects: tuple[EffectChoice, ...]) -> DesignRequest:
+def within_the_motion(model: DesignModel, request: DesignRequest, effects: tuple[EffectChoice, ...]) -> DesignRequest:
     """The request with a criterion that a motion can meet: what rests on more than it is left out."""
     possible = tuple(choice for choice in request.criterion.effects if parameters_of(model, choice))
     if possible:

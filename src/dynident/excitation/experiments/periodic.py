@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.baseline import baseline_of
+from dynident.excitation.criteria.deciding import Yardstick
 from dynident.excitation.experiments.task import Made, Task, Valued
 from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.excitation.limits.margins import Margin, broken, keeps
 from dynident.excitation.limits.shrinking import Shrinking
 from dynident.excitation.moves.home import with_moves
+from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising.optimise import optimise
 from dynident.excitation.optimising.problem import DesignProblem
 from dynident.excitation.optimising.random_trajectories import Candidate, Judge, random_candidates
-from dynident.excitation.request import TrajectoryRequest
+from dynident.excitation.request import DesignRequest, TrajectoryRequest
 from dynident.excitation.trajectories.b_spline import BSplineFamily
 from dynident.excitation.trajectories.family import Family, PeriodicMotion
 from dynident.excitation.trajectories.fourier import FourierFamily
-from dynident.progress import part
+from dynident.progress import Progress, part, silent
 
 _VALUED_SAMPLES = 1000
 _SHRINKS = (0.999,) * 20 + (0.95,) * 30
@@ -53,27 +55,10 @@ def periodic(task: Task, budget: Budget) -> Made:
     if abs(family.period - asked) > 1e-9 * asked:
         notes.append(f"The period is {family.period:.9g} s: a whole number of sampling periods.")
     notes += task.yardstick.notes
-    judge = Judge(family, model, task.yardstick, rows=request.model)
-    candidates = random_candidates(
-        family,
-        bounds,
-        model,
-        judge,
-        count=request.random_trajectories,
-        seed=request.seed,
-        progress=part(task.progress, 0.0, 0.15),
-        enough=lambda: budget.share_spent > _RANDOM_SHARE,
-    )
-    if not candidates:
-        raise _no_room(bounds)
-    baseline, best = baseline_of([one.values for one in candidates]), candidates[0]
-    if request.kind == "optimized":
-        problem = DesignProblem(family, model, task.yardstick.smooth, bounds, request.model)
-        shrinking = Shrinking(family, bounds, model)
-        result = optimise(problem, shrinking, judge, candidates, budget, part(task.progress, 0.15, 0.95))
-        best = result.best
-        completed = f"{result.starts} start{'' if result.starts == 1 else 's'} completed"
-        notes.append(f"{completed} before the time was over." if result.out_of_time else f"{completed}.")
+    found = searched(request, family, model, bounds, task.yardstick, budget, task.progress)
+    candidates, best = found.candidates, found.best
+    baseline = baseline_of([one.values for one in candidates])
+    notes += found.notes
     if not np.isfinite(best.values.condition_number):
         notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
     fine = Judge(family, model, task.yardstick, n_samples=_VALUED_SAMPLES, rows=request.model)
@@ -94,6 +79,56 @@ def periodic(task: Task, budget: Budget) -> Made:
         margins=margins,
         notes=(*notes, *placed.notes),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """Random trajectories inside the limits, best first, and the best of all, optimised where that was asked for."""
+
+    candidates: tuple[Candidate, ...]
+    best: Candidate
+    notes: tuple[str, ...] = ()
+
+
+def searched(
+    request: DesignRequest,
+    family: Family,
+    model: DesignModel,
+    bounds: Bounds,
+    yardstick: Yardstick,
+    budget: Budget,
+    progress: Progress = silent,
+) -> Searched:
+    """Look for coefficients that keep the limits and that the yardstick likes.
+
+    Without a time budget the same request gives the same answer, here and wherever it is made again.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        No trajectory fits into the limits.
+    """
+    judge = Judge(family, model, yardstick, rows=request.model)
+    candidates = random_candidates(
+        family,
+        bounds,
+        model,
+        judge,
+        count=request.random_trajectories,
+        seed=request.seed,
+        progress=part(progress, 0.0, 0.15),
+        enough=lambda: budget.share_spent > _RANDOM_SHARE,
+    )
+    if not candidates:
+        raise _no_room(bounds)
+    if request.kind != "optimized":
+        return Searched(tuple(candidates), candidates[0])
+    problem = DesignProblem(family, model, yardstick.smooth, bounds, request.model)
+    shrinking = Shrinking(family, bounds, model)
+    result = optimise(problem, shrinking, judge, candidates, budget, part(progress, 0.15, 0.95))
+    completed = f"{result.starts} start{'' if result.starts == 1 else 's'} completed"
+    note = f"{completed} before the time was over." if result.out_of_time else f"{completed}."
+    return Searched(tuple(candidates), result.best, (note,))
 
 
 def _valued(task: Task, judge: Judge, motion: PeriodicMotion) -> Valued:

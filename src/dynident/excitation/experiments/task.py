@@ -26,6 +26,9 @@ _CHECKS_PER_SAMPLE = 10
 _CHUNK = 50_000
 _VALUED_SAMPLES = 10_000
 
+STANDS = 1e-4
+"""rad/s or m/s below which a joint of a planned motion, which has no noise, stands."""
+
 
 @dataclass(frozen=True, eq=False)
 class Task:
@@ -55,7 +58,9 @@ class Task:
         motion = in_sequence(pieces, self.rate)
         inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
         taken = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
-        w, dq = self.model.observe_along(motion, taken), motion.dq[taken]
+        dq = motion.dq[taken]
+        # The equation of a joint that stands holds for any torque below its static friction: it tells nothing.
+        w = self.model.observe_along(motion, taken) * (np.abs(dq) > STANDS).reshape(-1, 1)
         earlier = self.yardstick.earlier
         if earlier is not None:
             # They count in proportion to how long the experiment is, not to how long it was asked for.
