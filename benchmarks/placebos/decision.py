@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.diagnosis import compare
+from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Pool, build_pool
-from dynident.diagnosis.candidates.products import Products, products
 from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
 from dynident.diagnosis.residuals.leads import find_leads
@@ -25,7 +25,8 @@ from dynident.diagnosis.search.transients import CONTACT, find_contacts
 from dynident.identification import Identification
 from dynident.progress import silent
 from dynident.recordings import Recording
-from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
+from dynident.regressors.row_phases import RowPhases, joints_with_friction
+from dynident.regressors.stream import FilteredSamples, filtered_samples
 from dynident.robot.model import FloatArray
 from placebos.shifting import IntArray, SamplesOf, remembered
 
@@ -62,14 +63,18 @@ class Question:
         pool, preprocessing = self.pool, self.identification.preprocessing
         reference = self.identification.next_reference()
 
-        def folded(samples_of: SamplesOf) -> Products:
-            return products(
-                reduce_recordings(
-                    pool.observation, self.recordings, preprocessing, reference, samples_of=change(samples_of)
-                )
+        def folded(samples_of: SamplesOf) -> PhasedProducts:
+            return gather(
+                pool.observation,
+                self.identification.model.signals,
+                self.recordings,
+                preprocessing,
+                reference,
+                pool.n_base,
+                samples_of=change(samples_of),
             )
 
-        def relearn(findings: Sequence[Finding]) -> Products:
+        def relearn(findings: Sequence[Finding]) -> PhasedProducts:
             found = [finding.judged.candidate.choice for finding in findings]
             better = improved(self.identification.model, found, self.recordings, preprocessing, reference)
             return folded(_rows(self.identification, pool, better))
@@ -82,10 +87,13 @@ class Question:
         return tuple(_told(pick) for pick in picks)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IntArray:
-        """(m, n): rows that the rule takes for equations of another kind; here it knows one kind alone."""
-        return np.zeros(samples.tau.shape, dtype=np.intp)
+        """(m, n): whether a joint moves, turns round or stands: rows of each are equations of another kind."""
+        observation = self.pool.observation
+        phases = RowPhases.of(observation, recording, self.identification.preprocessing)
+        found = phases.about(joints_with_friction(observation, self.pool.n_base)).at(samples.segment, samples.t)
+        return np.asarray(found, dtype=np.intp)
 
-    def _start(self, data: Products) -> State:
+    def _start(self, data: PhasedProducts) -> State:
         base, noise = tuple(range(self.pool.n_base)), self.identification.noise
         band = self.identification.preprocessing.torque_cutoff or _BAND
         picks = find_contacts(data, self.pool, base, noise, band)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from dynident.diagnosis.candidates.stability import consistencies
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
@@ -14,7 +15,6 @@ from dynident.diagnosis.candidates.gate import Judged, indistinguishable, judge,
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import folds, folds_of, products
 from dynident.diagnosis.candidates.scoring import Score, held_out_errors, score_candidates
-from dynident.diagnosis.candidates.stability import consistencies
 from dynident.diagnosis.residuals.stretches import t_of
 from dynident.estimation import FactorAccumulator
 
