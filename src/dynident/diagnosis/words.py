@@ -62,7 +62,7 @@ def _ranked(
     equivalent: tuple[str, ...] | None,
 ) -> RankedEffect:
     """One row of the ranking; `equivalent` None: not a finding."""
-    joints = _told_of(item)
+    joints = item.told_of
     measured = np.maximum(item.measured[joints].sum(), 1e-300)
     before = float(np.sqrt(item.before[:, joints].sum() / measured))
     after = float(np.sqrt(item.after[:, joints].sum() / measured))
@@ -72,7 +72,7 @@ def _ranked(
         joints=item.candidate.joints,
         error_before=before,
         error_after=after,
-        error_drop=1.0 - after / before if before > 0 else 0.0,
+        error_drop=item.error_drop,
         t_value=item.t,
         p_value=p,
         significant=equivalent is not None,
@@ -81,16 +81,6 @@ def _ranked(
         separability=item.separability,
         shape=shape,
     )
-
-
-def _told_of(item: Judged) -> list[int]:
-    """Joints that errors are told of: those named, of an effect of the whole robot those that it acts on."""
-    named = len(item.candidate.joints)
-    if not named or named == len(item.joints):
-        return list(item.joints)
-    # An effect of one joint that acts on others too: the joint that it helps most.
-    removed = (item.before - item.after).sum(axis=0) / np.maximum(item.before.sum(axis=0), 1e-300)
-    return [int(max(item.joints, key=lambda j: removed[j]))]
 
 
 def _evidence(item: Judged, before: float, after: float, why: str) -> str:

@@ -17,18 +17,17 @@ from dynident.robot.model import FloatArray
 ALPHA = 0.01
 """How often anything at all may be named, by chance, in an arm where nothing is missing (`benchmarks/placebo.py`)."""
 
+SMALLEST_ERROR_DROP = 0.02
+"""Share of the held-out error, in N m, that an effect must remove where it is said to be: less nobody would notice."""
+
 SMALLEST_DROP = 0.04
-"""Share of a joint's squared held-out error that an effect must remove: 2 % of the error, less nobody would notice."""
+"""The same as a share of the squared error of the joint that it helps most."""
 
 SMALLEST_GAIN_OVER_NOISE = 0.08
 """Share of the sensor noise's own power that an effect must remove: less would be no matter to anybody."""
 
 SMALLEST_GAIN_AT_REVERSALS = 0.3
 """The same for effects that show where a joint turns: small errors of the filtered signals there are of that size."""
-
-SMALLEST_DROP_OF_STICKING = 0.4
-"""Share of a joint's error that friction with memory must remove where its slip distance is hardly resolved: a joint
-that sticks for some milliseconds looks like that, and takes less."""
 
 _CAP = 3.0
 # Share of its gain by which a candidate beats a simpler one however unevenly, or does not however evenly.
@@ -80,9 +79,26 @@ class Judged:
         return float(self.gains.sum())
 
     @property
+    def told_of(self) -> list[int]:
+        """Joints that errors are told of: those named; of an effect of the whole robot all that it acts on."""
+        named = len(self.candidate.joints)
+        if not named or named == len(self.joints):
+            return list(self.joints)
+        # An effect of one joint that acts on others too: the joint that it helps most.
+        removed = (self.before - self.after).sum(axis=0) / np.maximum(self.before.sum(axis=0), np.finfo(float).tiny)
+        return [max(self.joints, key=lambda j: float(removed[j]))]
+
+    @property
+    def error_drop(self) -> float:
+        """Share of the held-out error, in N m, that it removes on the joints that it is told of."""
+        joints = self.told_of
+        before, after = float(self.before[:, joints].sum()), float(self.after[:, joints].sum())
+        return 1.0 - float(np.sqrt(after / before)) if before > 0 else 0.0
+
+    @property
     def passes(self) -> bool:
         """Whether the improvement is large enough to matter, and no chance among all that was tried."""
-        return self.drop >= SMALLEST_DROP and self.p <= ALPHA
+        return self.drop >= SMALLEST_DROP and self.error_drop >= SMALLEST_ERROR_DROP and self.p <= ALPHA
 
     def lasts(self, least_drop: float, least_t: float) -> bool:
         """Whether it still improves the prediction beside all that was found."""
@@ -101,7 +117,9 @@ def judge(scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray) -
     drops, totals, gains = [], [], []
     index = list(joints)
     for score in scores:
-        before, after = score.before / noise**2, score.after / noise**2
+        before = score.before / noise**2
+        # Nothing can gain more than there was; nor does a loss count for more, where a fold leaves out what decides.
+        after = np.minimum(score.after / noise**2, 2.0 * before)
         gain = (before - after).sum(axis=1)
         whole = before.sum(axis=1)
         # One stretch with half of all the error must not decide: its gain counts up to three times a usual one's.
@@ -116,7 +134,7 @@ def judge(scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray) -
     alone = len(scores[0].candidate.joints) < 2
     mean_gain = np.mean(gains, axis=0)
     before = np.mean([score.before for score in scores], axis=0)
-    after = np.mean([score.after for score in scores], axis=0)
+    after = np.mean([np.minimum(score.after, 2.0 * score.before) for score in scores], axis=0)
     return Judged(
         candidate=scores[0].candidate,
         joints=joints,

@@ -29,13 +29,14 @@ class PhasedProducts:
 
     `turning`, one (s, p_j + 1, p_j + 1) a joint, and `turning_counts` (s, n), of rows where it turns round without
     sticking: equations for friction that remembers the path alone. `remembers` (columns, n): which columns do, and of
-    which joint's path.
+    which joint's path. `labels` are what the runs are called, by number.
     """
 
     moving: Products
     turning: tuple[FloatArray, ...]
     turning_counts: FloatArray
     remembers: BoolArray
+    labels: tuple[str, ...]
     _whole: dict[int, FloatArray] = field(default_factory=dict)
 
     def of(self, columns: Sequence[int] | IntArray) -> Products:
@@ -170,7 +171,7 @@ class _Sums:
         labels = list(dict.fromkeys(self._runs))
         run = np.array([labels.index(label) for label in self._runs], dtype=np.intp)
         moving = Products(grams[0], tuple(position), counts[0], run)
-        return PhasedProducts(moving, grams[1], counts[1], _remembering(observation, signals))
+        return PhasedProducts(moving, grams[1], counts[1], _remembering(observation, signals), tuple(labels))
 
 
 def _remembering(observation: Observation, signals: Signals) -> BoolArray:

@@ -13,6 +13,7 @@ from dynident.robot.model import FloatArray
 IntArray = NDArray[np.intp]
 
 N_FOLDS = 5
+N_PARTS = 10
 # Share of a column's squares in one fold from which on the others do not determine its parameter.
 _NEARLY_ALL = 0.9
 # A pause of this share of all the time parts two runs.
@@ -73,11 +74,17 @@ def folds(n_stretches: int, kind: str) -> list[IntArray]:
 
 
 def folds_of(data: Products, base: IntArray, kind: str) -> list[IntArray]:
-    """The folds of some data; a fifth in a row of every run, where a run that is left out takes a parameter with it.
+    """The folds of some data: whole `runs`, `parts` of each (a tenth in a row), or as `folds`.
+
+    A fifth in a row is one of every run, where a run that is left out takes a parameter with it.
 
     A fast motion of all joints beside a long test of a single one would be a fold of its own, and the model of most
     joints unknown without it.
     """
+    if kind == "runs":
+        return [np.flatnonzero(data.run == run) for run in np.unique(data.run)]
+    if kind == "parts":
+        return [part for run in np.unique(data.run) for part in _parts(np.flatnonzero(data.run == run))]
     usual = folds(data.n_stretches, kind)
     if kind == "interleaved" or not any(_takes_all(data, base, part) for part in usual):
         return usual
@@ -85,6 +92,10 @@ def folds_of(data: Products, base: IntArray, kind: str) -> list[IntArray]:
     by_run = [np.array_split(np.flatnonzero(data.run == run), count) for run in np.unique(data.run)]
     parts = [np.concatenate([run[k] for run in by_run]) for k in range(count)]
     return [part for part in parts if len(part)]
+
+
+def _parts(stretches: IntArray) -> list[IntArray]:
+    return [part for part in np.array_split(stretches, min(N_PARTS, len(stretches))) if len(part)]
 
 
 def _takes_all(data: Products, base: IntArray, part: IntArray) -> bool:

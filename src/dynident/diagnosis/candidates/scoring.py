@@ -82,7 +82,7 @@ def score_candidates(
     ----------
     noise : (n,)
         Standard deviation of every joint's residual, the weight of its rows.
-    kind : "interleaved" or "contiguous"
+    kind : "interleaved", "contiguous", "runs" or "parts"
 
     Returns
     -------

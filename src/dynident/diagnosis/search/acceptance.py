@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from dynident.diagnosis.candidates.gate import (
-    SMALLEST_DROP_OF_STICKING,
     SMALLEST_GAIN_AT_REVERSALS,
     SMALLEST_GAIN_OVER_NOISE,
     Judged,
 )
 from dynident.diagnosis.candidates.gathering import PhasedProducts
-from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.search.state import Finding, State
-from dynident.effects import Effect, EffectChoice, effect_by_id
+from dynident.diagnosis.search.state import State
+from dynident.effects import Effect, effect_by_id
 from dynident.robot.model import FloatArray
 
 VISIBLE = 0.02
@@ -23,10 +19,13 @@ VISIBLE = 0.02
 
 # A sensitivity of which so little is left beside the model reaches far beyond the data: it has to gain much.
 _BLURRED, _DROP_OF_BLURRED = 0.2, 0.25
-# Times the smallest slip distance that is looked for.
-_HARDLY = 2.01
-# What each joint of a group needs for itself.
-_JOINT_DROP, _JOINT_DROP_OF_STICKING = 0.03, 0.08
+_LEAST_OF_RUNS = 0.5
+"""Share of the squared error of its own runs, on the joint that it helps most, that an effect of some runs alone has to
+remove: most of it. The motions of two runs differ, too: what a model lacks shows differently in each, and
+parameters of one run alone make up for some of it."""
+
+JOINT_DROP = 0.03
+"""Share of its own squared error that each joint of a group has to gain."""
 JOINT_T = 2.0
 """t of the gain of a joint of a group."""
 LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
@@ -38,39 +37,19 @@ def acceptable(state: State, data: PhasedProducts, item: Judged) -> bool:
     effect = effect_by_id(item.candidate.effect)
     if item.separability < VISIBLE or not item.passes:
         return False
-    resolved = [spec for spec in effect.shapes if spec.resolved_by is not None]
     if max(gain_over_floor(item, j, state.floor, data) for j in item.joints) < least_gain(effect):
-        return False
-    beside = {
-        f.judged.candidate.effect for f in state.picks if set(f.judged.candidate.joints) & set(item.candidate.joints)
-    }
-    if resolved and beside & set(effect.confused_with) and item.total_drop < SMALLEST_DROP_OF_STICKING:
         return False
     if effect.first_order and item.separability < _BLURRED and item.drop < _DROP_OF_BLURRED:
         return False
-    return not may_be_sticking(item)
+    return not (item.candidate.runs and _own_drop(data, item) < _LEAST_OF_RUNS)
 
 
-def hardly_resolved(candidate: Candidate) -> bool:
-    """Whether a slip distance is so small that a joint which sticks for a moment would look like it."""
-    resolved = [s for s in effect_by_id(candidate.effect).shapes if s.resolved_by is not None and s.least > 0]
-    return any(dict(candidate.shape)[spec.name] <= _HARDLY * spec.least for spec in resolved)
-
-
-def sticks(finding: Finding, refined: EffectChoice) -> bool:
-    """Whether a finding, with its slip distance refined, may well be a joint that sticks for a moment."""
-    judged = finding.judged
-    return may_be_sticking(replace(judged, candidate=replace(judged.candidate, shape=refined.shape)))
-
-
-def may_be_sticking(item: Judged) -> bool:
-    """Whether a slip distance is hardly resolved, and gains no more than a joint that sticks for a moment would."""
-    return hardly_resolved(item.candidate) and item.total_drop < SMALLEST_DROP_OF_STICKING
-
-
-def least_drop(candidate: Candidate) -> float:
-    """Share of its own error that a joint of a group has to gain."""
-    return _JOINT_DROP_OF_STICKING if hardly_resolved(candidate) else _JOINT_DROP
+def _own_drop(data: PhasedProducts, item: Judged) -> float:
+    """Share of the squared error that a candidate removes in its own runs, on the joint that it helps most there."""
+    inside = np.isin(data.moving.run, [k for k, label in enumerate(data.labels) if label in item.candidate.runs])
+    before, after = item.before[inside].sum(axis=0), item.after[inside].sum(axis=0)
+    joints = list(item.joints)
+    return float((1.0 - after / np.maximum(before, np.finfo(float).tiny))[joints].max())
 
 
 def least_gain(effect: Effect) -> float:

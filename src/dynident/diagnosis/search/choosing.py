@@ -14,23 +14,19 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, other_name, share_found_again
 from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.search.acceptance import (
+    JOINT_DROP,
     JOINT_T,
     JOINT_T_OF_LARGE,
     LARGE_DROP,
     acceptable,
     gain_over_floor,
-    hardly_resolved,
-    least_drop,
     least_gain,
-    may_be_sticking,
 )
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.effects import effect_by_id
 
 # A group is one effect as long as its joints together would not gain so many times as much, each by itself.
 _ONE_BY_ONE = 1.3
-# Times the sensor's noise that a joint which only sticks does not remove.
-_MORE_THAN_STICKING = 2.0
 # What gains so much of it still once the chosen effect is in the model is another finding, and no rival.
 _STILL = 0.5
 # A rival that gains so much of what the chosen effect does is told from it by this t of the difference.
@@ -113,19 +109,15 @@ def without_idle_joints(
     if len(chosen.candidate.joints) < 2:
         return chosen
     effect = effect_by_id(chosen.candidate.effect)
-    alone = {} if hardly_resolved(chosen.candidate) else _best_alone(effect.id, judged)
     keep = []
     for name in chosen.candidate.joints:
         j = pool.observation.robot.joint_names.index(name)
-        little = gain_over_floor(chosen, j, state.floor, data) < _MORE_THAN_STICKING
-        if little and name in alone and may_be_sticking(alone[name]):
-            continue
         gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
         spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
         share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)
         large = gain_over_floor(chosen, j, state.floor, data) >= least_gain(effect)
         even = gain.mean() >= (JOINT_T if share < LARGE_DROP else JOINT_T_OF_LARGE) * spread
-        if share >= least_drop(chosen.candidate) and even and large:
+        if share >= JOINT_DROP and even and large:
             keep.append(name)
     if not keep or len(keep) == len(chosen.candidate.joints):
         return chosen

@@ -8,11 +8,11 @@ from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.search.acceptance import (
+    JOINT_DROP,
     JOINT_T,
     JOINT_T_OF_LARGE,
     LARGE_DROP,
     gain_over_floor,
-    least_drop,
     least_gain,
 )
 from dynident.diagnosis.search.state import Finding, State, judge_all
@@ -23,7 +23,16 @@ _PRUNE_DROP, _PRUNE_T = 0.03, 2.5
 
 
 def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
-    """The search without the picks that others have made superfluous, the weakest taken out first."""
+    """The search without the picks that others have made superfluous, the weakest taken out first.
+
+    Neighbours of coarse shape constants are left out: so many columns more would leave little for anything else.
+    """
+    around = {k for finding in state.picks for k in finding.around}
+    state = replace(
+        state,
+        picks=tuple(replace(finding, around=()) for finding in state.picks),
+        base=tuple(k for k in state.base if k not in around),
+    )
     while len(state.picks) > 1:
         judged = [(_again(data, pool, state, finding), finding) for finding in state.picks if _can_be_held_out(finding)]
         weak = [(item, finding) for item, finding in judged if not item.lasts(_PRUNE_DROP, _PRUNE_T)]
@@ -65,7 +74,7 @@ def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, .
             j = pool.observation.robot.joint_names.index(joint)
             large = gain_over_floor(item, j, state.floor, data) >= least_gain(effect_by_id(candidate.effect))
             least_t = JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE
-            if not (item.lasts(least_drop(candidate), least_t) and large):
+            if not (item.lasts(JOINT_DROP, least_t) and large):
                 kept.remove(joint)
                 base = rest
         best = max(gains, key=lambda name: gains[name], default="")

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from dynident.diagnosis.candidates.gathering import gather
+import numpy as np
+
+from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Candidate, Pool, width_shows
 from dynident.diagnosis.residuals.resolution import Resolution
-from dynident.diagnosis.search.acceptance import sticks
 from dynident.diagnosis.search.pruning import pruned, trimmed
+from dynident.diagnosis.search.rungs import helpful
 from dynident.diagnosis.search.state import Finding, State, noise_left
 from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.estimation import EstimationError, weighted
@@ -22,6 +24,7 @@ from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray
 
+_QUIET = 1e-4
 # Solutions until first-order columns are about the model that they are part of.
 _PASSES = 2
 
@@ -45,27 +48,28 @@ def refined(
         return (), ()
     model, preprocessing = identification.model, identification.preprocessing
     choices = refine_shapes(model, choices, recordings, preprocessing, reference, part(progress, 0.0, 0.5))
-    visible = [
-        i
-        for i, (finding, choice) in enumerate(zip(kept, choices, strict=True))
-        if width_shows(choice, model.robot, resolved) and not sticks(finding, choice)
-    ]
+    visible = [i for i, choice in enumerate(choices) if width_shows(choice, model.robot, resolved)]
     kept, choices = tuple(kept[i] for i in visible), tuple(choices[i] for i in visible)
     while choices:
         reference = improved(model, choices, recordings, preprocessing, reference)
-        slimmer, needed = _needed(model, kept, choices, recordings, preprocessing, reference, floor)
+        lean = _Lean.of(model, kept, choices, recordings, preprocessing, reference)
+        slimmer, needed = lean.needed(floor)
         if slimmer == choices:
             break
         kept = tuple(kept[i] for i in needed)
         choices = refine_shapes(model, slimmer, recordings, preprocessing, reference)
-    noise = identification.noise
-    lasting = sorted(_lasting(model, choices), key=lambda i: -_explained(kept[i], noise))
+    if not choices:
+        return (), ()
+    lasting = lean.helpful(sorted(_lasting(model, choices), key=lambda i: -_explained(kept[i], floor)))
     return tuple(kept[i] for i in lasting), tuple(choices[i] for i in lasting)
 
 
-def _explained(finding: Finding, noise: FloatArray) -> float:
-    """Squared error that a pick removed, in units of the joints' noise: the larger first."""
-    return float(((finding.judged.before - finding.judged.after) / noise**2).sum())
+def _explained(finding: Finding, floor: FloatArray) -> float:
+    """Squared error that a pick removed, in units of the sensors' noise: the larger first."""
+    removed = (finding.judged.before - finding.judged.after).sum(axis=0)
+    # Torque without noise: what is left of the error serves.
+    unit = np.maximum(floor**2, _QUIET * finding.judged.before.mean(axis=0))
+    return float((removed / np.maximum(unit, np.finfo(float).tiny)).sum())
 
 
 def improved(
@@ -105,30 +109,59 @@ def _lasting(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
     ]
 
 
-def _needed(
-    model: Model,
-    picks: Sequence[Finding],
-    choices: Sequence[EffectChoice],
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: FloatArray,
-    floor: FloatArray,
-) -> tuple[tuple[EffectChoice, ...], list[int]]:
-    """Choices that still improve the prediction beside the others, on the joints where they do; and their indices."""
-    columns = list(model.kept)
-    refined: list[Finding] = []
-    for finding, choice in zip(picks, choices, strict=True):
-        made = columns_of([choice], model.signals)
-        numbers = tuple(range(len(columns), len(columns) + len(made)))
-        candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers, choice.runs)
-        refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate)))
-        columns += made
-    observation = Observation.of(model.robot, columns, model.signals)
-    pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined))
-    data = gather(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
-    everything = tuple(range(len(columns)))
-    state = State(everything, noise_left(data, everything), floor, tuple(refined))
-    state = pruned(data, pool, state)
-    needed = [i for i, finding in enumerate(refined) if any(finding is other for other in state.picks)]
-    joints = trimmed(data, pool, state)
-    return tuple(replace(choices[i], joints=here) for i, here in zip(needed, joints, strict=True)), needed
+@dataclass(frozen=True, eq=False)
+class _Lean:
+    """A model with refined findings behind it and nothing else: their products, and who they are in it."""
+
+    pool: Pool
+    data: PhasedProducts
+    findings: tuple[Finding, ...]
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        picks: Sequence[Finding],
+        choices: Sequence[EffectChoice],
+        recordings: Sequence[Recording],
+        preprocessing: Preprocessing,
+        reference: FloatArray,
+    ) -> _Lean:
+        """Gather the products of the model and of the choices that the picks have become."""
+        columns = list(model.kept)
+        refined: list[Finding] = []
+        for finding, choice in zip(picks, choices, strict=True):
+            made = columns_of([choice], model.signals)
+            numbers = tuple(range(len(columns), len(columns) + len(made)))
+            candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers, choice.runs)
+            # Neighbours of a coarse constant have done their part.
+            refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate), around=()))
+            columns += made
+        observation = Observation.of(model.robot, columns, model.signals)
+        pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined))
+        data = gather(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
+        return cls(pool, data, tuple(refined))
+
+    def needed(self, floor: FloatArray) -> tuple[tuple[EffectChoice, ...], list[int]]:
+        """Choices that still improve the prediction beside the others, on the joints where they do; their indices."""
+        everything = tuple(range(self.pool.observation.n_columns))
+        state = State(everything, noise_left(self.data, everything), floor, self.findings)
+        state = pruned(self.data, self.pool, state)
+        left = {finding.judged.candidate for finding in state.picks}
+        indices = [i for i, finding in enumerate(self.findings) if finding.judged.candidate in left]
+        joints = trimmed(self.data, self.pool, state)
+        slim = [
+            replace(self.findings[i].judged.candidate.choice, joints=own)
+            for i, own in zip(indices, joints, strict=True)
+        ]
+        return tuple(slim), indices
+
+    def helpful(self, order: Sequence[int]) -> list[int]:
+        """Indices of the findings that hurt nowhere, added in this order."""
+        base = tuple(range(self.pool.n_base))
+        noise = noise_left(self.data, tuple(range(self.pool.observation.n_columns)))
+        columns = [self.findings[i].judged.candidate.columns for i in order]
+        by_run = not any(
+            column.runs or effect_by_id(column.effect).in_some_runs for column in self.pool.observation.columns
+        )
+        return [order[k] for k in helpful(self.data, base, columns, noise, by_run)]

@@ -1,0 +1,57 @@
+"""No rung that hurts: each finding, in the order in which it would be added, beside those before it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.diagnosis.candidates.family import evenness
+from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.scoring import held_out_errors
+from dynident.robot.model import FloatArray
+
+_CHANCE = 2.0
+"""t of a joint's larger error over the stretches of time from which on it is more than chance."""
+
+_NOTICED = 1.005
+"""Times the error of a joint, or of all together, from which on anybody would notice that it grew."""
+
+
+def helpful(
+    data: PhasedProducts,
+    base: tuple[int, ...],
+    columns: Sequence[tuple[int, ...]],
+    noise: FloatArray,
+    by_run: bool,
+) -> list[int]:
+    """Numbers of those findings that, added in their order, make the prediction worse nowhere.
+
+    Whole runs are left out of the fit where there are several, else a tenth of the one in a row.
+
+    Parameters
+    ----------
+    base : columns of the model
+    columns : those of each finding, in the order in which they would be added
+    noise : (n,)
+    by_run : bool
+        Whether runs may be left out: what is in some of them alone cannot be told from the rest without the others.
+    """
+    kept: list[int] = []
+    for number, own in enumerate(columns):
+        rows = data.of(base + own)
+        kind = "runs" if by_run and len(np.unique(rows.run)) > 1 else "parts"
+        before = held_out_errors(rows, np.array(base, dtype=np.intp), noise, kind)
+        after = held_out_errors(rows, np.array(base + own, dtype=np.intp), noise, kind)
+        if not _hurts(before / noise**2, after / noise**2):
+            kept.append(number)
+            base += own
+    return kept
+
+
+def _hurts(before: FloatArray, after: FloatArray) -> bool:
+    """Whether squared errors (s, n), in units of the noise, grow on any joint beyond chance, or on the whole."""
+    if after.sum() > _NOTICED**2 * before.sum():
+        return True
+    grown = after.sum(axis=0) > _NOTICED**2 * before.sum(axis=0)
+    return bool((grown & (evenness((after - before).T) >= _CHANCE)).any())
