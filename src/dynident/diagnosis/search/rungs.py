@@ -11,8 +11,13 @@ from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.scoring import held_out_errors
 from dynident.robot.model import FloatArray
 
-_CHANCE = 2.0
-"""t of a joint's larger error over the stretches of time from which on it is more than chance."""
+_CHANCE = 3.5
+"""t of a joint's larger error over the stretches of time from which on it is more than chance: of the some forty joints
+and findings that are looked at, one in fifty diagnoses would show it."""
+
+_IN_PASSING = 0.1
+"""Share of what a finding takes away in all that it may add on one joint: what sits on the wrong link helps most joints
+and disturbs another."""
 
 _NOTICED = 1.005
 """Times the error of a joint, or of all together, from which on anybody would notice that it grew."""
@@ -43,7 +48,8 @@ def helpful(
         kind = "runs" if by_run and len(np.unique(rows.run)) > 1 else "parts"
         before = held_out_errors(rows, np.array(base, dtype=np.intp), noise, kind)
         after = held_out_errors(rows, np.array(base + own, dtype=np.intp), noise, kind)
-        if not _hurts(before / noise**2, after / noise**2):
+        # As in scoring, no loss counts for more than there was: a part left out may be what decides.
+        if not _hurts(before / noise**2, np.minimum(after, 2.0 * before) / noise**2):
             kept.append(number)
             base += own
     return kept
@@ -51,7 +57,9 @@ def helpful(
 
 def _hurts(before: FloatArray, after: FloatArray) -> bool:
     """Whether squared errors (s, n), in units of the noise, grow on any joint beyond chance, or on the whole."""
+    removed = float(before.sum() - after.sum())
     if after.sum() > _NOTICED**2 * before.sum():
         return True
-    grown = after.sum(axis=0) > _NOTICED**2 * before.sum(axis=0)
+    added = (after - before).sum(axis=0)
+    grown = (after.sum(axis=0) > _NOTICED**2 * before.sum(axis=0)) & (added > _IN_PASSING * removed)
     return bool((grown & (evenness((after - before).T) >= _CHANCE)).any())
