@@ -53,8 +53,8 @@ class Backlash(Effect):
         return made
 
     def natural(self, estimates: Mapping[str, Estimate]) -> bool:
-        """Whether posture and inertia tell of the same play."""
-        return super().natural(estimates) and agree(estimates.get("bl"), estimates.get("bi"))
+        """Whether all columns tell of one play, at the motor or at the link."""
+        return super().natural(estimates) and _on_one_side(*map(estimates.get, ("bl", "bi", "br")))
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Half a per cent and 4 % of the joint's effort limit."""
@@ -62,12 +62,19 @@ class Backlash(Effect):
         return [{"w": 0.005 * effort}, {"w": 0.04 * effort}]
 
 
-def agree(one: Estimate | None, other: Estimate | None) -> bool:
-    """Whether two estimates of the same thing do: as far as they are sure, or to half of the larger one."""
-    if one is None or other is None:
-        return True
-    gap = abs(one.value - other.value)
-    return gap <= max(one.doubt + other.doubt, 0.5 * max(abs(one.value), abs(other.value)))
+def _on_one_side(posture: Estimate | None, links: Estimate | None, rotor: Estimate | None) -> bool:
+    """Whether estimates of one gear that gives tell where its position is measured.
+
+    At the motor the link lags behind: posture and the links' inertia tell of the same, to within a factor of two, and
+    the rotor of nothing. At the link it is the rotor that has to catch up, and the links tell of nothing.
+    """
+    lagging = [one for one in (posture, links) if one is not None]
+    seen = [one.value > one.doubt for one in lagging]
+    rotor_seen = rotor is not None and abs(rotor.value) > rotor.doubt
+    if rotor_seen and rotor is not None:
+        return rotor.value > 0 and not any(abs(one.value) > one.doubt for one in lagging)
+    sizes = [one.value for one in lagging]
+    return bool(lagging) and all(seen) and max(sizes) <= 2.0 * min(sizes)
 
 
 class JointElasticity(Effect):
@@ -95,8 +102,8 @@ class JointElasticity(Effect):
     needs_load = True
 
     def natural(self, estimates: Mapping[str, Estimate]) -> bool:
-        """Whether sag and inertia tell of the same compliance."""
-        return super().natural(estimates) and agree(estimates.get("Ce"), estimates.get("Cl"))
+        """Whether all columns tell of one compliance, at the motor or at the link."""
+        return super().natural(estimates) and _on_one_side(*map(estimates.get, ("Ce", "Cl", "Cr")))
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Three columns a joint."""

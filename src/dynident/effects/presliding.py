@@ -70,7 +70,7 @@ class BreakAway(Effect):
             "distance over which the excess falls off",
             8e-3,
             least=0.5e-3,
-            resolved_by="displacement",
+            resolved_by="travel",
             refined=RATIO,
         ),
     )

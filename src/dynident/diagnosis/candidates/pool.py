@@ -135,13 +135,13 @@ def shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
 
 
 def width_shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
-    """The same for constants that are a speed alone.
+    """The same for constants that are a speed, or a travel since a halt, alone.
 
     A slip distance at the limit of resolution is still hysteresis, only sharper than the data can tell; a friction
     peak narrower than the limit is nothing that was seen.
     """
     joints = [robot.joint_names.index(name) for name in choice.joints]
-    specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by == "speed"]
+    specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by in ("speed", "travel")]
     return all(resolved.shows(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
 
 

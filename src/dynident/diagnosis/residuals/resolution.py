@@ -25,7 +25,7 @@ _SHARP_TURNS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Resolution:
-    """Smallest displacement (n,) and speed (n,) that the rows which count still show.
+    """Smallest displacement, travel since a halt and speed (n,) that the rows which count still show.
 
     A joint that reverses with acceleration a is within a/(2πf)² of its turning point for as long as a filter with
     cut-off f takes to answer. What friction does inside that (sticking, above all) is there in the torque but not in q:
@@ -36,13 +36,14 @@ class Resolution:
     """
 
     displacement: FloatArray
+    travel: FloatArray
     speed: FloatArray
 
     def shows(self, spec: ShapeSpec, value: float, joints: Sequence[int]) -> bool:
         """Whether a shape constant is large enough to be seen on these joints."""
         if spec.resolved_by is None or not len(joints):
             return True
-        limit = self.displacement if spec.resolved_by == "displacement" else self.speed
+        limit = {"displacement": self.displacement, "travel": self.travel, "speed": self.speed}[spec.resolved_by]
         return value >= float(np.max(limit[list(joints)]))
 
 
@@ -51,12 +52,12 @@ def resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) 
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     n = len(comparisons[0].joint_names)
     if not cutoffs:
-        return Resolution(np.zeros(n), np.zeros(n))
+        return Resolution(np.zeros(n), np.zeros(n), np.zeros(n))
     corner = 2 * np.pi * min(cutoffs)
     acceleration = np.array([_at_reversals(comparisons, j) for j in range(n)])
     travelled = np.array([_travelled(comparisons, j) for j in range(n)])
     speed = np.array([_slowest(comparisons, j) for j in range(n)])
-    return Resolution(np.minimum(acceleration / corner**2, travelled), speed)
+    return Resolution(np.minimum(acceleration / corner**2, travelled), travelled, speed)
 
 
 def _at_reversals(comparisons: Sequence[Comparison], joint: int) -> float:
