@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from dynident.estimation import EstimationError, known_values
-from dynident.estimation.triangles import triangular
 from dynident.estimation.kalman import KalmanFilter, KalmanNoise, TorqueSlopes
+from dynident.estimation.triangles import triangular
 
 # Inertia, first moment times gravity, viscous friction.
 TRUTH = np.array([0.4, 3.0, 0.25])
