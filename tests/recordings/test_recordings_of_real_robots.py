@@ -83,8 +83,8 @@ def test_standstill_is_told_joint_by_joint_and_is_no_warning(tmp_path):
     (check,) = (check for check in checks if check.name == "standstill")
     assert check.status == "ok"
     # A motion from point to point: every joint rests between the points.
-    assert all(f"{name} {100 * share:.2g} %" in check.detail
-               for name, share in zip(recording.joint_names, phase_shares(recording).standing, strict=True))  # fmt: skip
+    shares = phase_shares(recording).standing
+    assert all(f"{name} {100 * share:.2g} %" in check.detail for name, share in zip(JOINTS, shares, strict=True))
 
 
 def changed(tmp_path: Path, change) -> Path:

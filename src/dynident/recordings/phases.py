@@ -138,7 +138,7 @@ def phase_shares(recording: Recording) -> PhaseShares:
     width = 1e-3 * recording.period
     counts, total = np.zeros((len(Phase), recording.n)), 0
     for k, segment in enumerate(recording.segments):
-        t = segment.start_time + np.arange(segment.length) * recording.period
+        t: FloatArray = segment.start_time + np.arange(segment.length, dtype=np.float64) * recording.period
         t = t[recording.inside_windows(t)]
         found = phases.at(k, t, width)
         counts += np.array([(found == phase).sum(axis=0) for phase in Phase])

@@ -73,7 +73,7 @@ def extend(
     if out is not None:
         inputs.write_whole(out, to_bytes(found))
     if as_json:
-        terminal.print_json(plain(describe_identification(found, model.stem)))
+        terminal.print_json(plain(describe_identification(found, model.stem, identification)))
         return
     console = terminal.out()
     shown.show_ladder(console, found)

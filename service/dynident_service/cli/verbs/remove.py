@@ -25,7 +25,7 @@ def remove(model: ModelArgument, effects: Effects, out: Out = None, as_json: Jso
     if out is not None:
         inputs.write_whole(out, to_bytes(found))
     if as_json:
-        terminal.print_json(plain(describe_identification(found, model.stem)))
+        terminal.print_json(plain(describe_identification(found, model.stem, identification)))
         return
     console = terminal.out()
     shown.show_ladder(console, found)
