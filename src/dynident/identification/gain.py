@@ -14,6 +14,8 @@ from dynident.robot.model import FloatArray
 _SURE = 2.0
 _WORSE = 1.02
 _FEWEST = 4
+_ROUNDING = 1.0 + 1e-6
+"""Errors that differ by less are the same: what is added and removed again leaves so much."""
 
 
 def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
@@ -68,7 +70,7 @@ def best_of(totals: Sequence[float]) -> BestRung | None:
     if not totals:
         return None
     best = int(np.argmin(totals))
-    return BestRung(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > totals[best]))
+    return BestRung(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best]))
 
 
 def _t_of_gain(parent: Identification, grown: Identification) -> float:

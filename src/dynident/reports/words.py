@@ -1,8 +1,9 @@
-"""Effects and joints in words."""
+"""Effects, joints and rungs in words."""
 
 from __future__ import annotations
 
 from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
+from dynident.identification.gain import BestRung
 from dynident.robot import Robot
 
 
@@ -27,3 +28,22 @@ def title_of(identifier: str) -> str:
     What is equivalent to a finding need not be in the catalogue: some effects are the same function.
     """
     return CATALOGUE[identifier].title if identifier in CATALOGUE else identifier.replace("_", " ")
+
+
+def rung_mark(found: BestRung | None, index: int, count: int) -> str:
+    """What a rung of a ladder of so many models is on held-out data; "" where there is nothing to choose."""
+    if found is None or count < 2:
+        return ""
+    return "✓ best" if index == found.best else "↑ rises" if index in found.rises else ""
+
+
+def best_rung_text(found: BestRung | None, count: int) -> str:
+    """Which model of a ladder predicts held-out data best, in a sentence; "" where there is nothing to choose."""
+    if found is None or count < 2:
+        return ""
+    best = f"Model {found.best + 1} predicts held-out data best"
+    if not found.rises:
+        return f"{best}."
+    return (
+        f"{best}; from model {found.rises[0] + 1} on the held-out error is larger: what was added there does not help."
+    )
