@@ -12,15 +12,14 @@ from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.dependence import parameter_dependence
 from dynident.identification.essential import EssentialPath
-from dynident.recordings import Recording, phase_shares
+from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports.numbers import estimate, number, percent
-from dynident.reports.words import place_text
+from dynident.reports.words import place_text, standing_text
 from dynident.robot import Robot
 from dynident_service.cli.inputs import Loaded
 from dynident_service.cli.terminal import table
 
-_MANY_JOINTS = 8
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
 
 
@@ -31,7 +30,9 @@ def show_measurements(console: Console, measurements: Sequence[Loaded], held_out
         for item in group:
             recording = item.recording
             rate = f"{recording.sampling_rate:.4g} Hz"
-            rows.append([recording.name, use, str(recording.n_samples), rate, standing_text(recording)])
+            rows.append(
+                [recording.name, use, str(recording.n_samples), rate, standing_text(phase_shares(recording).standing)]
+            )
     columns = ("measurement", "used for", "samples", "rate", "each joint stands")
     console.print(table("", columns, rows, right_from=2))
     for item in [*measurements, *held_out]:
@@ -167,14 +168,6 @@ def choice_argument(choice: EffectChoice) -> str:
     joints = f"@{'+'.join(choice.joints)}" if choice.joints else ""
     shape = ",".join(f"{name}={value:.6g}" for name, value in choice.shape)
     return f"{choice.effect}{joints}{':' + shape if shape else ''}"
-
-
-def standing_text(recording: Recording) -> str:
-    """How much of its time each joint of a recording stands, in the robot's order; of many joints least and most."""
-    shares = [f"{100 * share:.0f}" for share in phase_shares(recording).standing]
-    if len(shares) > _MANY_JOINTS:
-        shares = [" to ".join(sorted({min(shares, key=float), max(shares, key=float)}, key=float))]
-    return f"{', '.join(shares)} %"
 
 
 def error_cells(moving: Errors, errors: Errors, joint: int, unit: str) -> list[str]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
 from dynident.identification.gain import BestRung
 from dynident.robot import Robot
+from dynident.robot.model import FloatArray
+
+_MANY_JOINTS = 8
 
 
 def place_text(joints: tuple[str, ...], robot: Robot) -> str:
@@ -20,6 +23,13 @@ def shape_text(choice: EffectChoice) -> str:
     return ", ".join(
         f"{name} = {value:.3g}{'' if units[name] == '-' else ' ' + units[name]}" for name, value in choice.shape
     )
+
+
+def standing_text(shares: FloatArray) -> str:
+    """Shares (n,) of time that joints stand, in the robot's order, in per cent; of many joints the least and most."""
+    if len(shares) > _MANY_JOINTS:
+        return f"{100 * shares.min():.0f} to {100 * shares.max():.0f} %"
+    return f"{', '.join(f'{100 * share:.0f}' for share in shares)} %"
 
 
 def title_of(identifier: str) -> str:
