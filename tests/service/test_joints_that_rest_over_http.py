@@ -38,7 +38,7 @@ def bench(live: Client, tmp_path_factory: pytest.TempPathFactory) -> Bench:
 
 
 def test_a_measurement_says_how_much_of_its_time_every_joint_stands(bench: Bench) -> None:
-    phases = bench.training["phases"]
+    phases = bench.training.phases
     assert len(phases["standing"]) == len(phases["reversing"]) == ROBOT.n
     rests = 1.0 - MOVES / PERIOD
     assert all(rests <= share < rests + 0.2 for share in phases["standing"])
