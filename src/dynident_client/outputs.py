@@ -40,7 +40,7 @@ class Identifications(Collection[Identification]):
         return self._post(body)
 
     def extend(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
-        """Add effects: a new identification, whose parent is this one."""
+        """Add effects: a new identification, whose parent is this one, with a rung of the ladder for each of them."""
         return self._post({"effects": _effects(effects), "name": name}, f"/{id_of(identification)}/extend")
 
     def remove(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
@@ -56,7 +56,11 @@ class Identifications(Collection[Identification]):
         return dict(self._transport.get(f"{self.path}/{id_of(identification)}/correlation"))
 
     def lineage(self, identification: Record | str) -> list[dict[str, Any]]:
-        """Read the ladder of models that led to this one, the first one first."""
+        """Read the ladder of models that led to this one, the first one first.
+
+        What an extension by several effects made on its way has the id "{id}/1", … and says what it is `part_of`.
+        `best` marks the smallest validation error, `rises` the rungs above it whose error is larger.
+        """
         return list(self._transport.get(f"{self.path}/{id_of(identification)}/lineage")["items"])
 
     def compare_lineages(self, identification: Record | str, against: Record | str) -> dict[str, Any]:
@@ -86,7 +90,11 @@ class Comparisons(Collection[Comparison]):
     kind = Comparison
 
     def create(self, identification: Record | str, measurement: Record | str, *, name: str | None = None) -> Comparison:
-        """Hold a model against a measurement."""
+        """Hold a model against a measurement.
+
+        The result has errors on all rows (at rest the distance to what static friction may hold), on `moving` rows, and
+        `raw`: on all rows against the predicted torque itself.
+        """
         ids = {"identification_id": id_of(identification), "measurement_id": id_of(measurement)}
         return self._post({**ids, "name": name})
 
@@ -99,7 +107,10 @@ class Comparisons(Collection[Comparison]):
         end: float | None = None,
         points: int | None = None,
     ) -> dict[str, Any]:
-        """Read a joint's measured and predicted torque over time, thinned for plotting."""
+        """Read a joint's measured and predicted torque over time, thinned for plotting.
+
+        Where the joint stands (`standing`) the prediction is a band from `lower` to `upper`.
+        """
         path = f"{self.path}/{id_of(comparison)}/series"
         return dict(self._transport.get(path, joint=joint, from_=start, to=end, points=points))
 

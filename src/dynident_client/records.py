@@ -116,6 +116,11 @@ class Measurement(Record):
         """What was looked at, and found."""
         return list(self.data["checks"])
 
+    @property
+    def phases(self) -> dict[str, list[float]]:
+        """Shares of its time in which each joint is "standing" or "reversing"; it moves in the rest."""
+        return dict(self.data.get("phases") or {})
+
 
 class Design(Computed):
     """A designed experiment."""

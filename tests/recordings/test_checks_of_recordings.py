@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from recording_data import JOINTS, motion, write_parquet
 
-from dynident.recordings import JointLimits, RecordingError, RecordingMetadata, import_recording
+from dynident.recordings import JointLimits, RecordingError, RecordingMetadata, import_recording, phase_shares
 
 LIMITS = tuple(JointLimits(position=(-3.0, 3.0), velocity=6.0, effort=200.0) for _ in JOINTS)
 
@@ -122,15 +124,32 @@ def test_more_missing_than_measured_is_refused(tmp_path):
     assert (error.title, error.row) == ("Gaps", 300)
 
 
-def test_standstill_at_the_ends_suggests_the_windows(tmp_path):
+def test_standstill_is_told_joint_by_joint_and_asks_for_no_windows(tmp_path):
     columns = {name: values for name, values in motion().items() if values.ndim == 1}
     still = {name: np.concatenate([np.full(600, v[0]), v, np.full(400, v[-1])]) for name, v in columns.items()}
+    still["q2"][1000:2000] = still["q2"][1000]
+    still["q2"][2000:] += still["q2"][1000] - columns["q2"][1400]
     still["t"] = np.arange(4000) / 200
     check = found(tmp_path, still, "standstill")
-    assert check.status == "warning"
-    assert "3 s of it at the beginning and 2 s at the end" in check.detail
-    assert '"windows": [[3' in check.detail
-    assert found(tmp_path, still, "standstill", windows=((3.0, 18.0),)).status == "ok"
+    assert check.status == "ok"
+    told = dict(re.findall(r"(\w+) (\d+) %", check.detail))
+    assert abs(float(told["shoulder"]) - 25) <= 2
+    assert abs(float(told["elbow"]) - 50) <= 2
+    assert "windows" not in check.detail.replace("needs no windows", "")
+    inside = found(tmp_path, still, "standstill", windows=((3.0, 18.0),))
+    assert "elbow" in inside.detail
+    assert "shoulder" not in inside.detail
+
+
+def test_the_shares_of_a_joints_time_are_those_of_its_positions(tmp_path):
+    columns = motion()
+    columns["q3"] = np.full(3000, 0.2)
+    recording, _ = given(tmp_path, columns, role="validation")
+    shares = phase_shares(recording)
+    assert shares.standing[2] == 1.0
+    assert shares.reversing[2] == 0.0
+    assert shares.standing[0] < 0.01
+    assert 0.0 < shares.reversing[0] < 0.05
 
 
 def test_a_recording_in_which_nothing_moves_is_refused(tmp_path):

@@ -11,13 +11,15 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
+from resting import resting_motion, resting_torque
 
 from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import IdentificationChoices, extend, identify, remove
-from dynident.recordings import Check, Preprocessing
+from dynident.recordings import Check, Preprocessing, phase_shares
+from dynident.recordings.phases import Phase
 from dynident.reports import ReportedRun, html_report
 from dynident.reports.numbers import estimate, number, percent
 from dynident.robot import Joint, Robot
@@ -130,12 +132,13 @@ def test_values_deviations_and_relative_deviations_are_those_of_the_identificati
         assert parameter.grouping in PAGE.text["parameters"]
 
 
-def test_errors_per_joint_are_those_of_fit_and_held_out_data() -> None:
-    shown = np.array(PAGE.data_values["torque"]).reshape(ROBOT.n, 4)
-    np.testing.assert_array_equal(shown[:, 0], MODEL.fit.rms)
-    np.testing.assert_array_equal(shown[:, 1], MODEL.fit.relative)
-    np.testing.assert_array_equal(shown[:, 2], MODEL.held_out.rms)
-    np.testing.assert_array_equal(shown[:, 3], MODEL.held_out.relative)
+def test_errors_per_joint_are_those_of_fit_and_held_out_data_where_it_moves_and_on_all_rows() -> None:
+    shown = np.array(PAGE.data_values["torque"]).reshape(ROBOT.n, 4, 2)
+    for k, errors in enumerate((MODEL.fit_moving, MODEL.fit, MODEL.held_out_moving, MODEL.held_out)):
+        np.testing.assert_array_equal(shown[:, k, 0], errors.relative)
+        np.testing.assert_array_equal(shown[:, k, 1], errors.rms)
+    for run in RUNS:
+        assert percent(run.comparison.moving_errors.relative_total) in PAGE.text["torque"]
 
 
 def test_the_ladder_shows_the_error_of_every_model_falling() -> None:
@@ -144,6 +147,17 @@ def test_the_ladder_shows_the_error_of_every_model_falling() -> None:
     np.testing.assert_array_equal(shown, expected)
     assert shown[1, 1] < shown[0, 1]
     assert "Stribeck friction on" in PAGE.text["ladder"]
+
+
+def test_the_ladder_says_which_model_predicts_best_and_from_where_on_the_error_rises() -> None:
+    assert "Model 2 predicts held-out data best." in PAGE.text["ladder"]
+    assert PAGE.text["ladder"].count("✓ best") == 1
+    assert "↑ rises" not in PAGE.text["ladder"]
+    squares = replace(MODEL.held_out, squares=4 * MODEL.held_out.squares)
+    worse = replace(MODEL, parent=MODEL, added=(EffectChoice("offset"),), held_out=squares)
+    page = Page(html_report(worse, [ReportedRun(SECOND_RUN, compare(worse, SECOND_RUN), True)]))
+    assert "Model 2 predicts held-out data best; from model 3 on" in page.text["ladder"]
+    assert page.text["ladder"].count("✓ best") == page.text["ladder"].count("↑ rises") == 1
 
 
 def test_warnings_and_doubtful_checks_stand_in_the_first_section() -> None:
@@ -222,12 +236,35 @@ def test_a_long_recording_stays_a_small_file() -> None:
         t=t,
         segment=np.repeat(np.arange(many) // 100, len(comparison.t)),
         **{name: np.tile(getattr(comparison, name), (many, 1))
-           for name in ("measured", "predicted", "deviation", "q", "dq", "ddq", "load")},
+           for name in ("measured", "predicted", "lower", "upper", "deviation", "q", "dq", "ddq", "load", "phase")},
     )  # fmt: skip
     spike = len(t) // 2
     long.measured[spike, 0] += 1234.5
     content = html_report(MODEL, [ReportedRun(SECOND_RUN, long, True)])
     assert len(content.encode()) < 2_000_000
+
+
+def test_where_a_joint_stands_the_report_draws_what_friction_may_hold_and_says_how_long() -> None:
+    runs = [record(PLAIN, motion := resting_motion(PLAIN, 20.0, 100.0, k), resting_torque(PLAIN, motion, k), f"r{k}")
+            for k in (1, 2)]  # fmt: skip
+    found = identify(PLAIN, runs[:1], runs[1:])
+    comparison = compare(found, runs[1])
+    page = Page(html_report(found, [ReportedRun(runs[1], comparison, True)]))
+    described = next(
+        svg["aria-label"] or "" for svg in page.all_of("svg") if "residual with its band" in svg["aria-label"]
+    )
+    for j in range(PLAIN.n):
+        share = float((comparison.phase[:, j] == Phase.STANDING).mean())
+        assert f"standing in {percent(share, 2)} of the rows" in described
+    assert "what friction may hold at rest" in page.text["torque"]
+    assert "On the grey ground the joint stands" in page.text["torque"]
+    stands = ", ".join(f"{100 * share:.0f}" for share in phase_shares(runs[1]).standing)
+    assert f"{stands} %" in page.text["data"]
+    # Where no joint stands nothing is said of it.
+    moves = replace(comparison, phase=np.zeros_like(comparison.phase))
+    without = Page(html_report(found, [ReportedRun(runs[1], moves, True)])).text["torque"]
+    assert "what friction may hold at rest" not in without
+    assert "grey ground" not in without
 
 
 def test_a_set_of_test_motions_is_shown_run_by_run() -> None:

@@ -10,14 +10,22 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dynident.diagnosis import Comparison
-from dynident.reports.figures.decimation import extremes, thinned, time_axis
+from dynident.reports.figures.decimation import extremes, thinned, thinned_together, time_axis
 
 
 def comparison(t, segment) -> Comparison:
     t = np.asarray(t, dtype=float)
     zero = np.zeros((len(t), 1))
+    signals = ("measured", "predicted", "lower", "upper", "deviation", "q", "dq", "ddq", "load")
     return Comparison(
-        ("j",), ("N m",), t, np.asarray(segment, dtype=float), zero, zero, zero, zero, zero, zero, zero, np.ones(1)
+        joint_names=("j",),
+        units=("N m",),
+        t=t,
+        segment=np.asarray(segment, dtype=float),
+        noise=np.ones(1),
+        phase=zero.astype(np.int8),
+        remembering=np.zeros(1, dtype=bool),
+        **dict.fromkeys(signals, zero),
     )
 
 
@@ -57,3 +65,22 @@ def test_runs_that_overlap_in_time_are_set_one_after_another() -> None:
     assert "one after another" in axis.label
     np.testing.assert_array_equal(made.t, t)
     assert time_axis(replace(made, t=np.arange(300) * 0.01)).label == "time (s)"
+
+
+def test_stretches_are_cut_to_the_rows_that_are_wanted():
+    axis = time_axis(comparison(np.arange(100) / 100, np.repeat([0, 1], 50)))
+    wanted = np.zeros(100, dtype=bool)
+    wanted[10:20] = wanted[45:60] = True
+    assert axis.only(wanted).stretches == (slice(10, 20), slice(45, 50), slice(50, 60))
+    assert axis.only(~wanted).stretches == (slice(0, 10), slice(20, 45), slice(60, 100))
+    assert axis.only(np.zeros(100, dtype=bool)).stretches == ()
+
+
+def test_two_lines_share_their_times_and_keep_the_extremes_of_both():
+    axis = time_axis(comparison(np.arange(1000) / 100, np.zeros(1000)))
+    lower, upper = np.zeros(1000), np.ones(1000)
+    lower[333], upper[777] = -5.0, 6.0
+    t, low, high = thinned_together(axis, 40, lower, upper)
+    assert len(t) == len(low) == len(high) < 200
+    assert (low.min(), high.max()) == (-5.0, 6.0)
+    assert [len(one) for one in thinned_together(axis.only(np.zeros(1000, dtype=bool)), 40, lower)] == [0, 0]

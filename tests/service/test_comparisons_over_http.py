@@ -2,51 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from fastapi.testclient import TestClient
 
 from dynident.diagnosis import Comparison
+from dynident.recordings.phases import Phase
 from dynident_service.adapters.comparisons import write_comparison
 from dynident_service.services import Services
 from dynident_service.storage.records import NewResource, Owned
 
 M = 3000
+REST = slice(1000, 2000)
 T = np.arange(M) / 50.0
 TEMPERATURE = 30.0 + 0.2 * T
 
 
 def comparison(*, temperature: bool) -> Comparison:
-    """Two joints: the first has a ripple of 20 in a turn and a vibration of 6 Hz, the second stands still."""
+    """Two joints: one has a ripple of 20 in a turn and a vibration of 6 Hz; the other stands for the middle third.
+
+    There friction may hold 1 N m either way, and the torque is the noise beyond that, now above, now below.
+    """
     q = np.column_stack([2.0 * np.sin(0.3 * T), np.full(M, 0.3)])
     dq = np.column_stack([0.6 * np.cos(0.3 * T), np.zeros(M)])
     noise = 0.05 * np.random.default_rng(0).normal(size=(M, 2))
     residual = noise + np.column_stack([0.7 * np.sin(20.0 * q[:, 0]) + 0.4 * np.sin(2 * np.pi * 6.0 * T), 0.0 * T])
     zeros = np.zeros((M, 2))
+    predicted = np.full((M, 2), 5.0)
+    measured, lower, upper, phase = predicted + residual, predicted.copy(), predicted.copy(), np.zeros((M, 2), np.int8)
+    phase[REST, 1] = Phase.STANDING
+    lower[REST, 1], upper[REST, 1] = 4.0, 6.0
+    measured[REST, 1] = np.where(noise[REST, 1] > 0, 6.0, 4.0) + noise[REST, 1]
     return Comparison(
         joint_names=("shoulder", "elbow"),
         units=("N m", "N m"),
         t=T,
         segment=np.zeros(M),
-        measured=5.0 + residual,
-        predicted=np.full((M, 2), 5.0),
+        measured=measured,
+        predicted=predicted,
+        lower=lower,
+        upper=upper,
         deviation=zeros,
         q=q,
         dq=dq,
         ddq=zeros,
         load=zeros,
         noise=np.full(2, 0.1),
+        phase=phase,
+        remembering=np.zeros(2, dtype=bool),
         temperature=np.column_stack([TEMPERATURE, TEMPERATURE + 5.0]) if temperature else None,
     )
 
 
 @contextmanager
-def stored(services: Services, folder: Path, *, temperature: bool) -> Iterator[str]:
+def stored(
+    services: Services, folder: Path, *, temperature: bool, change: Callable[[Path], None] = lambda path: None
+) -> Iterator[str]:
     path = write_comparison(comparison(temperature=temperature), folder / "signals.parquet")
+    change(path)
     kept = services.objects.put_path(path)
     signals = Owned("signals", kept.key, kept.size, "application/vnd.apache.parquet")
     made = services.resources.create(NewResource("comparison", {}, objects=(signals,)))
@@ -101,6 +119,51 @@ def test_the_autocorrelation_says_what_the_samples_are_worth(client: TestClient,
     assert found["effective_samples"] > 0.7 * M
     remembering = client.get(f"{warm}/autocorrelation", params={"joint": "shoulder"}).json()
     assert remembering["effective_samples"] < 0.5 * M
+
+
+def test_at_rest_the_prediction_is_a_band_and_the_residual_the_distance_to_it(client: TestClient, warm: str) -> None:
+    found = client.get(f"{warm}/series", params={"joint": "elbow", "points": 5000}).json()
+    signals = ("standing", "lower", "upper", "predicted", "measured", "residual")
+    standing, lower, upper, predicted, measured, residual = (np.array(found[one]) for one in signals)
+    assert np.flatnonzero(standing).tolist() == list(range(M))[REST]
+    np.testing.assert_array_equal(lower[~standing], predicted[~standing])
+    np.testing.assert_array_equal(upper[~standing], predicted[~standing])
+    np.testing.assert_array_equal((lower[standing], upper[standing]), np.repeat([[4.0], [6.0]], 1000, axis=1))
+    np.testing.assert_allclose(residual[~standing], (measured - predicted)[~standing])
+    above = np.maximum(measured - upper, 0.0) - np.maximum(lower - measured, 0.0)
+    np.testing.assert_allclose(residual[standing], above[standing])
+    assert np.abs(residual).max() < 0.3 < np.abs(measured - predicted).max()
+
+
+def test_where_standing_begins_and_ends_survives_thinning(client: TestClient, warm: str) -> None:
+    found = client.get(f"{warm}/series", params={"joint": "elbow", "points": 60}).json()
+    assert len(found["t"]) < 120
+    rest = [t for t, stands in zip(found["t"], found["standing"], strict=True) if stands]
+    assert (rest[0], rest[-1]) == (T[REST][0], T[REST][-1])
+
+
+def test_the_residual_map_is_of_the_distance_to_what_friction_may_hold(client: TestClient, warm: str) -> None:
+    seen = client.get(f"{warm}/residual_map", params={"joint": "elbow", "x": "t", "bins": 3}).json()
+    assert sum(map(sum, seen["count"])) == M
+    # Against the predicted torque itself it would be 1 N m off at rest.
+    assert all(spread < 0.07 for row in seen["spread"] for spread in row)
+
+
+def test_a_comparison_that_an_older_version_stored_can_still_be_drawn(
+    client: TestClient, services: Services, tmp_path: Path
+) -> None:
+    def without_rest(path: Path) -> None:
+        table = pq.read_table(path)
+        new = [name for name in table.column_names if name.split("_")[0] in ("lower", "upper", "residual", "phase")]
+        assert new
+        pq.write_table(table.drop_columns(new), path)
+
+    with stored(services, tmp_path, temperature=False, change=without_rest) as old:
+        found = client.get(f"{old}/series", params={"joint": "elbow"}).json()
+    assert found["lower"] == found["upper"] == found["predicted"]
+    assert not any(found["standing"])
+    residual = np.array(found["measured"]) - np.array(found["predicted"])
+    np.testing.assert_allclose(found["residual"], residual)
 
 
 @pytest.mark.parametrize(

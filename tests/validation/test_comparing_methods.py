@@ -11,6 +11,7 @@ from measured_arm import ROBOT
 from dynident.errors import DynidentError
 from dynident.identification import identify
 from dynident.identification.choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS, AVAILABLE_STRATEGIES
+from dynident.regressors.row_phases import RowPhases
 from dynident.validation import Method, available_methods, method_of, validate_methods
 from dynident.validation.methods import judge_methods
 
@@ -49,9 +50,11 @@ def test_the_torque_distance_is_that_of_the_predicted_torques(identified, traini
     rows = identified.rows[1]
     squares = measured = 0.0
     gap = table.results[1].values - table.results[0].values
+    phases = RowPhases.of(identified.model.observation, unseen, identified.preprocessing)
     for samples in rows.samples[0]:
-        squares += np.sum(identified.model.observation.torque(samples.values, gap) ** 2)
-        measured += np.sum(samples.tau**2)
+        used = phases.used(samples.segment, samples.t)
+        squares += np.sum(identified.model.observation.torque(samples.values, gap)[used] ** 2)
+        measured += np.sum(samples.tau[used] ** 2)
     assert table.results[1].torque_distance == pytest.approx(np.sqrt(squares / measured))
 
 

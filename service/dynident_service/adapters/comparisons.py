@@ -16,10 +16,12 @@ from tsdownsample import MinMaxLTTBDownsampler
 from dynident.diagnosis import Comparison, Judgement, ResidualSpectrum, angle_spectrum, autocorrelation, time_spectrum
 from dynident.diagnosis.comparing.spectrum import HIGHEST_IN_A_METRE, HIGHEST_IN_A_RADIAN
 from dynident.errors import DynidentError
-from dynident_service.adapters.identifications import finite, numbers
+from dynident.recordings.phases import Phase, PhaseArray
+from dynident_service.adapters.identifications import finite, numbers, show_figures
 from dynident_service.models import comparisons as wire
+from dynident_service.models.measurements import PhasesView
 
-SIGNALS = ("measured", "predicted", "deviation", "q", "dq", "ddq", "load")
+SIGNALS = ("measured", "predicted", "lower", "upper", "residual", "phase", "deviation", "q", "dq", "ddq", "load")
 METADATA_KEY = b"dynident.comparison"
 FloatArray = NDArray[np.float64]
 
@@ -36,6 +38,9 @@ def describe_comparison(found: Comparison, judged: Judgement, held_out: bool | N
         rms=numbers(found.errors.rms),
         relative=numbers(found.errors.relative),
         relative_total=finite(found.errors.relative_total),
+        moving=show_figures(found.moving_errors),
+        raw=show_figures(found.raw_errors),
+        phases=PhasesView(standing=_share(found.phase, Phase.STANDING), reversing=_share(found.phase, Phase.REVERSING)),
         worst=[
             wire.WorstStretch.model_validate(
                 {
@@ -96,9 +101,12 @@ class StoredComparison:
         t, segment, measured, predicted, deviation, q, dq = self._read(
             "t", "segment", *(f"{signal}_{joint}" for signal in ("measured", "predicted", "deviation", "q", "dq"))
         )
+        residual, lower, upper, phase = self._at_rest(joint, measured, predicted)
         inside = np.flatnonzero((t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end)))
-        residual = measured - predicted
-        shown = inside[_thinned(points, measured[inside], predicted[inside], residual[inside])]
+        standing = phase == Phase.STANDING
+        shown = inside[
+            _thinned(points, standing[inside], measured[inside], lower[inside], upper[inside], residual[inside])
+        ]
         band = 1.96 * np.sqrt(deviation**2 + self._noise[index] ** 2)
         return wire.Series(
             joint=joint,
@@ -108,6 +116,9 @@ class StoredComparison:
             segment=segment[shown].astype(int).tolist(),
             measured=measured[shown].tolist(),
             predicted=predicted[shown].tolist(),
+            lower=lower[shown].tolist(),
+            upper=upper[shown].tolist(),
+            standing=standing[shown].tolist(),
             residual=residual[shown].tolist(),
             band=band[shown].tolist(),
             q=q[shown].tolist(),
@@ -119,8 +130,8 @@ class StoredComparison:
         index = self._index(joint)
         names = [x] if y is None else [x, y]
         columns = [self._column(name, pointer) for name, pointer in zip(names, ("x", "y"), strict=False)]
-        measured, predicted, over_x, *rest = self._read(f"measured_{joint}", f"predicted_{joint}", *columns)
-        residual = measured - predicted
+        over_x, *rest = self._read(*columns)
+        residual = self._residual(joint)
         over_y = rest[0] if rest else np.zeros_like(over_x)
         numbers_of_bins = [bins, bins if rest else 1]
         mean, x_edges, y_edges, _ = binned_statistic_2d(over_x, over_y, residual, "mean", numbers_of_bins)
@@ -141,10 +152,8 @@ class StoredComparison:
     def spectrum(self, joint: str, over: Literal["angle", "time"]) -> wire.Spectrum:
         """Give the amplitude spectrum of a joint's residual, over time or over the joint's own position."""
         unit = self._units[self._index(joint)]
-        t, segment, measured, predicted, q, dq = self._read(
-            "t", "segment", *(f"{signal}_{joint}" for signal in ("measured", "predicted", "q", "dq"))
-        )
-        residual = measured - predicted
+        t, segment, q, dq = self._read("t", "segment", f"q_{joint}", f"dq_{joint}")
+        residual = self._residual(joint)
         revolute = unit == "N m"
         if over == "time":
             found, frequency_unit, turn = time_spectrum(t, segment, residual), "Hz", None
@@ -167,8 +176,8 @@ class StoredComparison:
     def autocorrelation(self, joint: str, longest: float) -> wire.AutocorrelationView:
         """Give the autocorrelation of a joint's residual up to a lag in s."""
         self._index(joint)
-        t, segment, measured, predicted = self._read("t", "segment", f"measured_{joint}", f"predicted_{joint}")
-        found = autocorrelation(t, segment, measured - predicted, longest)
+        t, segment = self._read("t", "segment")
+        found = autocorrelation(t, segment, self._residual(joint), longest)
         return wire.AutocorrelationView(
             joint=joint,
             lag=found.lag.tolist(),
@@ -177,6 +186,17 @@ class StoredComparison:
             n_samples=found.n_samples,
             effective_samples=found.effective_samples,
         )
+
+    def _residual(self, joint: str) -> FloatArray:
+        """(m,): measured minus predicted; where the joint stands, the distance to what static friction may hold."""
+        measured, predicted = self._read(f"measured_{joint}", f"predicted_{joint}")
+        return self._at_rest(joint, measured, predicted)[0]
+
+    def _at_rest(self, joint: str, measured: FloatArray, predicted: FloatArray) -> tuple[FloatArray, ...]:
+        """Give residual, lower, upper and phase (m,) each; files of older versions know nothing of rest."""
+        if f"phase_{joint}" not in self._file.schema_arrow.names:
+            return measured - predicted, predicted, predicted, np.zeros(len(measured))
+        return tuple(self._read(*(f"{signal}_{joint}" for signal in ("residual", "lower", "upper", "phase"))))
 
     def _read(self, *columns: str) -> list[FloatArray]:
         table = self._file.read(columns=sorted(set(columns)))
@@ -215,11 +235,21 @@ def _peaks(found: ResidualSpectrum, turn: float | None) -> list[wire.SpectralPea
     ]
 
 
-def _thinned(points: int, *signals: FloatArray) -> NDArray[np.intp]:
-    """Indices of samples whose lines look like those of all samples: the extremes of every signal among them."""
+def _thinned(points: int, standing: NDArray[np.bool_], *signals: FloatArray) -> NDArray[np.intp]:
+    """Indices of samples whose lines look like those of all samples: the extremes of every signal among them.
+
+    Where a stretch in which the joint is `standing` begins and ends is among them, too, as long as there are few.
+    """
     count = len(signals[0])
     if count <= points:
         return np.arange(count)
-    share = max(4, points // len(signals))
+    changes = np.flatnonzero(np.diff(standing))
+    edges = np.concatenate([changes, changes + 1]) if 2 * len(changes) <= points // 2 else np.empty(0, dtype=np.intp)
+    share = max(4, (points - len(edges)) // len(signals))
     picked = [MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(one), n_out=share) for one in signals]
-    return np.unique(np.concatenate(picked)).astype(np.intp)
+    return np.unique(np.concatenate([edges, *picked])).astype(np.intp)
+
+
+def _share(phases: PhaseArray, phase: Phase) -> list[float]:
+    """Share of every joint's rows that are of a phase."""
+    return [float(share) for share in (phases == phase).mean(axis=0)]

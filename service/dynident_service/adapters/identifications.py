@@ -57,13 +57,15 @@ def check_effects(effects: Sequence[EffectChoice], robot: Robot) -> None:
         joints_of(choice, robot, pointer)
 
 
-def describe_identification(found: Identification, parent_id: str | None) -> wire.IdentificationResult:
-    """Describe an identified model for the wire."""
+def describe_identification(
+    found: Identification, parent_id: str | None, parent: Identification | None = None
+) -> wire.IdentificationResult:
+    """Describe an identified model for the wire, with the models between it and the one that it was made from."""
     robot = found.model.robot
     return wire.IdentificationResult(
         parameters=[show_parameter(one) for one in found.parameters],
-        residual=show_errors(found.fit, found.noise),
-        validation=None if found.held_out is None else show_errors(found.held_out),
+        residual=show_fit(found),
+        validation=show_held_out(found),
         condition_number=finite(found.condition_number),
         n_equations=found.n_equations,
         equations_per_parameter=found.equations_per_parameter,
@@ -74,6 +76,7 @@ def describe_identification(found: Identification, parent_id: str | None) -> wir
         warnings=list(found.warnings),
         dependence=list(parameter_dependence(found).sentences),
         parent_id=parent_id,
+        rungs=[] if parent is None else [_step(one) for one in _between(parent, found)],
         joints=list(robot.joint_names),
         effort_units=[joint.effort_unit for joint in robot.joints],
     )
@@ -110,14 +113,14 @@ def describe_essential(found: EssentialPath) -> wire.EssentialView:
                 relative_standard_deviation=finite(step.relative_deviation),
                 ratio=finite(step.ratio),
                 p_value=step.p_value,
-                residual=show_errors(step.fit),
-                validation=None if step.held_out is None else show_errors(step.held_out),
+                residual=show_errors(step.fit, step.fit_moving),
+                validation=None if step.held_out is None else show_errors(step.held_out, step.held_out_moving),
             )
             for step in found.steps
         ],
         parameters=[show_parameter(one) for one in left.parameters if one.essential],
-        residual=show_errors(left.fit),
-        validation=None if left.held_out is None else show_errors(left.held_out),
+        residual=show_errors(left.fit, left.fit_moving),
+        validation=show_held_out(left),
     )
 
 
@@ -130,13 +133,53 @@ def describe_correlation(found: ParameterDependence) -> wire.CorrelationView:
     )
 
 
-def show_errors(errors: Errors, sigma: NDArray[np.float64] | None = None) -> wire.ErrorsView:
-    """Show the errors of a model on data."""
+def show_fit(found: Identification) -> wire.ErrorsView:
+    """Show the errors of a model on the data that it was identified from."""
+    return show_errors(found.fit, found.fit_moving, found.noise)
+
+
+def show_held_out(found: Identification) -> wire.ErrorsView | None:
+    """Show the errors of a model on its validation data, where it has any."""
+    return None if found.held_out is None else show_errors(found.held_out, found.held_out_moving)
+
+
+def show_errors(
+    errors: Errors, moving: Errors | None = None, sigma: NDArray[np.float64] | None = None
+) -> wire.ErrorsView:
+    """Show the errors of a model on data: on all rows, and on those where each joint moves."""
     return wire.ErrorsView(
-        rms=numbers(errors.rms),
-        relative=numbers(errors.relative),
-        relative_total=finite(errors.relative_total),
+        **show_figures(errors).model_dump(),
+        moving=None if moving is None else show_figures(moving),
         sigma=None if sigma is None else numbers(sigma),
+    )
+
+
+def show_figures(errors: Errors) -> wire.ErrorFigures:
+    """Show errors on some rows; a joint without any has none."""
+    there = errors.counts > 0
+    return wire.ErrorFigures(
+        rms=numbers(np.where(there, errors.rms, np.nan)),
+        relative=numbers(np.where(there, errors.relative, np.nan)),
+        relative_total=finite(errors.relative_total) if there.any() else None,
+    )
+
+
+def _between(parent: Identification, found: Identification) -> list[Identification]:
+    """The models above `parent` and below `found`, in the order in which they were made."""
+    between: list[Identification] = []
+    below = found.parent
+    while below is not None and below is not parent:
+        between.insert(0, below)
+        below = below.parent
+    return between
+
+
+def _step(found: Identification) -> wire.StepView:
+    return wire.StepView(
+        added=[show_choice(one) for one in found.added],
+        n_parameters=found.model.n_parameters,
+        residual=show_fit(found),
+        validation=show_held_out(found),
     )
 
 

@@ -8,9 +8,76 @@ from itertools import zip_longest
 import numpy as np
 
 from dynident.identification import Identification
+from dynident.identification.gain import best_of
 from dynident_service.adapters.effects import show_choice
-from dynident_service.adapters.identifications import show_errors
-from dynident_service.models.identifications import ErrorsView, Lineage, Rung, RungDifference
+from dynident_service.adapters.identifications import show_fit, show_held_out
+from dynident_service.models.common import EffectChoice
+from dynident_service.models.identifications import ErrorsView, IdentificationView, Lineage, Rung, RungDifference
+
+
+def rungs_of_views(views: Sequence[IdentificationView]) -> list[Rung]:
+    """Show a ladder of stored models, the first one first, with what an extension made on its way."""
+    rungs: list[Rung] = []
+    for view in views:
+        rungs += _on_the_way(view, rungs[-1] if rungs else None)
+        rungs.append(_own_rung(view, rungs[-1] if rungs else None))
+    return marked(rungs)
+
+
+def marked(rungs: Sequence[Rung]) -> list[Rung]:
+    """The same ladder with its best rung marked, and those above it that make the validation error larger."""
+    totals = [one.validation.relative_total for one in rungs if one.validation is not None]
+    known = [total for total in totals if total is not None]
+    found = best_of(known) if len(known) == len(rungs) else None
+    if found is None:
+        return list(rungs)
+    return [one.model_copy(update={"best": k == found.best, "rises": k in found.rises}) for k, one in enumerate(rungs)]
+
+
+def _on_the_way(view: IdentificationView, below: Rung | None) -> list[Rung]:
+    """The rungs between a model and its parent."""
+    rungs: list[Rung] = []
+    for number, step in enumerate(view.result.rungs if view.result is not None else [], start=1):
+        under = rungs[-1] if rungs else below
+        rung = Rung(
+            id=f"{view.id}/{number}",
+            part_of=view.id,
+            name=view.name,
+            parent_id=None if under is None else under.id,
+            status=view.status,
+            added=step.added,
+            removed=[],
+            effects=[*([] if under is None else under.effects), *step.added],
+            n_parameters=step.n_parameters,
+            residual=step.residual,
+            validation=step.validation,
+        )
+        rungs.append(rung)
+    return rungs
+
+
+def _own_rung(view: IdentificationView, below: Rung | None) -> Rung:
+    result = view.result
+    effects = view.request.effects if result is None else result.effects
+    return Rung(
+        id=view.id,
+        name=view.name,
+        parent_id=view.parent_id if below is None else below.id,
+        status=view.status,
+        added=_added_last(view, effects, below),
+        removed=view.removed,
+        effects=effects,
+        n_parameters=None if result is None else len(result.parameters),
+        residual=None if result is None else result.residual,
+        validation=None if result is None else result.validation,
+    )
+
+
+def _added_last(view: IdentificationView, effects: list[EffectChoice], below: Rung | None) -> list[EffectChoice]:
+    """What the last step added: of all that was asked for the part that is new, with the constants that were found."""
+    if not view.added or view.result is None or below is None:
+        return view.added
+    return effects[len(below.effects) :]
 
 
 def beside(own: Sequence[Rung], other: Sequence[Rung], same_data: bool) -> Lineage:
@@ -67,7 +134,7 @@ def rungs_of(found: Identification, name: str, beside: tuple[Identification, str
             if model.choices != other.choices or not np.array_equal(model.values, other.values):
                 break
             ids[k] = _ids(beside[1], len(others))[k]
-    return [
+    rungs = [
         Rung(
             id=identifier,
             name=identifier,
@@ -77,11 +144,12 @@ def rungs_of(found: Identification, name: str, beside: tuple[Identification, str
             removed=[show_choice(one) for one in model.removed],
             effects=[show_choice(one) for one in model.choices.effects],
             n_parameters=model.model.n_parameters,
-            residual=show_errors(model.fit, model.noise),
-            validation=None if model.held_out is None else show_errors(model.held_out),
+            residual=show_fit(model),
+            validation=show_held_out(model),
         )
         for k, (identifier, model) in enumerate(zip(ids, models, strict=True))
     ]
+    return marked(rungs)
 
 
 def _ids(name: str, count: int) -> list[str]:

@@ -13,6 +13,7 @@ from dynident.recordings import (
     RecordingMetadata,
     import_recording,
     open_recording,
+    phase_shares,
 )
 from dynident.robot import Robot, coupling_matrix
 from dynident_service.models import measurements as wire
@@ -51,6 +52,7 @@ def import_file(
 
 def describe_recording(recording: Recording, checks: Sequence[Check], sha256: str) -> wire.MeasurementResult:
     """Describe a recording for the wire."""
+    shares = phase_shares(recording)
     return wire.MeasurementResult(
         sha256=sha256,
         n_samples=recording.n_samples,
@@ -68,6 +70,7 @@ def describe_recording(recording: Recording, checks: Sequence[Check], sha256: st
         has_temperature=recording.has_temperature,
         has_wrench=recording.has_wrench,
         has_command=recording.has_command,
+        phases=wire.PhasesView(standing=shares.standing.tolist(), reversing=shares.reversing.tolist()),
         checks=show_checks(checks),
     )
 

@@ -39,10 +39,10 @@ def describe_torque(
         reason=found.judged.reason,
         limit=found.limit,
         measurements=[
-            wire.MeasurementErrors(measurement_id=identifier, name=one.name, errors=show_errors(one.errors))
+            wire.MeasurementErrors(measurement_id=identifier, name=one.name, errors=show_errors(one.errors, one.moving))
             for identifier, one in zip(measurement_ids, found.recordings, strict=True)
         ],
-        total=show_errors(found.total),
+        total=show_errors(found.total, found.total_moving),
     )
 
 
@@ -138,8 +138,8 @@ def _method(one: MethodResult, names: Sequence[str]) -> wire.MethodView:
         problem=one.problem or None,
         values=_maybe(one.values),
         standard_deviations=_maybe(one.standard_deviations),
-        fit=None if one.fit is None else show_errors(one.fit),
-        held_out=None if one.held_out is None else show_errors(one.held_out),
+        fit=None if one.fit is None else show_errors(one.fit, one.fit_moving),
+        held_out=None if one.held_out is None else show_errors(one.held_out, one.held_out_moving),
         distance=_maybe(one.distance),
         distance_rms=None if one.distance_rms is None else finite(one.distance_rms),
         farthest=None if one.farthest is None else names[one.farthest],

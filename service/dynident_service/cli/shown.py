@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import zip_longest
 
 from rich.console import Console
 
 from dynident.diagnosis import Comparison, Diagnosis, Judgement
 from dynident.effects import EffectChoice, effect_by_id
+from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.dependence import parameter_dependence
 from dynident.identification.essential import EssentialPath
+from dynident.recordings import phase_shares
+from dynident.recordings.phases import Phase
 from dynident.reports.numbers import estimate, number, percent
-from dynident.reports.words import place_text
+from dynident.reports.words import place_text, standing_text
 from dynident.robot import Robot
 from dynident_service.cli.inputs import Loaded
 from dynident_service.cli.terminal import table
@@ -27,8 +29,12 @@ def show_measurements(console: Console, measurements: Sequence[Loaded], held_out
     for group, use in ((measurements, "identification"), (held_out, "held out")):
         for item in group:
             recording = item.recording
-            rows.append([recording.name, use, str(recording.n_samples), f"{recording.sampling_rate:.4g} Hz"])
-    console.print(table("", ("measurement", "used for", "samples", "rate"), rows, right_from=2))
+            rate = f"{recording.sampling_rate:.4g} Hz"
+            rows.append(
+                [recording.name, use, str(recording.n_samples), rate, standing_text(phase_shares(recording).standing)]
+            )
+    columns = ("measurement", "used for", "samples", "rate", "each joint stands")
+    console.print(table("", columns, rows, right_from=2))
     for item in [*measurements, *held_out]:
         for check in item.checks:
             if check.status != "ok":
@@ -69,63 +75,36 @@ def show_essential(console: Console, found: EssentialPath) -> None:
     console.print(found.reason, markup=False)
 
 
-def show_ladder(console: Console, found: Identification) -> None:
-    """The error falling, model by model."""
-    rows = []
-    for index, model in enumerate(found.ladder()):
-        held_out = percent(model.held_out.relative_total) if model.held_out is not None else "–"
-        rows.append([str(index + 1), change_text(model), percent(model.fit.relative_total), held_out])
-    console.print(table("Ladder of models", ("model", "change", "fit", "held out"), rows, right_from=2))
-
-
-def show_ladders(console: Console, one: tuple[str, Identification], other: tuple[str, Identification]) -> None:
-    """Two ladders beside each other, each with its name: held-out errors, or those of the fit where there are none."""
-    ladders = [list(found.ladder()) for _, found in (one, other)]
-    held_out = all(model.held_out is not None for ladder in ladders for model in ladder)
-    rows = []
-    for index, pair in enumerate(zip_longest(*ladders)):
-        errors = [None if model is None else _total(model, held_out) for model in pair]
-        gap = "" if errors[0] is None or errors[1] is None else f"{100 * (errors[0] - errors[1]):+.2f}"
-        cells = [
-            ("" if m is None else change_text(m), "" if e is None else percent(e))
-            for m, e in zip(pair, errors, strict=True)
-        ]
-        rows.append([str(index + 1), *cells[0], *cells[1], gap])
-    columns = ("model", one[0], "error", other[0], "error", "difference, points")
-    console.print(table(f"Two ladders, {'held out' if held_out else 'fit'}", columns, rows, right_from=5))
-
-
-def change_text(model: Identification) -> str:
-    """What was added to the model before, or taken out of it."""
-    if model.parent is None:
-        return "first model"
-    robot = model.model.robot
-    added = [choice_text(choice, robot) for choice in model.added]
-    return ", ".join(added + [f"without {choice_text(choice, robot)}" for choice in model.removed])
-
-
-def _total(model: Identification, held_out: bool) -> float:
-    errors = model.held_out if held_out and model.held_out is not None else model.fit
-    return errors.relative_total
-
-
 def show_comparison(console: Console, name: str, found: Comparison, judged: Judgement) -> None:
     """Errors per joint, also against the noise floor, and the worst stretches."""
-    errors = found.errors
+    errors, moving = found.errors, found.moving_errors
     rows = [
         [
             joint,
-            f"{number(float(errors.rms[j]))} {found.units[j]}",
-            percent(float(errors.relative[j])),
+            *error_cells(moving, errors, j, found.units[j]),
             f"{number(float(judged.noise.values[j]))} {found.units[j]}",
             f"{judged.over_noise[j]:.1f} x",
             f"{judged.effective_samples[j]:.0f} of {len(found.t)}",
         ]
         for j, joint in enumerate(found.joint_names)
     ]
-    rows.append(["all joints", "", percent(errors.relative_total), "", "", ""])
-    columns = ("joint", "residual, rms", "relative", "noise floor", "over noise", "independent samples")
+    rows.append(["all joints", "", percent(moving.relative_total), percent(errors.relative_total), "", "", ""])
+    columns = (
+        "joint",
+        "rms,\nmoving",
+        "relative,\nmoving",
+        "all\nrows",
+        "noise\nfloor",
+        "over\nnoise",
+        "independent\nsamples",
+    )
     console.print(table(f"Measured against predicted: {name}", columns, rows))
+    if (found.phase == Phase.STANDING).any():
+        console.print(
+            "  Where a joint stands, static friction may hold the torque; held against the predicted torque itself the "
+            f"error on all rows is {percent(found.raw_errors.relative_total)}.",
+            markup=False,
+        )
     worst = [
         [
             one.joint,
@@ -191,24 +170,30 @@ def choice_argument(choice: EffectChoice) -> str:
     return f"{choice.effect}{joints}{':' + shape if shape else ''}"
 
 
+def error_cells(moving: Errors, errors: Errors, joint: int, unit: str) -> list[str]:
+    """Of one joint: rms and relative error where it moves, relative error on all rows."""
+    if not moving.counts[joint]:
+        return ["never", "–", percent(float(errors.relative[joint]))]
+    rms, relative = float(moving.rms[joint]), float(moving.relative[joint])
+    return [f"{number(rms)} {unit}", percent(relative), percent(float(errors.relative[joint]))]
+
+
 def _errors_table(found: Identification) -> object:
-    rows = []
-    for j, joint in enumerate(found.model.robot.joints):
-        row = [
+    kinds = [("fit", found.fit_moving, found.fit)]
+    if found.held_out is not None and found.held_out_moving is not None:
+        kinds.append(("held out", found.held_out_moving, found.held_out))
+    columns, total = ["joint"], ["all joints"]
+    for name, moving, errors in kinds:
+        columns += [f"{name}, rms,\nmoving", "relative,\nmoving", "all\nrows"]
+        total += ["", percent(moving.relative_total), percent(errors.relative_total)]
+    rows = [
+        [
             joint.name,
-            f"{number(float(found.fit.rms[j]))} {joint.effort_unit}",
-            percent(float(found.fit.relative[j])),
+            *(cell for _, moving, all_of in kinds for cell in error_cells(moving, all_of, j, joint.effort_unit)),
         ]
-        if found.held_out is not None:
-            rms, relative = float(found.held_out.rms[j]), float(found.held_out.relative[j])
-            row += [f"{number(rms)} {joint.effort_unit}", percent(relative)]
-        rows.append(row)
-    total = ["all joints", "", percent(found.fit.relative_total)]
-    columns = ["joint", "fit, rms", "fit, relative"]
-    if found.held_out is not None:
-        total += ["", percent(found.held_out.relative_total)]
-        columns += ["held out, rms", "held out, relative"]
-    return table("Error per joint", columns, [*rows, total])
+        for j, joint in enumerate(found.model.robot.joints)
+    ]
+    return table("Error per joint: where it moves, and on all rows", columns, [*rows, total])
 
 
 def _parameters_table(found: Identification) -> object:

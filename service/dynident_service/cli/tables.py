@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,11 +14,13 @@ from dynident.diagnosis import Comparison
 from dynident.errors import DynidentError
 from dynident.excitation import Design, design_table
 from dynident.excitation.formats.ros2 import joint_trajectory
+from dynident.recordings.phases import Phase
 from dynident_service.cli.inputs import write_whole
 
 ENDINGS = (".csv", ".parquet")
 TRAJECTORY_ENDINGS = (*ENDINGS, ".yaml")
-_SIGNALS = ("measured", "predicted", "residual", "band", "q", "dq")
+_SIGNALS = ("measured", "predicted", "lower", "upper", "residual", "band", "q", "dq")
+_PHASES = np.array([phase.name.lower() for phase in Phase])
 
 
 def check_ending(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:
@@ -50,10 +53,15 @@ def write_trajectory(design: Design, path: Path) -> None:
 
 
 def comparison_table(found: Comparison) -> pa.Table:
-    """Columns t, segment, and measured_<joint>, predicted_<joint>, residual_<joint>, band_<joint>, q_…, dq_…."""
-    columns = {"t": found.t, "segment": found.segment.astype(np.int64)}
+    """Columns t, segment, and for every joint measured_, predicted_, lower_, upper_, residual_, band_, q_, dq_, phase_.
+
+    The phase is moving, reversing or standing; where a joint stands, lower and upper are what static friction may hold.
+    """
+    columns: dict[str, Any] = {"t": found.t, "segment": found.segment.astype(np.int64)}
     for signal in _SIGNALS:
         values = getattr(found, signal)
         for index, joint in enumerate(found.joint_names):
             columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
+    for index, joint in enumerate(found.joint_names):
+        columns[f"phase_{joint}"] = _PHASES[found.phase[:, index]]
     return pa.table(columns)

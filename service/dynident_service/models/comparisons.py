@@ -7,6 +7,8 @@ from typing import Literal
 from pydantic import ConfigDict, Field
 
 from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
+from dynident_service.models.identifications import ErrorFigures
+from dynident_service.models.measurements import PhasesView
 
 
 class ComparisonRequest(Asked):
@@ -54,7 +56,7 @@ class RepeatedMotion(Shown):
 
 
 class ComparisonResult(Shown):
-    """How far measured and predicted torque are apart."""
+    """How far measured and predicted torque are apart; where a joint stands, the distance to what friction may hold."""
 
     joints: list[str]
     effort_units: list[str]
@@ -64,6 +66,11 @@ class ComparisonResult(Shown):
     rms: list[float | None]
     relative: list[float | None]
     relative_total: float | None
+    moving: ErrorFigures | None = Field(default=None, description="On the rows where each joint moves")
+    raw: ErrorFigures | None = Field(
+        default=None, description="On all rows, at rest against the predicted torque itself, which has no sign there"
+    )
+    phases: PhasesView | None = Field(default=None, description="Of the rows behind the filters")
     worst: list[WorstStretch]
     held_out: bool | None = Field(default=None, description="Whether the model was identified without it")
     noise_floor: list[float | None] = Field(default=[], description="rms of the noise behind the filter, N m or N")
@@ -94,14 +101,21 @@ class Series(Shown):
     segment: list[int]
     measured: list[float]
     predicted: list[float]
-    residual: list[float]
+    lower: list[float] = Field(
+        default=[], description="Of the predicted torque; where the joint stands, what static friction may hold"
+    )
+    upper: list[float] = Field(default=[], description="As lower; both are `predicted` where the joint does not stand")
+    standing: list[bool] = Field(default=[], description="Where the joint stands")
+    residual: list[float] = Field(
+        description="Measured minus predicted; where the joint stands, the distance to lower or upper, zero between"
+    )
     band: list[float] = Field(description="Half-width of the 95 % band of the residual")
     q: list[float]
     dq: list[float]
 
 
 class ResidualMap(Shown):
-    """A joint's residual over one or two signals, in bins."""
+    """A joint's residual over one or two signals, in bins; where it stands, the distance to what friction may hold."""
 
     joint: str
     effort_unit: str

@@ -103,12 +103,20 @@ class ParameterView(Shown):
     essential: bool = Field(default=True, description="False: set to zero as not essential")
 
 
-class ErrorsView(Shown):
-    """Errors of a model on data: rms in N m or N, relative as ||y − ŷ|| / ||y||."""
+class ErrorFigures(Shown):
+    """Errors of a model on rows: rms in N m or N, relative as ||y − ŷ|| / ||y||; null where a joint has no such row."""
 
     rms: list[float | None] = Field(description="Per joint")
     relative: list[float | None] = Field(description="Per joint")
     relative_total: float | None
+
+
+class ErrorsView(ErrorFigures):
+    """Errors of a model on data: on all rows, at rest the distance to what static friction may hold."""
+
+    moving: ErrorFigures | None = Field(
+        default=None, description="On the rows where each joint moves; null where that was not looked at"
+    )
     sigma: list[float | None] | None = Field(default=None, description="Standard deviation of the residual per joint")
 
 
@@ -120,6 +128,15 @@ class UsedPreprocessing(Shown):
     decimation: int
     filter_order: int
     reasons: list[str]
+
+
+class StepView(Shown):
+    """A model on the way from the parent to this one, with one effect more than the one before."""
+
+    added: list[EffectChoice]
+    n_parameters: int
+    residual: ErrorsView
+    validation: ErrorsView | None
 
 
 class IdentificationResult(Shown):
@@ -138,6 +155,9 @@ class IdentificationResult(Shown):
     warnings: list[str]
     dependence: list[str] = Field(default=[], description="Parameters that the motion determines only together")
     parent_id: str | None
+    rungs: list[StepView] = Field(
+        default=[], description="Models between the parent and this one: an extension makes one for every effect"
+    )
     joints: list[str]
     effort_units: list[str]
 
@@ -185,6 +205,9 @@ class Rung(Shown):
     """One model of the ladder."""
 
     id: str
+    part_of: str | None = Field(
+        default=None, description="The identification that made it on its way; null for one that is a resource itself"
+    )
     name: str | None
     parent_id: str | None
     status: str
@@ -194,6 +217,10 @@ class Rung(Shown):
     n_parameters: int | None
     residual: ErrorsView | None
     validation: ErrorsView | None
+    best: bool = Field(default=False, description="The smallest validation error of the ladder")
+    rises: bool = Field(
+        default=False, description="Above the best rung, with a larger validation error: what was added does harm"
+    )
 
 
 class RungDifference(Shown):

@@ -47,6 +47,13 @@ class SegmentView(Shown):
     label: int
 
 
+class PhasesView(Shown):
+    """Shares, 0 to 1, of what each joint does: it stands (or sticks), turns round, or else moves."""
+
+    standing: list[float] = Field(description="Per joint: no rows of its friction, which may hold any torque there")
+    reversing: list[float] = Field(description="Per joint: rows of friction that remembers the path alone")
+
+
 class MeasurementResult(Shown):
     """What is in a recording."""
 
@@ -59,6 +66,9 @@ class MeasurementResult(Shown):
     has_wrench: bool = Field(default=False, description="Whether the wrench of the base was recorded")
     has_command: bool = Field(
         default=False, description="Whether the commanded positions of all joints were recorded, for iv and didim"
+    )
+    phases: PhasesView | None = Field(
+        default=None, description="Shares of each joint's time; null in measurements that an older version stored"
     )
     checks: list[CheckView]
 

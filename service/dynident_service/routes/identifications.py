@@ -13,7 +13,6 @@ from dynident_service.models.identifications import (
     IdentificationView,
     Lineage,
     RemovalRequest,
-    Rung,
     StoredIdentification,
 )
 from dynident_service.problems import unusable
@@ -128,18 +127,22 @@ def get_lineage(
     services: ServicesDep,
     against: Annotated[str | None, Query(description="Another identification, whose ladder is to be compared")] = None,
 ) -> Lineage:
-    """Show the ladder of models that led here: what was added or removed, and the errors at each rung."""
-    from dynident_service.adapters.lineages import beside
+    """Show the ladder of models that led here: what was added or removed, and the errors at each rung.
+
+    An extension by several effects has a rung for each. Where all rungs have validation errors the best one is marked,
+    and those above it whose error is larger.
+    """
+    from dynident_service.adapters.lineages import beside, rungs_of_views
 
     own = _ladder(services, identification_id)
     if against is None:
-        return Lineage(items=[_rung(view) for view in own])
+        return Lineage(items=rungs_of_views(own))
     other = _ladder(services, needed(services, "identification", against, "against").id)
     if own[-1].robot_id != other[-1].robot_id:
         detail = f"{against} is a model of another robot; compare ladders of one robot"
         raise unusable(detail, "against", title="Another robot")
     same_data = len({(*v.request.measurement_ids, "-", *v.request.validation_ids) for v in [*own, *other]}) == 1
-    return beside([_rung(view) for view in own], [_rung(view) for view in other], same_data)
+    return beside(rungs_of_views(own), rungs_of_views(other), same_data)
 
 
 @router.get("/{identification_id}/export", response_class=Response, responses={200: EXPORTED})
@@ -208,19 +211,3 @@ def _ladder(services: Services, identifier: str) -> list[IdentificationView]:
         views.append(show(services.resources.get("identification", next_id)))
         next_id = views[-1].parent_id
     return views[::-1]
-
-
-def _rung(view: IdentificationView) -> Rung:
-    result = view.result
-    return Rung(
-        id=view.id,
-        name=view.name,
-        parent_id=view.parent_id,
-        status=view.status,
-        added=view.added,
-        removed=view.removed,
-        effects=view.request.effects,
-        n_parameters=None if result is None else len(result.parameters),
-        residual=None if result is None else result.residual,
-        validation=None if result is None else result.validation,
-    )

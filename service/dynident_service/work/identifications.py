@@ -19,7 +19,7 @@ def identify_model(task: Task) -> Outcome:
     training = recordings_by_id(task, request.measurement_ids)
     validation = recordings_by_id(task, request.validation_ids)
     choices = choices_from_request(request, robot, training)
-    return _outcome(task, identify(robot, training, validation, choices, task.progress), None)
+    return _outcome(task, identify(robot, training, validation, choices, task.progress))
 
 
 def extend_model(task: Task) -> Outcome:
@@ -27,24 +27,28 @@ def extend_model(task: Task) -> Outcome:
     subject = task.subject
     parent_id = subject.one("parent")
     request = StoredIdentification.model_validate(subject.request)
+    parent = model_by_id(task, parent_id)
     found = extend(
-        model_by_id(task, parent_id),
+        parent,
         choices_of(request.added),
         recordings_by_id(task, request.measurement_ids),
         recordings_by_id(task, request.validation_ids),
         task.progress,
     )
-    return _outcome(task, found, parent_id)
+    return _outcome(task, found, parent_id, parent)
 
 
 def remove_from_model(task: Task) -> Outcome:
     """Take effects out of an identified model."""
     parent_id = task.subject.one("parent")
     request = StoredIdentification.model_validate(task.subject.request)
-    return _outcome(task, remove(model_by_id(task, parent_id), choices_of(request.removed)), parent_id)
+    parent = model_by_id(task, parent_id)
+    return _outcome(task, remove(parent, choices_of(request.removed)), parent_id, parent)
 
 
-def _outcome(task: Task, found: Identification, parent_id: str | None) -> Outcome:
+def _outcome(
+    task: Task, found: Identification, parent_id: str | None = None, parent: Identification | None = None
+) -> Outcome:
     task.memory.keep(Identification, task.subject.id, found)
     model = task.keep("model", to_bytes(found), "application/vnd.dynident.model+npz")
-    return Outcome(plain(describe_identification(found, parent_id)), (model,))
+    return Outcome(plain(describe_identification(found, parent_id, parent)), (model,))

@@ -13,7 +13,7 @@ from dynident.progress import part
 from dynident.recordings import Check
 from dynident.reports import ReportedRun, ReportedValidation, html_report
 from dynident_service.adapters.diagnoses import diagnosis_of
-from dynident_service.adapters.identifications import show_errors
+from dynident_service.adapters.identifications import show_errors, show_figures
 from dynident_service.adapters.stored_designs import design_of
 from dynident_service.adapters.validation_tables import reported
 from dynident_service.jobs.work import Outcome, Task
@@ -96,7 +96,8 @@ def _document(
                 "name": run.name,
                 "held_out": run.held_out,
                 "n_samples": run.recording.n_samples,
-                "errors": plain(show_errors(run.comparison.errors)),
+                "errors": plain(show_errors(run.comparison.errors, run.comparison.moving_errors)),
+                "raw": plain(show_figures(run.comparison.raw_errors)),
             }
             for run in runs
         ],

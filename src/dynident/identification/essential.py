@@ -16,6 +16,7 @@ from dynident.estimation import (
     Statistics,
     eliminate,
     errors,
+    moving_errors,
     solve,
     statistics,
 )
@@ -31,7 +32,7 @@ class EssentialStep:
 
     `relative_deviation` of the parameter before it went, a fraction; `ratio` of the largest to the smallest of all;
     `p_value`: how often noise alone would be as large as all that is taken out so far; `fit` and `held_out` errors of
-    the smaller model.
+    the smaller model, `fit_moving` and `held_out_moving` those where each joint moves.
     """
 
     name: str
@@ -40,6 +41,8 @@ class EssentialStep:
     p_value: float
     fit: Errors
     held_out: Errors | None
+    fit_moving: Errors
+    held_out_moving: Errors | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +108,8 @@ def essential_parameters(identification: Identification, ratio: float = RATIO) -
             step.p_value,
             errors(identification.training, step.values),
             None if held_out is None else errors(held_out, step.values),
+            moving_errors(identification.training, step.values),
+            None if held_out is None else moving_errors(held_out, step.values),
         )
         for step in path.eliminations
     )

@@ -14,6 +14,8 @@ from dynident.robot.model import FloatArray
 _SURE = 2.0
 _WORSE = 1.02
 _FEWEST = 4
+_ROUNDING = 1.0 + 1e-6
+"""Errors that differ by less are the same: what is added and removed again leaves so much."""
 
 
 def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
@@ -60,10 +62,15 @@ class BestRung:
 def best_rung(models: Sequence[Identification]) -> BestRung | None:
     """Which model of a ladder predicts held-out data best; None where one of them was not tried on any."""
     totals = [model.held_out.relative_total for model in models if model.held_out is not None]
-    if len(totals) < len(models) or not totals:
+    return best_of(totals) if len(totals) == len(models) else None
+
+
+def best_of(totals: Sequence[float]) -> BestRung | None:
+    """The same from the held-out errors of a ladder's models, over all joints; None where there are none."""
+    if not totals:
         return None
     best = int(np.argmin(totals))
-    return BestRung(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > totals[best]))
+    return BestRung(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best]))
 
 
 def _t_of_gain(parent: Identification, grown: Identification) -> float:

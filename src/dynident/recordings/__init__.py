@@ -4,6 +4,7 @@ from dynident.recordings.choosing import choose_preprocessing, motion_band, prep
 from dynident.recordings.filtering import edge_margin, filtered_blocks
 from dynident.recordings.importing import import_recording, recording_from_arrays
 from dynident.recordings.parallel import FilteredRows, ParallelFilter, low_pass
+from dynident.recordings.phases import PhaseShares, phase_shares
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.sources import open_recording
 from dynident.recordings.types import (
@@ -21,6 +22,7 @@ __all__ = [
     "FilteredRows",
     "JointLimits",
     "ParallelFilter",
+    "PhaseShares",
     "Preprocessing",
     "Recording",
     "RecordingError",
@@ -34,6 +36,7 @@ __all__ = [
     "low_pass",
     "motion_band",
     "open_recording",
+    "phase_shares",
     "preprocessing_from_request",
     "recording_from_arrays",
 ]

@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 
 from dynident.recordings.columns import Column, Layout
+from dynident.recordings.phases import phase_shares
 from dynident.recordings.sampling import RawSample
 from dynident.recordings.types import BoolArray, Check, FloatArray, JointLimits, Recording, Status
 
@@ -14,11 +15,8 @@ DEGREE = pi / 180.0
 MOVED = {"revolute": 2e-3, "prismatic": 5e-4}
 """A joint whose position spans less (rad or m) has not moved."""
 
-BIN = 0.25
-"""Standstill is judged in stretches of so many s."""
-
-STILL_SHARE = 2e-3
-"""A joint stands still where it moves less than this share of its whole range in one such stretch."""
+TOLD = 0.005
+"""Share of its time that a joint has to stand to be told of: turning round alone takes about as much."""
 
 FASTEST = 25.0
 """No joint of an arm turns faster, in rad/s (240 rpm)."""
@@ -52,7 +50,6 @@ class _Seen:
         self.row, self.t, self.q = sample.row[used], sample.t[used], sample.q[used]
         self.dq = None if sample.dq is None else sample.dq[used]
         self.joined = sample.joined[used] & np.concatenate([[False], np.diff(self.row) == 1])
-        self.complete = sample.complete
         self.low, self.high = self.q.min(axis=0), self.q.max(axis=0)
         self.span = self.high - self.low
         kinds = np.array([MOVED[limit.kind] for limit in limits])
@@ -85,8 +82,8 @@ def _length(recording: Recording, layout: Layout) -> Check:
 
 
 def _standstill(recording: Recording, seen: _Seen, layout: Layout) -> Check:
-    still = _still(seen, recording.period)
-    if still.all():
+    """How much of its time every joint stands: information, since its rows there are left out by themselves."""
+    if not seen.moved.any():
         return Check(
             "standstill",
             "error",
@@ -96,40 +93,16 @@ def _standstill(recording: Recording, seen: _Seen, layout: Layout) -> Check:
             int(seen.row[0]),
             float(seen.t[0]),
         )
-    moving = np.flatnonzero(~still)
-    first, last = int(moving[0]), int(moving[-1])
-    before, after = float(seen.t[first] - seen.t[0]), float(seen.t[-1] - seen.t[last])
-    share = float(still.mean())
-    if before < 1.0 and after < 1.0 and share < 0.3:
-        return Check("standstill", "ok", f"All joints stand still for {100 * share:.2g} % of the time.")
-    ends = ""
-    if (before >= 1.0 or after >= 1.0) and seen.complete:
-        ends = (
-            f", {before:.3g} s of it at the beginning and {after:.3g} s at the end: friction has no sign there, which "
-            f"spoils parameters and errors. Use {seen.t[first]:.6g} to {seen.t[last]:.6g} s alone "
-            f'("windows": [[{seen.t[first]:.6g}, {seen.t[last]:.6g}]])'
-        )
+    shares = phase_shares(recording).standing
+    stands = [f"{name} {100 * shares[j]:.2g} %" for j, name in enumerate(recording.joint_names) if shares[j] >= TOLD]
+    if not stands:
+        return Check("standstill", "ok", "Every joint moves nearly all the time.")
     return Check(
         "standstill",
-        "warning",
-        f"All joints stand still for {100 * share:.2g} % of the time{ends}.",
-        layout.t.source,
-        int(seen.row[first]),
-        float(seen.t[first]),
+        "ok",
+        f"Stands for so much of the time: {', '.join(stands)}. Those rows of that joint are not used, which needs no "
+        "windows: static friction holds any torque there.",
     )
-
-
-def _still(seen: _Seen, period: float) -> BoolArray:
-    """Mark the rows (m,) of stretches in which no joint moves."""
-    length = max(4, round(BIN / period))
-    count = max(1, len(seen.t) // length)
-    edges = np.arange(count) * length
-    reach = np.maximum.reduceat(seen.q, edges, axis=0) - np.minimum.reduceat(seen.q, edges, axis=0)
-    # Noise of the sensor: what the quietest stretch shows, if it is far below what the moving ones do.
-    quiet = np.where(reach.min(axis=0) < 0.02 * reach.max(axis=0), 2.0 * reach.min(axis=0), 0.0)
-    still = (reach <= np.maximum(STILL_SHARE * seen.span, quiet)).all(axis=1) | (not seen.moved.any())
-    marks: BoolArray = np.repeat(still, np.diff([*edges, len(seen.t)]))
-    return marks
 
 
 def _moved(recording: Recording, seen: _Seen, layout: Layout) -> Check:

@@ -105,6 +105,14 @@ def width_of(preprocessing: Preprocessing, rate: float) -> float:
     return 1.0 / min(cutoffs) if cutoffs else 1.0 / rate
 
 
+@dataclass(frozen=True, eq=False)
+class PhaseShares:
+    """Share (n,) of every joint's time in which it stands, and in which it turns round; in the rest it moves."""
+
+    standing: FloatArray
+    reversing: FloatArray
+
+
 _known: WeakKeyDictionary[Recording, Phases] = WeakKeyDictionary()
 
 
@@ -123,6 +131,22 @@ def phases_of(recording: Recording) -> Phases:
             )
         )
     return _known[recording]
+
+
+def phase_shares(recording: Recording) -> PhaseShares:
+    """How much of a recording, inside its windows, every joint stands or turns round: as recorded, without filters."""
+    phases = phases_of(recording)
+    # Halts begin and end at samples: only rounding is between them.
+    width = 1e-3 * recording.period
+    counts, total = np.zeros((len(Phase), recording.n)), 0
+    for k, segment in enumerate(recording.segments):
+        t: FloatArray = segment.start_time + np.arange(segment.length, dtype=np.float64) * recording.period
+        t = t[recording.inside_windows(t)]
+        found = phases.at(k, t, width)
+        counts += np.array([(found == phase).sum(axis=0) for phase in Phase])
+        total += len(t)
+    shares = counts / max(total, 1)
+    return PhaseShares(shares[Phase.STANDING], shares[Phase.REVERSING])
 
 
 def _positions(recording: Recording, index: int) -> FloatArray:

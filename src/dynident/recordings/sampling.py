@@ -28,7 +28,6 @@ class RawSample:
     dq: FloatArray | None
     joined: BoolArray
     used: BoolArray
-    complete: bool
 
 
 class SampleCollector:
@@ -37,9 +36,9 @@ class SampleCollector:
     def __init__(self, n_rows: int, n: int, kinds: tuple[str, ...]) -> None:
         self._n = n
         self._dq = kinds.index("dq") * n if "dq" in kinds else None
-        self._complete = n_rows <= MAX_ROWS
-        length = n_rows if self._complete else MAX_ROWS // STRETCHES
-        count = 1 if self._complete else STRETCHES
+        complete = n_rows <= MAX_ROWS
+        length = n_rows if complete else MAX_ROWS // STRETCHES
+        count = 1 if complete else STRETCHES
         starts = np.linspace(0, n_rows - length, count).astype(np.int64)
         self._stretches = [(int(start), int(start) + length) for start in starts]
         self._parts: list[tuple[IntArray, RawRows, BoolArray]] = []
@@ -59,7 +58,7 @@ class SampleCollector:
         if not self._parts:
             nothing = np.empty((0, self._n))
             marks = np.empty(0, dtype=bool)
-            return RawSample(np.empty(0, dtype=np.int64), np.empty(0), nothing, nothing, None, marks, marks, True)
+            return RawSample(np.empty(0, dtype=np.int64), np.empty(0), nothing, nothing, None, marks, marks)
         row = np.concatenate([numbers for numbers, _, _ in self._parts])
         t = np.concatenate([rows.t for _, rows, _ in self._parts])
         label = np.concatenate([rows.segment for _, rows, _ in self._parts])
@@ -79,5 +78,4 @@ class SampleCollector:
             dq,
             joined[whole],
             used[whole],
-            self._complete,
         )

@@ -1,9 +1,13 @@
-"""Effects and joints in words."""
+"""Effects, joints and rungs in words."""
 
 from __future__ import annotations
 
 from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
+from dynident.identification.gain import BestRung
 from dynident.robot import Robot
+from dynident.robot.model import FloatArray
+
+_MANY_JOINTS = 8
 
 
 def place_text(joints: tuple[str, ...], robot: Robot) -> str:
@@ -21,9 +25,35 @@ def shape_text(choice: EffectChoice) -> str:
     )
 
 
+def standing_text(shares: FloatArray) -> str:
+    """Shares (n,) of time that joints stand, in the robot's order, in per cent; of many joints the least and most."""
+    if len(shares) > _MANY_JOINTS:
+        return f"{100 * shares.min():.0f} to {100 * shares.max():.0f} %"
+    return f"{', '.join(f'{100 * share:.0f}' for share in shares)} %"
+
+
 def title_of(identifier: str) -> str:
     """An effect's title; its id in words where the catalogue does not hold it.
 
     What is equivalent to a finding need not be in the catalogue: some effects are the same function.
     """
     return CATALOGUE[identifier].title if identifier in CATALOGUE else identifier.replace("_", " ")
+
+
+def rung_mark(found: BestRung | None, index: int, count: int) -> str:
+    """What a rung of a ladder of so many models is on held-out data; "" where there is nothing to choose."""
+    if found is None or count < 2:
+        return ""
+    return "✓ best" if index == found.best else "↑ rises" if index in found.rises else ""
+
+
+def best_rung_text(found: BestRung | None, count: int) -> str:
+    """Which model of a ladder predicts held-out data best, in a sentence; "" where there is nothing to choose."""
+    if found is None or count < 2:
+        return ""
+    best = f"Model {found.best + 1} predicts held-out data best"
+    if not found.rises:
+        return f"{best}."
+    return (
+        f"{best}; from model {found.rises[0] + 1} on the held-out error is larger: what was added there does not help."
+    )

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, Reduction, errors, share_of_measured
+from dynident.estimation import Errors, Reduction, errors, moving_errors, share_of_measured
 from dynident.identification import Identification
 from dynident.identification.choices import IdentificationChoices, ModelName
 from dynident.identification.data import Data, reduced, torque_of
@@ -33,7 +33,8 @@ _SURE = 2.0
 class MethodResult:
     """What a method finds on the data that all of them share.
 
-    `held_out`: torque errors on the validation data, on the identification's own where there is none. `distance` (b,)
+    `held_out`: torque errors on the validation data, on the identification's own where there is none; `fit_moving` and
+    `held_out_moving`: on the rows where each joint moves. `distance` (b,)
     of every parameter from the reference method's, in units of their joint standard deviation. `torque_distance`: how
     far its predicted torque is from that of the reference method, as a share of the measured torque, and
     `torque_deviation` what the uncertainty of its own parameters makes of that. `problem`: why
@@ -51,6 +52,8 @@ class MethodResult:
     seconds: float
     warnings: tuple[str, ...]
     problem: str = ""
+    fit_moving: Errors | None = None
+    held_out_moving: Errors | None = None
 
     @property
     def distance_rms(self) -> float | None:
@@ -176,6 +179,8 @@ def _result(
         torque_deviation=_torque_deviation(shown, found.statistics.covariance),
         seconds=seconds,
         warnings=found.warnings,
+        fit_moving=moving_errors(data.torque, values),
+        held_out_moving=moving_errors(shown, values),
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, errors
+from dynident.estimation import Errors, errors, moving_errors
 from dynident.identification import Identification
 from dynident.identification.data import torque_of
 from dynident.progress import Progress, part, silent
@@ -22,18 +22,23 @@ _OVERFIT = 1.5
 
 @dataclass(frozen=True, eq=False)
 class RecordingErrors:
-    """Errors of a model on one recording, on the joints' filtered torques."""
+    """Errors of a model on one recording, on the joints' filtered torques: all rows, and those where a joint moves."""
 
     name: str
     errors: Errors
+    moving: Errors
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueValidation:
-    """Errors on every recording and on all together; `judged` against `limit`, a relative error."""
+    """Errors on every recording and on all together; `judged` against `limit`, a relative error.
+
+    `total_moving`: on the rows of all recordings where each joint moves.
+    """
 
     recordings: tuple[RecordingErrors, ...]
     total: Errors
+    total_moving: Errors
     limit: float
     judged: Judged
 
@@ -57,8 +62,10 @@ def validate_direct(
     DynidentError
         For a limit that is not above zero, or no recording at all.
     """
-    each, total = _tried(identification, recordings, limit, progress)
-    return TorqueValidation(each, total, limit, _judged(identification, total, limit, "the identification's own data"))
+    each = _tried(identification, recordings, limit, progress)
+    total = _together([one.errors for one in each])
+    judged = _judged(identification, total, limit, "the identification's own data")
+    return TorqueValidation(each, total, _together([one.moving for one in each]), limit, judged)
 
 
 @single_threaded
@@ -82,7 +89,8 @@ def validate_cross(
     DynidentError
         For a limit that is not above zero, or no recording at all.
     """
-    each, total = _tried(identification, recordings, limit, progress)
+    each = _tried(identification, recordings, limit, progress)
+    total = _together([one.errors for one in each])
     judged = _judged(identification, total, limit, "data that no parameter saw")
     own = identification.fit.relative_total
     if judged.verdict == "pass" and total.relative_total > _OVERFIT * own and _clearly_worse(identification, total):
@@ -91,7 +99,7 @@ def validate_cross(
             f"The error is {total.relative_total:.1%} on data that no parameter saw, against {own:.1%} in the fit: the "
             "identification's motion does not determine the model, or this motion shows what that one did not.",
         )
-    return TorqueValidation(each, total, limit, judged)
+    return TorqueValidation(each, total, _together([one.moving for one in each]), limit, judged)
 
 
 def check_limit(limit: float) -> None:
@@ -102,7 +110,7 @@ def check_limit(limit: float) -> None:
 
 def _tried(
     identification: Identification, recordings: Sequence[Recording], limit: float, progress: Progress
-) -> tuple[tuple[RecordingErrors, ...], Errors]:
+) -> tuple[RecordingErrors, ...]:
     check_limit(limit)
     if not recordings:
         raise DynidentError("give at least one measurement to validate on", pointer="/measurement_ids")
@@ -112,10 +120,13 @@ def _tried(
         data = torque_of(
             identification.model, [recording], identification.preprocessing, identification.reference, share
         )
-        found.append(RecordingErrors(recording.name, errors(data.torque, identification.values)))
-    each = [one.errors for one in found]
-    total = Errors(*(np.sum([getattr(one, name) for one in each], axis=0) for name in _SUMMED))
-    return tuple(found), total
+        values = identification.values
+        found.append(RecordingErrors(recording.name, errors(data.torque, values), moving_errors(data.torque, values)))
+    return tuple(found)
+
+
+def _together(each: Sequence[Errors]) -> Errors:
+    return Errors(*(np.sum([getattr(one, name) for one in each], axis=0) for name in _SUMMED))
 
 
 _SUMMED = ("squares", "measured", "counts")

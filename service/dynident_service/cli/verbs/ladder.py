@@ -17,10 +17,10 @@ def ladder(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Show the models that led to one, and their errors."""
+    """Show the models that led to one, and their errors; which predicts held-out data best, and where that rises."""
     from dynident.errors import DynidentError
     from dynident_service.adapters.lineages import beside, rungs_of
-    from dynident_service.cli import inputs, shown, terminal
+    from dynident_service.cli import inputs, shown_ladders, terminal
     from dynident_service.models.common import plain
     from dynident_service.models.identifications import Lineage
 
@@ -37,6 +37,6 @@ def ladder(
         terminal.print_json(plain(beside(own, rungs_of(other, against.stem, (found, model.stem)), len(data) == 1)))
         return
     if other is None or against is None:
-        shown.show_ladder(terminal.out(), found)
+        shown_ladders.show_ladder(terminal.out(), found)
     else:
-        shown.show_ladders(terminal.out(), (model.stem, found), (against.stem, other))
+        shown_ladders.show_ladders(terminal.out(), (model.stem, found), (against.stem, other))

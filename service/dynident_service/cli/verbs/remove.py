@@ -14,7 +14,7 @@ def remove(model: ModelArgument, effects: Effects, out: Out = None, as_json: Jso
     from dynident.identification import remove as remove_effects
     from dynident.identification import to_bytes
     from dynident_service.adapters.identifications import describe_identification
-    from dynident_service.cli import inputs, shown, terminal
+    from dynident_service.cli import inputs, shown, shown_ladders, terminal
     from dynident_service.models.common import plain
 
     identification = inputs.model_of(model)
@@ -25,10 +25,10 @@ def remove(model: ModelArgument, effects: Effects, out: Out = None, as_json: Jso
     if out is not None:
         inputs.write_whole(out, to_bytes(found))
     if as_json:
-        terminal.print_json(plain(describe_identification(found, model.stem)))
+        terminal.print_json(plain(describe_identification(found, model.stem, identification)))
         return
     console = terminal.out()
-    shown.show_ladder(console, found)
+    shown_ladders.show_ladder(console, found)
     shown.show_identification(console, found, parameters=False)
     if out is not None:
         console.print(f"model written to {out}", markup=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from dynident.diagnosis import Comparison
 from dynident.robot.model import FloatArray
+
+BoolArray = NDArray[np.bool_]
 
 _GAP = 1.5
 _PAUSE = 0.02
@@ -31,6 +33,15 @@ class TimeAxis:
     def label(self) -> str:
         """What to write at the axis."""
         return "time, runs one after another (s)" if self.shifted else "time (s)"
+
+    def only(self, rows: BoolArray) -> TimeAxis:
+        """The same with its stretches cut to those of the rows (m,) that are wanted."""
+        changes = np.flatnonzero(np.diff(rows)) + 1
+        pieces: list[slice] = []
+        for part in self.stretches:
+            inner = changes[(changes > part.start) & (changes < part.stop)].tolist()
+            pieces += [slice(a, b) for a, b in pairwise([part.start, *inner, part.stop]) if rows[a]]
+        return replace(self, stretches=tuple(pieces))
 
 
 def time_axis(comparison: Comparison) -> TimeAxis:
@@ -58,18 +69,23 @@ def thinned(axis: TimeAxis, values: FloatArray, points: int) -> tuple[FloatArray
     -------
     t, values : arrays of the same length
     """
-    total = len(values)
-    t_parts: list[FloatArray] = []
-    parts: list[FloatArray] = []
+    t, found = thinned_together(axis, points, values)
+    return t, found
+
+
+def thinned_together(axis: TimeAxis, points: int, *series: FloatArray) -> tuple[FloatArray, ...]:
+    """The same of several series (m,) at common times, with the extremes of each."""
+    total = len(axis.t)
+    parts: list[list[FloatArray]] = [[] for _ in range(len(series) + 1)]
     for part in axis.stretches:
         length = part.stop - part.start
-        kept = part.start + extremes(values[part], max(1, round(0.5 * points * length / total)))
-        if parts:
-            t_parts.append(axis.t[kept[:1]])
-            parts.append(np.array([np.nan]))
-        t_parts.append(axis.t[kept])
-        parts.append(values[kept])
-    return np.concatenate(t_parts), np.concatenate(parts)
+        bins = max(1, round(0.5 * points * length / total))
+        kept = part.start + np.unique(np.concatenate([extremes(values[part], bins) for values in series]))
+        for k, values in enumerate((axis.t, *series)):
+            if parts[k]:
+                parts[k].append(axis.t[kept[:1]] if k == 0 else np.array([np.nan]))
+            parts[k].append(values[kept])
+    return tuple(np.concatenate(part) if part else np.empty(0) for part in parts)
 
 
 def extremes(values: FloatArray, bins: int) -> NDArray[np.intp]:

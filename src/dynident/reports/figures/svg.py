@@ -24,6 +24,7 @@ AxesGrid = np.ndarray[tuple[int, int], np.dtype[Any]]
 
 # Okabe and Ito's palette: told apart by everybody, and in grey.
 MEASURED, PREDICTED, RESIDUAL, BAND = "#4d4d4d", "#d55e00", "#0072b2", "#56b4e9"
+AT_REST, STANDING = "#f0b27a", "#ececec"
 FIT, HELD_OUT, FLOOR, GOOD, MUTED = "#56b4e9", "#d55e00", "#009e73", "#009e73", "#9a9a9a"
 RUNGS = ("#9a9a9a", "#56b4e9", "#0072b2", "#e69f00", "#d55e00", "#cc79a7")
 

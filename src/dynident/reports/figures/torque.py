@@ -6,16 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dynident.diagnosis import Comparison
-from dynident.reports.figures.decimation import TimeAxis, thinned, time_axis
+from dynident.recordings.phases import Phase
+from dynident.reports.figures.decimation import BoolArray, TimeAxis, thinned, thinned_together, time_axis
 from dynident.reports.figures.svg import (
+    AT_REST,
     BAND,
     MEASURED,
     PREDICTED,
     RESIDUAL,
+    STANDING,
     AxesGrid,
     Margins,
     panel_title,
@@ -27,6 +31,8 @@ from dynident.reports.numbers import percent
 _POINTS = 700
 _BAND_POINTS = 300
 _ROW = 1.6
+_APART = 0.002
+_OF_REST = ("stands", "what friction may hold at rest")
 JOINTS_A_FIGURE = 8
 
 
@@ -39,20 +45,28 @@ def torque_figure(comparison: Comparison, joints: Sequence[int], name: str) -> M
         _residual(grid[row, 1], comparison, axis, joint)
     for axes in grid[-1]:
         axes.set_xlabel(axis.label, fontsize=8)
-    _legend(figure, grid)
+    _legend(figure, grid, comparison, joints)
     return to_svg(figure, _described(comparison, joints, name))
 
 
 def _torque(axes: Axes, comparison: Comparison, axis: TimeAxis, joint: int) -> None:
+    standing = comparison.phase[:, joint] == Phase.STANDING
+    _shade(axes, axis, standing)
+    rest = axis.only(standing)
+    t, lower, upper = thinned_together(rest, _BAND_POINTS, comparison.lower[:, joint], comparison.upper[:, joint])
+    # Its edges are drawn, too: a stretch of rest may be narrower than a line.
+    axes.fill_between(t, lower, upper, color=AT_REST, alpha=0.6, linewidth=0.6, label="what friction may hold at rest")
     t, measured = thinned(axis, comparison.measured[:, joint], _POINTS)
     axes.plot(t, measured, color=MEASURED, linewidth=1.0, label="measured")
-    t, predicted = thinned(axis, comparison.predicted[:, joint], _POINTS)
+    # At rest the prediction has no sign of friction: the band is the prediction there.
+    t, predicted = thinned(axis.only(~standing), comparison.predicted[:, joint], _POINTS)
     axes.plot(t, predicted, color=PREDICTED, linewidth=0.9, label="predicted", dashes=(5, 1.2))
     panel_title(axes, f"{comparison.joint_names[joint]}, torque ({comparison.units[joint]})")
     _whole_time(axes, axis)
 
 
 def _residual(axes: Axes, comparison: Comparison, axis: TimeAxis, joint: int) -> None:
+    _shade(axes, axis, comparison.phase[:, joint] == Phase.STANDING)
     t, band = thinned(axis, comparison.band[:, joint], _BAND_POINTS)
     axes.fill_between(t, -band, band, color=BAND, alpha=0.35, linewidth=0, label="95 % band of the model")
     t, rest = thinned(axis, comparison.residual[:, joint], _POINTS)
@@ -64,26 +78,54 @@ def _residual(axes: Axes, comparison: Comparison, axis: TimeAxis, joint: int) ->
     _whole_time(axes, axis)
 
 
+def _shade(axes: Axes, axis: TimeAxis, standing: BoolArray) -> None:
+    """A grey ground where the joint stands; stretches that paper cannot tell apart are one."""
+    least = _APART * float(axis.t[-1] - axis.t[0])
+    spans: list[list[float]] = []
+    for part in axis.only(standing).stretches:
+        first, last = float(axis.t[part.start]), float(axis.t[part.stop - 1])
+        if spans and first - spans[-1][1] < least:
+            spans[-1][1] = last
+        else:
+            spans.append([first, last])
+    across = [(first, last - first) for first, last in spans]
+    ground = axes.get_xaxis_transform()
+    axes.broken_barh(across, (0, 1), transform=ground, facecolors=STANDING, linewidth=0, zorder=0, label="stands")
+
+
 def _whole_time(axes: Axes, axis: TimeAxis) -> None:
     room = 0.01 * float(axis.t[-1] - axis.t[0])
     axes.set_xlim(float(axis.t[0]) - room, float(axis.t[-1]) + room)
 
 
-def _legend(figure: Figure, grid: AxesGrid) -> None:
-    handles, labels = [], []
+def _legend(figure: Figure, grid: AxesGrid, comparison: Comparison, joints: Sequence[int]) -> None:
+    handles: list[Artist] = []
+    labels: list[str] = []
+    rests = bool((comparison.phase[:, list(joints)] == Phase.STANDING).any())
     for axes in grid[0]:
-        more, texts = axes.get_legend_handles_labels()
-        handles += more
-        labels += texts
+        for handle, text in zip(*axes.get_legend_handles_labels(), strict=True):
+            if text not in labels and (rests or text not in _OF_REST):
+                handles.append(handle)
+                labels.append(text)
     figure.legend(
-        handles, labels, loc="upper right", ncols=4, borderpad=0, borderaxespad=0.1, fontsize=8, frameon=False
+        handles,
+        labels,
+        loc="upper right",
+        ncols=len(labels),
+        columnspacing=1.4,
+        borderpad=0,
+        borderaxespad=0.1,
+        fontsize=8,
+        frameon=False,
     )
 
 
 def _described(comparison: Comparison, joints: Sequence[int], name: str) -> str:
     rms, relative = comparison.errors.rms, comparison.errors.relative
+    stands = (comparison.phase == Phase.STANDING).mean(axis=0)
     parts = [
         f"{comparison.joint_names[j]}: residual {rms[j]:.3g} {comparison.units[j]} rms, {percent(float(relative[j]))}"
+        + (f", standing in {percent(float(stands[j]), 2)} of the rows" if stands[j] > 0 else "")
         for j in joints
     ]
     return f"Measured and predicted torque of {name} over time, and the residual with its band. {'; '.join(parts)}."

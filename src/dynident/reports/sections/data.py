@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dynident.identification import Identification
-from dynident.recordings import Check, Preprocessing
+from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.reports.numbers import counted, number
 from dynident.reports.run import ReportedRun
 from dynident.reports.section import Section
+from dynident.reports.words import standing_text
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,7 @@ class RecordingRow:
     duration: str
     windows: str
     rows: str
+    standing: str
     payload: str
 
 
@@ -73,6 +75,7 @@ def _recording(run: ReportedRun) -> RecordingRow:
         duration=f"{number(seconds)} s{runs}",
         windows=windows or "all",
         rows=counted(len(run.comparison.t), "row"),
+        standing=standing_text(phase_shares(recording).standing),
         payload=payload or "none stated",
     )
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import nan
 
 from markupsafe import Markup
 
 from dynident.diagnosis import Diagnosis, WorstStretch
 from dynident.estimation import Errors
 from dynident.identification import Identification
+from dynident.recordings.phases import Phase
 from dynident.reports.figures.torque import JOINTS_A_FIGURE, torque_figure
 from dynident.reports.numbers import number, percent
 from dynident.reports.run import ReportedRun
@@ -28,12 +30,13 @@ class ErrorCell:
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """One joint: fit, held-out, what sensor noise alone would leave."""
+    """One joint, or all of them: fit and held-out, each where it moves and on all rows; what sensor noise would leave.
+
+    `cells` in the order of the table's columns.
+    """
 
     joint: str
-    unit: str
-    fit: ErrorCell
-    held_out: ErrorCell | None
+    cells: tuple[ErrorCell, ...]
     ratio: str
     floor: str
 
@@ -52,53 +55,66 @@ class RunFigures:
 class ErrorsContent:
     """The table of errors and the figures of every recording."""
 
+    kinds: tuple[str, ...]
     rows: tuple[ErrorRow, ...]
+    totals: tuple[str, ...]
     by_recording: tuple[tuple[str, tuple[str, ...]], ...]
-    fit_total: str
-    held_out_total: str | None
     has_floor: bool
+    rests: bool
     runs: tuple[RunFigures, ...]
 
 
 def errors_section(identification: Identification, runs: Sequence[ReportedRun], diagnosis: Diagnosis | None) -> Section:
     """How well the model predicts torque."""
-    held_out = identification.held_out
+    kinds = _kinds(identification)
     content = ErrorsContent(
-        tuple(_rows(identification, diagnosis)),
+        tuple(name for name, _, _ in kinds),
+        tuple(_rows(identification, kinds, diagnosis)),
+        tuple(percent(errors.relative_total) for _, moving, all_rows in kinds for errors in (moving, all_rows)),
         tuple(_by_recording(identification.model.robot.joint_names, runs)),
-        percent(identification.fit.relative_total),
-        percent(held_out.relative_total) if held_out is not None else None,
         diagnosis is not None,
+        any(bool((run.comparison.phase == Phase.STANDING).any()) for run in runs),
         tuple(_run(run) for run in runs),
     )
     return Section("torque", "Measured and predicted torque", "errors", content)
 
 
-def _rows(identification: Identification, diagnosis: Diagnosis | None) -> Iterator[ErrorRow]:
-    held_out = identification.held_out
+def _kinds(identification: Identification) -> list[tuple[str, Errors, Errors]]:
+    """What errors there are: their name, those of moving rows, those of all."""
+    kinds = [("fit", identification.fit_moving, identification.fit)]
+    if identification.held_out is not None and identification.held_out_moving is not None:
+        kinds.append(("held out", identification.held_out_moving, identification.held_out))
+    return kinds
+
+
+def _rows(
+    identification: Identification, kinds: Sequence[tuple[str, Errors, Errors]], diagnosis: Diagnosis | None
+) -> Iterator[ErrorRow]:
     for j, joint in enumerate(identification.model.robot.joints):
-        fit = _cell(identification.fit, j, joint.effort_unit)
-        tried = _cell(held_out, j, joint.effort_unit) if held_out is not None else None
+        cells = tuple(
+            _cell(errors, j, joint.effort_unit) for _, moving, all_rows in kinds for errors in (moving, all_rows)
+        )
+        fit, tried = cells[0].relative, cells[-2].relative
         yield ErrorRow(
             joint.name,
-            joint.effort_unit,
-            fit,
-            tried,
-            number(tried.relative / fit.relative) if tried is not None and fit.relative > 0 else "–",
+            cells,
+            number(tried / fit) if len(kinds) > 1 and fit > 0 else "–",
             f"{number(float(diagnosis.noise_floor[j]))} {joint.effort_unit}" if diagnosis is not None else "",
         )
 
 
 def _cell(errors: Errors, joint: int, unit: str) -> ErrorCell:
+    if not errors.counts[joint]:
+        return ErrorCell(nan, nan, "never", "–")
     rms, relative = float(errors.rms[joint]), float(errors.relative[joint])
     return ErrorCell(rms, relative, f"{number(rms)} {unit}", percent(relative))
 
 
 def _by_recording(joints: Sequence[str], runs: Sequence[ReportedRun]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """A row for every joint and one for all: relative errors in each recording."""
-    errors = [run.comparison.errors for run in runs]
+    """A row for every joint and one for all: relative errors in each recording, where the joint moves and in all."""
+    errors = [item for run in runs for item in (run.comparison.moving_errors, run.comparison.errors)]
     for j, joint in enumerate(joints):
-        yield joint, tuple(percent(float(item.relative[j])) for item in errors)
+        yield joint, tuple(percent(float(item.relative[j])) if item.counts[j] else "–" for item in errors)
     yield "all joints", tuple(percent(item.relative_total) for item in errors)
 
 

@@ -12,10 +12,11 @@ from dynident.diagnosis import Diagnosis
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.estimation import Errors
 from dynident.identification import Identification
+from dynident.identification.gain import best_rung
 from dynident.reports.figures.ladder import ladder_figure
 from dynident.reports.numbers import percent
 from dynident.reports.section import Section
-from dynident.reports.words import place_text, shape_text
+from dynident.reports.words import best_rung_text, place_text, rung_mark, shape_text
 from dynident.robot import Robot
 from dynident.robot.model import FloatArray
 
@@ -31,6 +32,8 @@ class Rung:
     fit_text: str
     held_out: float | None
     held_out_text: str
+    moving_text: str
+    mark: str
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,7 @@ class LadderContent:
     rungs: tuple[Rung, ...]
     joints: tuple[JointRow, ...]
     kind: str
+    best: str
     has_floor: bool
     figure: Markup
 
@@ -63,10 +67,12 @@ def ladder_section(identification: Identification, diagnosis: Diagnosis | None) 
     errors = held_out or [model.fit for model in models]
     floor = _relative_floor(diagnosis, errors[-1])
     names = identification.model.robot.joint_names
+    best = best_rung(models)
     content = LadderContent(
-        tuple(_rung(k, model) for k, model in enumerate(models)),
+        tuple(_rung(k, model, rung_mark(best, k, len(models))) for k, model in enumerate(models)),
         tuple(_joint(name, [e.relative[j] for e in errors], floor, j) for j, name in enumerate(names)),
         "held out" if held_out else "fit",
+        best_rung_text(best, len(models)),
         floor is not None,
         ladder_figure(
             [model.fit.relative_total for model in models],
@@ -79,7 +85,7 @@ def ladder_section(identification: Identification, diagnosis: Diagnosis | None) 
     return Section("ladder", "The ladder of models", "ladder", content)
 
 
-def _rung(index: int, model: Identification) -> Rung:
+def _rung(index: int, model: Identification, mark: str) -> Rung:
     held_out = model.held_out.relative_total if model.held_out is not None else None
     robot = model.model.robot
     changes: tuple[str, ...] = ()
@@ -94,6 +100,8 @@ def _rung(index: int, model: Identification) -> Rung:
         percent(model.fit.relative_total),
         held_out,
         percent(held_out),
+        percent(model.held_out_moving.relative_total) if model.held_out_moving is not None else "–",
+        mark,
     )
 
 

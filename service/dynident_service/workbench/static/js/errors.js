@@ -16,8 +16,9 @@ export function errorsSection(model) {
 function errorsTable(model) {
   const { residual, validation } = model.result;
   const hasFloor = Boolean(model.diagnosis?.result);
-  const head = ["joint", ...["fit, rms", "fit (%)"].map(right)];
-  if (validation) head.push(...["held out, rms", "held out (%)"].map(right));
+  const columns = (kind) => [`${kind}, moving, rms`, `${kind}, moving (%)`, `${kind}, all rows (%)`].map(right);
+  const head = ["joint", ...columns("fit")];
+  if (validation) head.push(...columns("held out"));
   if (hasFloor) head.push(...["noise floor, rms", "fit over floor"].map(right));
   const rows = model.joints.map((joint, index) => {
     const unit = model.unitOf(joint);
@@ -26,12 +27,12 @@ function errorsTable(model) {
     if (hasFloor) cells.push(...floorOf(model, joint, residual.rms[index], unit));
     return row(cells, { class: joint === model.joint ? "chosen" : null });
   });
-  const total = ["all joints", "", numeric(percent(residual.relative_total), residual.relative_total)];
-  if (validation) total.push("", numeric(percent(validation.relative_total), validation.relative_total));
+  const total = ["all joints", ...totals(residual)];
+  if (validation) total.push(...totals(validation));
   if (hasFloor) total.push("", "");
   rows.push(row(total, { class: "total" }));
   const notes = [
-    "Relative errors are ‖y − ŷ‖ / ‖y‖ on the filtered, decimated torque.",
+    "Relative errors are ‖y − ŷ‖ / ‖y‖ on the filtered, decimated torque: where the joint moves, and on all rows, where at rest the distance to what static friction may hold counts.",
     hasFloor ? "The noise floor is what the torque sensor's noise alone leaves; 1 times the floor is as good as a model can be." : "Diagnose the model to see the noise floor.",
     validation ? "" : "There is no validation data: an error on data that the fit has not seen tells more.",
   ];
@@ -43,8 +44,15 @@ function jointButton(model, joint) {
   return h("button", { type: "button", class: "plain", "aria-pressed": pressed, onclick: () => model.chooseJoint(joint) }, joint);
 }
 
-function figures({ rms, relative }, index, unit) {
-  return [numeric(quantity(rms[index], unit), rms[index]), numeric(percent(relative[index]), relative[index])];
+/** Models of older versions know nothing of rest: their rows all count as moving ones. */
+function figures(errors, index, unit) {
+  const { rms, relative } = errors.moving ?? errors;
+  return [numeric(quantity(rms[index], unit), rms[index]), numeric(percent(relative[index]), relative[index]), numeric(percent(errors.relative[index]), errors.relative[index])];
+}
+
+function totals(errors) {
+  const moving = (errors.moving ?? errors).relative_total;
+  return ["", numeric(percent(moving), moving), numeric(percent(errors.relative_total), errors.relative_total)];
 }
 
 function floorOf(model, joint, rms, unit) {

@@ -32,9 +32,16 @@ export function ladderSection(model, signal) {
   );
 }
 
+/** From the model that this one was made from to this one: an extension by several effects has a rung for each. */
+function lastStep(model) {
+  const index = model.rungs.findIndex((one) => one.id === model.identification.parent_id);
+  const first = index < 0 ? model.rungs.length - 2 : index;
+  return { before: model.rungs[first], after: { ...model.rungs.at(-1), added: model.rungs.slice(first + 1).flatMap((one) => one.added) } };
+}
+
 /** What the last step did, in words. */
 export function stepInWords(model) {
-  const [before, after] = model.rungs.slice(-2);
+  const { before, after } = lastStep(model);
   const names = (list) => list.map((one) => choiceInWords(model.effects, one, model.joints)).join("; ");
   const change = (name, from, to) => `${name} ${percent(from.relative_total)} → ${percent(to.relative_total)}`;
   const parts = [change("error of the fit", before.residual, after.residual)];
@@ -48,7 +55,7 @@ export function stepInWords(model) {
 }
 
 function fell(model) {
-  const [before, after] = model.rungs.slice(-2);
+  const { before, after } = lastStep(model);
   const kind = before.validation && after.validation ? "validation" : "residual";
   const allowed = after.removed.length ? UNCHANGED : 1;
   return after[kind].relative_total < allowed * before[kind].relative_total;
@@ -56,17 +63,30 @@ function fell(model) {
 
 function rungTable(model, rungs, heldOut, signal) {
   const head = ["model", "change", right("base parameters"), right("fit (%)")];
-  if (heldOut) head.push(right("held out (%)"));
+  if (heldOut) head.push(right("held out (%)"), right("held out, moving (%)"), "");
   head.push("");
   const rows = rungs.map((one, index) => {
     const here = one.id === model.id;
-    const link = here ? h("strong", {}, `${index + 1}`) : h("a", { href: address({ identification: one.id }) }, `${index + 1}`);
+    const link = here ? h("strong", {}, `${index + 1}`) : one.part_of ? `${index + 1}` : h("a", { href: address({ identification: one.id }) }, `${index + 1}`);
     const cells = [link, changeOf(model, one), numeric(String(one.n_parameters)), error(one.residual.relative_total)];
-    if (heldOut) cells.push(error(one.validation.relative_total));
+    if (heldOut) cells.push(error(one.validation.relative_total), error(one.validation.moving?.relative_total ?? null), markOf(one));
     cells.push(removeButton(model, one, signal));
     return row(cells, { class: here ? "chosen" : null });
   });
-  return table("Models, first to last, all joints", head, rows, { id: "ladder-table" });
+  return [table("Models, first to last, all joints", head, rows, { id: "ladder-table" }), h("p", { id: "best-rung" }, bestInWords(rungs))];
+}
+
+/** What a rung is on held-out data. */
+function markOf(rung) {
+  if (rung.best) return h("span", { class: "mark ok" }, "✓ best");
+  return rung.rises ? h("span", { class: "mark warning" }, "↑ rises") : "";
+}
+
+function bestInWords(rungs) {
+  const [best, rises] = [rungs.findIndex((one) => one.best), rungs.findIndex((one) => one.rises)];
+  if (best < 0) return "";
+  const found = `Model ${best + 1} predicts held-out data best`;
+  return rises < 0 ? `${found}.` : `${found}; from model ${rises + 1} on the held-out error is larger: what was added there does not help.`;
 }
 
 /** Takes what a rung added out of the model that is looked at; the other rungs stay. */

@@ -9,25 +9,26 @@ const COLOURS = ["rung-0", "rung-1", "rung-2", "rung-3"];
 export function totalsFigure(rungs, heldOut) {
   const [width, height] = [440, 260];
   const room = { left: 48, right: 16, top: 40, bottom: 34 };
-  const lines = [{ name: "fit", css: "fit", marker: "circle", left: true, values: rungs.map((one) => one.residual.relative_total) }];
-  if (heldOut) lines.push({ name: "held out", css: "held-out", marker: "square", left: false, values: rungs.map((one) => one.validation.relative_total) });
+  const lines = [{ name: "fit", css: "fit", marker: "circle", values: rungs.map((one) => one.residual.relative_total) }];
+  if (heldOut) lines.push({ name: "held out", css: "held-out", marker: "square", values: rungs.map((one) => one.validation.relative_total) });
   const most = 1.15 * Math.max(...lines.flatMap((line) => line.values));
   const x = (k) => room.left + ((k + 0.5) / rungs.length) * (width - room.left - room.right);
   const y = (value) => height - room.bottom - (value / most) * (height - room.top - room.bottom);
-  // Figures of the two lines stand on either side of the marks, so that they never meet.
-  const drawn = lines.map(({ css, marker: kind, values, left }) => [
+  // The higher of the two marks has its figure above it, the lower one below: they never meet, however many rungs.
+  const rise = (line, k) => (lines.every((one) => one === line || one.values[k] < line.values[k] || (one.values[k] === line.values[k] && line === lines[0])) ? -11 : 19);
+  const drawn = lines.map((line) => { const { css, marker: kind, values } = line; return [
     svg("polyline", { class: `line ${css}`, points: values.map((value, k) => `${x(k)},${y(value)}`).join(" ") }),
     values.map((value, k) => [
       marker(kind, x(k), y(value), css),
-      svg("text", { class: "figure", x: x(k) + (left ? -10 : 10), y: y(value) + 4, "text-anchor": left ? "end" : "start" }, number(100 * value)),
+      svg("text", { class: "figure", x: x(k), y: y(value) + rise(line, k), "text-anchor": "middle" }, number(100 * value)),
     ]),
-  ]);
+  ]; });
   const words = lines.map((line) => `${line.name}: ${line.values.map((value) => percent(value)).join(", ")}`).join("; ");
   return figure(
     "Relative error, all joints (%)",
     svg("svg", { viewBox: `0 0 ${width} ${height}`, style: { "max-width": `${width}px` }, role: "img", "aria-label": `Relative error of each model. ${words}` },
       grid(ticksUpTo(100 * most), (value) => y(value / 100), room.left, width - room.right),
-      rungs.map((_, k) => svg("text", { x: x(k), y: height - 8, "text-anchor": "middle" }, `model ${k + 1}`)),
+      rungs.map((_, k) => svg("text", { x: x(k), y: height - 8, "text-anchor": "middle" }, nameOf(k, rungs.length))),
       drawn,
       lines.map((line, k) => [marker(line.marker, room.left + 12 + 90 * k, 14, line.css), svg("text", { x: room.left + 24 + 90 * k, y: 18 }, line.name)])),
   );
@@ -52,6 +53,7 @@ export function jointsFigure(errors, joints, kind) {
     ];
   });
   const marks = ticksUpTo(100 * most);
+  const apart = Math.min(90, (width - room.left - room.right) / errors.length);
   return figure(
     `Relative error per joint, ${kind} (%)`,
     svg("svg", { viewBox: `0 0 ${width} ${height}`, style: { "max-width": `${width}px` }, role: "img", "aria-label": "Relative error of every joint at each model; the table below has the figures." },
@@ -61,10 +63,15 @@ export function jointsFigure(errors, joints, kind) {
       ]),
       rows,
       errors.map((_, k) => [
-        svg("circle", { class: rungClass(k, errors.length), cx: room.left + 8 + 90 * k, cy: 14, r: 5 }),
-        svg("text", { x: room.left + 18 + 90 * k, y: 18 }, `model ${k + 1}`),
+        svg("circle", { class: rungClass(k, errors.length), cx: room.left + 8 + apart * k, cy: 14, r: 5 }),
+        svg("text", { x: room.left + 18 + apart * k, y: 18 }, nameOf(k, errors.length)),
       ])),
   );
+}
+
+/** What a rung is called: of many only its number has room. */
+function nameOf(k, count) {
+  return count > 6 ? `${k + 1}` : `model ${k + 1}`;
 }
 
 function figure(title, drawing) {

@@ -30,12 +30,18 @@ export function measurementsTable(measurements) {
       one.name,
       one.role ?? "–",
       `${counted(one.n_samples, "sample")} at ${quantity(one.sampling_rate, "Hz", 4)}`,
+      standing(one),
       one.windows.map(([from, to]) => `${from} to ${to} s`).join(", ") || "all",
       h("details", {}, h("summary", {}, checksInWords(one.checks)), checksTable(one.checks)),
       moment(one.created_at),
     ]),
   );
-  return h("div", { class: "stored" }, table("Measurements of this robot", ["name", "role", "samples", "windows", "checks", "uploaded"], rows));
+  return h("div", { class: "stored" }, table("Measurements of this robot", ["name", "role", "samples", "each joint stands", "windows", "checks", "uploaded"], rows));
+}
+
+/** Share of its time that each joint stands, in the robot's order. */
+function standing({ phases }) {
+  return phases ? `${phases.standing.map((share) => (100 * share).toFixed(0)).join(", ")} %` : "–";
 }
 
 /** Where recordings are dropped; a form appears for each. */

@@ -101,7 +101,8 @@ export class Model extends EventTarget {
 
 /** The newest diagnosis of a model, or of the nearest one that it came from; null if there is none. */
 export async function newestDiagnosis(model, signal) {
-  for (const rung of [...model.rungs].reverse()) {
+  // What an extension made on its way is no model of its own: nobody could ask about it.
+  for (const rung of model.rungs.filter((one) => !one.part_of).reverse()) {
     const { items } = await get("/diagnoses", { identification_id: rung.id, limit: 10 }, signal);
     const usable = items.find((one) => ["succeeded", "running", "queued"].includes(one.status));
     if (usable) return usable;

@@ -88,7 +88,8 @@ function overNoise(model) {
 }
 
 function worstStretches(model) {
-  const { worst, relative_total: total, notes } = model.comparison.result;
+  const { worst, relative_total: total, moving, notes } = model.comparison.result;
+  const both = moving ? `${percent(moving.relative_total)} where they move, ${percent(total)} on all rows` : percent(total);
   if (!worst.length) return null;
   const pose = (one) => (one.pose.length ? model.joints.map((joint, index) => `${joint} ${quantity(one.pose[index], positionUnit(model.unitOf(joint)))}`).join(", ") : "");
   const buttons = worst.map((one) => {
@@ -100,5 +101,5 @@ function worstStretches(model) {
     return h("li", {}, h("button", { type: "button", class: "small", onclick: () => model.zoomTo(one.joint, one.from, one.to) }, text), h("span", { title: where ? `at ${number(one.time, 4)} s: ${where}` : null }, size, where ? h("small", { class: "note" }, h("br"), short) : null));
   });
   const remarks = notes.length ? h("ul", { class: "note", id: "comparison-notes" }, notes.map((one) => h("li", {}, one))) : null;
-  return [remarks, overNoise(model), h("h3", {}, "Worst stretches"), h("p", { class: "note" }, `Error on this measurement, all joints: ${percent(total)}. Choose a stretch to see it.`), h("ol", { class: "worst" }, buttons)];
+  return [remarks, overNoise(model), h("h3", {}, "Worst stretches"), h("p", { class: "note" }, `Error on this measurement, all joints: ${both}. Choose a stretch to see it.`), h("ol", { class: "worst" }, buttons)];
 }

@@ -8,7 +8,7 @@ import { problemBox } from "./problem.js";
 import { find, timeline } from "./timeline.js";
 
 const POINTS = 2000;
-const SIGNALS = ["measured", "predicted", "residual", "band"];
+const SIGNALS = ["measured", "predicted", "lower", "upper", "standing", "residual", "band"];
 const STILL = { left: 0, top: 0, width: 0, height: 0 };
 
 export class TorquePlot {
@@ -134,26 +134,27 @@ export class TorquePlot {
     const value = (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw)} ${unit}`);
     const band = { class: "edge", stroke: "transparent", width: 0, points: { show: false }, value };
     const wash = { series: [1, 2], fill: colour("band-wash") };
+    const rest = { series: [3, 4], fill: colour("rest-wash") };
     const time = this.full?.shifted ? "time, runs one after another (s)" : "time (s)";
     const line = (label, stroke, width = 1) => ({ label, stroke, width, points: { show: false }, value });
     const first = { label: "time", value: (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw, 5)} s`) };
     this.plots = [
-      this.#plot(this.above, 250, `torque (${unit})`, time, [first, { ...band, label: "95 % upper" }, { ...band, label: "lower" }, line("measured", colour("measured"), 1.6), line("predicted", colour("predicted"), 1.2)], wash, undefined),
-      this.#plot(this.below, 200, `residual (${unit})`, time, [first, { ...band, label: "95 % upper" }, { ...band, label: "lower" }, line("residual", colour("residual"), 1)], wash, symmetric),
+      this.#plot(this.above, 250, `torque (${unit})`, time, [first, { ...band, label: "95 % upper" }, { ...band, label: "lower" }, { ...band, label: "friction may hold" }, { ...band, label: "down to" }, line("measured", colour("measured"), 1.6), line("predicted", colour("predicted"), 1.2)], [wash, rest], undefined),
+      this.#plot(this.below, 200, `residual (${unit})`, time, [first, { ...band, label: "95 % upper" }, { ...band, label: "lower" }, line("residual", colour("residual"), 1)], [wash], symmetric),
     ];
     this.#fill();
   }
 
-  #plot(target, height, label, time, series, wash, range) {
+  #plot(target, height, label, time, series, bands, range) {
     const cursor = {
       sync: { key: "torque", setSeries: false, filters: { pub: (type) => type === "mousemove" || type === "mouseleave" } },
       drag: { x: true, y: false, setScale: false },
       bind: { dblclick: () => () => this.whole() },
       points: { size: 6 },
     };
-    const hooks = { setSelect: [(one) => this.#selected(one)] };
+    const hooks = { setSelect: [(one) => this.#selected(one)], drawClear: [(one) => shade(one, this.line)] };
     const scales = { x: { time: false }, y: range ? { range } : {} };
-    const options = { height, cursor, hooks, scales, series, bands: [wash], axes: [axis(time, 2), axis(label, 3)], legend: { live: true } };
+    const options = { height, cursor, hooks, scales, series, bands, axes: [axis(time, 2), axis(label, 3)], legend: { live: true } };
     return plot(target, options, series.map(() => []), this.signal);
   }
 
@@ -167,17 +168,41 @@ export class TorquePlot {
 
   #fill() {
     const { x, values, samples } = this.line;
-    const { measured, predicted, residual, band } = values;
+    const { measured, predicted, lower, upper, standing, residual, band } = values;
     const plus = (centre, sign) => band.map((half, index) => (half === null ? null : (centre ? centre[index] : 0) + sign * half));
+    const where = (rests, signal) => signal.map((value, index) => (standing[index] === rests ? value : null));
     const [above, below] = this.plots;
-    above.setData([x, plus(predicted, 1), plus(predicted, -1), measured, predicted], false);
+    // At rest the prediction has no sign of friction: what friction may hold stands in its place.
+    above.setData([x, where(false, plus(predicted, 1)), where(false, plus(predicted, -1)), where(true, upper), where(true, lower), measured, where(false, predicted)], false);
     below.setData([x, plus(null, 1), plus(null, -1), residual], false);
     const { from, to } = this.#range();
     for (const one of this.plots) one.setScale("x", { min: from, max: to });
-    const outside = residual.filter((value, index) => value !== null && Math.abs(value) > band[index]).length;
+    const moving = where(false, residual);
+    const outside = moving.filter((value, index) => value !== null && Math.abs(value) > band[index]).length;
     const drawn = residual.filter((value) => value !== null).length;
     const all = drawn === samples;
-    const words = all ? `${percent(outside / samples, 2)} of the residual is outside its 95 % band; noise alone leaves 5 % there.` : "Noise alone leaves 5 % of the residual outside its 95 % band.";
+    const count = moving.filter((value) => value !== null).length;
+    const band95 = all && count ? `${percent(outside / count, 2)} of the residual is outside its 95 % band; noise alone leaves 5 % there.` : "Noise alone leaves 5 % of the residual outside its 95 % band.";
+    const rest = standing.includes(true) ? " On the grey ground the joint stands: there the prediction is what static friction may hold, and the residual the distance to that." : "";
+    const words = band95 + rest;
     put(this.said, `${this.joint}, ${number(from, 4)} s to ${number(to, 4)} s: ${samples} samples, ${all ? "all" : drawn} drawn${all ? "" : " with their extremes"}. ${words}`);
   }
+}
+
+/** A grey ground where the joint stands. */
+function shade(one, line) {
+  if (!line || one.scales.x.min === null || one.scales.x.min === undefined) return;
+  const { x, values: { standing } } = line;
+  const { left, top, width, height } = one.bbox;
+  one.ctx.save();
+  one.ctx.fillStyle = colour("standing");
+  for (let first = 0; first < x.length; first++) {
+    if (standing[first] !== true) continue;
+    let last = first;
+    while (standing[last + 1] === true) last++;
+    const [from, to] = [first, last].map((index) => Math.min(left + width, Math.max(left, one.valToPos(x[index], "x", true))));
+    if (to > from) one.ctx.fillRect(from, top, to - from, height);
+    first = last;
+  }
+  one.ctx.restore();
 }
