@@ -74,7 +74,8 @@ class ShapeSpec:
     lines in the spectrum of the residual over the joint's angle or over time, or the stretch of time where the residual
     is far above the rest. A constant is above zero unless it is `signed`, and zero only where it
     `may_be_zero`; it is not searched for below `least`. `resolved_by` names what a filtered position must still resolve
-    for the constant to show: the displacement around a reversal, the travel since a halt, or the speed. `refined`: how a first value is improved;
+    for the constant to show: the displacement around a reversal, the travel since a halt, or the speed.
+    `refined`: how a first value is improved;
     None: it is not. `natural` values are kept where they are as good.
     """
 

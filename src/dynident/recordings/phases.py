@@ -15,6 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.recordings.filtering import READ_LENGTH
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.types import BoolArray, FloatArray, IntArray, Recording
 
@@ -102,7 +103,8 @@ class Phases:
 def width_of(preprocessing: Preprocessing, rate: float) -> float:
     """Seconds that the filters smear a halt over, to either side: 1 / the lower cut-off; a period without filters."""
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
-    return 1.0 / min(cutoffs) if cutoffs else 1.0 / rate
+    # Half a period more, so that rounding does not decide about rows on the border.
+    return (1.0 / min(cutoffs) if cutoffs else 1.0 / rate) + 0.5 / rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,17 +121,7 @@ _known: WeakKeyDictionary[Recording, Phases] = WeakKeyDictionary()
 def phases_of(recording: Recording) -> Phases:
     """The phases of a recording, found once."""
     if recording not in _known:
-        paths = [_positions(recording, k) for k in range(len(recording.segments))]
-        slow = _slow_speeds(paths, recording.sampling_rate)
-        _known[recording] = Phases(
-            tuple(
-                tuple(
-                    _halts(path[:, j], recording.segments[k].start_time, recording.sampling_rate, slow[j])
-                    for j in range(recording.n)
-                )
-                for k, path in enumerate(paths)
-            )
-        )
+        _known[recording] = Phases(tuple(_in_segment(recording, k) for k in range(len(recording.segments))))
     return _known[recording]
 
 
@@ -149,18 +141,21 @@ def phase_shares(recording: Recording) -> PhaseShares:
     return PhaseShares(shares[Phase.STANDING], shares[Phase.REVERSING])
 
 
-def _positions(recording: Recording, index: int) -> FloatArray:
-    """(m, n): the raw positions of a segment."""
-    segment = recording.segments[index]
-    blocks = [rows.q for rows in recording.source.rows(segment.first_row, segment.length, 8192)]
-    return np.concatenate(blocks) if blocks else np.zeros((0, recording.n))
+def _in_segment(recording: Recording, index: int) -> tuple[Halts, ...]:
+    """The halts of all joints in a segment, from its raw positions."""
+    segment, rate = recording.segments[index], recording.sampling_rate
+    blocks = [rows.q for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH)]
+    path = np.concatenate(blocks) if blocks else np.zeros((0, recording.n))
+    return tuple(
+        _halts(path[:, j], segment.start_time, rate, _slow_speed(path[:, j], rate)) for j in range(recording.n)
+    )
 
 
-def _slow_speeds(paths: list[FloatArray], rate: float) -> FloatArray:
-    """(n,): the speed below which each joint counts as slow; those that move slowly throughout have a lower one."""
-    squares = sum((np.diff(path, axis=0) ** 2).sum(axis=0) for path in paths)
-    count = max(sum(len(path) - 1 for path in paths), 1)
-    return np.asarray(np.minimum(SLOW, SLOW_SHARE * np.sqrt(squares / count) * rate))
+def _slow_speed(q: FloatArray, rate: float) -> float:
+    """The speed below which a joint counts as slow; one that moves slowly throughout a run has a lower one."""
+    if len(q) < 2:
+        return SLOW
+    return float(min(SLOW, SLOW_SHARE * np.sqrt((np.diff(q) ** 2).mean()) * rate))
 
 
 def _resolution(q: FloatArray) -> float:
