@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,22 +40,23 @@ class EvenClockScan:
     """Narrows down the period of an even clock, stamp by stamp."""
 
     _tick: float = 0.0
-    _typical: float = 0.0
+    _usual: float = 0.0
     _lowest: float = 0.0
     _highest: float = np.inf
     _start: float = 0.0
     _behind: float = 0.0
     _count: int = 0
     _possible: bool = True
-    _seen: set[float] = field(default_factory=set)
 
-    def feed(self, t: FloatArray, begins: BoolArray, typical: float) -> None:
-        """Take the next stamps t (m,), and which of them begin an unbroken stretch; `typical`: the median step."""
+    def feed(self, t: FloatArray, begins: BoolArray) -> None:
+        """Take the next stamps t (m,), and which of them begin an unbroken stretch."""
         if not self._possible or not len(t):
             return
         if not self._tick:
-            self._typical = typical
-            self._tick = _tick(np.diff(t)[~begins[1:]])
+            steps = np.diff(t)[~begins[1:]]
+            self._tick = _tick(steps)
+            # The mean: between two ticks the median is far from the period. Lost samples change it little.
+            self._usual = float(steps[steps > 0].mean()) if self._tick else 0.0
             self._possible = self._tick > 0.0
             if not self._possible:
                 return
@@ -63,7 +64,7 @@ class EvenClockScan:
             part = t[first:last]
             if begins[first]:
                 self._start, self._behind, self._count = float(part[0]), float(part[0]), 0
-            steps = np.round(np.diff(np.concatenate([[self._behind], part])) / self._typical)
+            steps = np.round(np.diff(np.concatenate([[self._behind], part])) / self._usual)
             number = self._count + np.cumsum(steps)
             self._behind, self._count = float(part[-1]), int(number[-1])
             later = number > 0

@@ -195,7 +195,7 @@ class TimeScan:
         if not self._typical:
             self._typical = float(np.median(steps))
         for t, begins in self._stamps:
-            self._even.feed(t, begins | (np.diff(t, prepend=t[0]) > GAP_PERIODS * self._typical), self._typical)
+            self._even.feed(t, begins | (np.diff(t, prepend=t[0]) > GAP_PERIODS * self._typical))
         self._stamps = []
         wide = steps > GAP_PERIODS * self._typical
         self._n_gaps += int(wide.sum())

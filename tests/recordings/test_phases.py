@@ -1,0 +1,99 @@
+"""When a joint moves, turns round or stands: against motions of which it is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynident.recordings import Preprocessing, Recording, recording_from_arrays
+from dynident.recordings.phases import STANDS, Phase, phases_of, width_of
+
+QUANTUM = 2 * np.pi / 2**18
+
+
+def recorded(q: np.ndarray, rate: float, quantum: float = QUANTUM) -> Recording:
+    rounded = np.round(q / quantum) * quantum
+    tau = np.zeros_like(q)
+    names = tuple(f"joint{k + 1}" for k in range(q.shape[1]))
+    return recording_from_arrays(np.arange(len(q)) / rate, rounded, tau, joint_names=names, name="motion")
+
+
+def swinging(rate: float, seconds: float = 10.0, dwell: float = 0.0) -> np.ndarray:
+    """One joint to and fro by 0.5 rad every 2 s, resting for a while wherever it turns."""
+    fine = np.arange(0.0, seconds, 1.0 / rate)
+    period = 2.0 + 2 * dwell
+    phase = fine % period
+    moving = 1.0
+    where = np.select(
+        [phase < moving, phase < moving + dwell, phase < 2 * moving + dwell],
+        [phase / moving, 1.0, 1.0 - (phase - moving - dwell) / moving],
+        0.0,
+    )
+    return 0.5 * -np.cos(np.pi * where)[:, None]
+
+
+@pytest.mark.parametrize("rate", [60.0, 125.0, 500.0, 1000.0])
+def test_a_joint_that_turns_round_in_one_sweep_is_said_to_turn_and_one_that_rests_to_stand(rate):
+    free, resting = recorded(swinging(rate), rate), recorded(swinging(rate, dwell=0.3), rate)
+    inside = slice(1, -1)  # at either end of a recording nobody knows what came before
+    assert not phases_of(free).halts[0][0].sticks[inside].any()
+    assert len(phases_of(free).halts[0][0].starts) >= 9
+    assert phases_of(resting).halts[0][0].sticks.all()
+
+
+@pytest.mark.parametrize("rate", [125.0, 500.0])
+def test_rows_stand_as_long_as_the_joint_does_and_a_filter_width_to_either_side(rate):
+    made = recorded(swinging(rate, dwell=0.3), rate)
+    t = np.arange(0.6, 1.8, 1e-3)
+    phase = phases_of(made).at(0, t, 0.1)[:, 0]
+    standing = t[phase == Phase.STANDING]
+    # It comes to rest at 1 s and leaves at 1.3 s; near either it is slow already.
+    assert standing[0] == pytest.approx(0.9, abs=0.04)
+    assert standing[-1] == pytest.approx(1.4, abs=0.04)
+    assert (phase[t < 0.8] == Phase.MOVING).all()
+
+
+def test_a_joint_that_never_moves_stands_throughout_whatever_its_noise():
+    rng = np.random.default_rng(0)
+    q = np.hstack([swinging(200.0), 0.3 * STANDS * rng.uniform(-1, 1, (2000, 1))])
+    phase = phases_of(recorded(q, 200.0)).at(0, np.arange(0, 10, 0.1), 0.05)
+    assert (phase[:, 1] == Phase.STANDING).all()
+    assert (phase[:, 0] == Phase.MOVING).mean() > 0.5
+
+
+def test_a_slow_test_of_friction_moves_although_it_is_slower_than_other_joints_creep():
+    t = np.arange(0, 20, 0.005)
+    q = (0.008 * t)[:, None]
+    phase = phases_of(recorded(q, 200.0)).at(0, np.arange(1, 19, 0.1), 0.05)
+    assert (phase == Phase.MOVING).all()
+
+
+def test_a_stop_on_the_way_is_no_turn():
+    """Where a joint rests and goes on in the same direction, friction has no sign while it rests."""
+    t = np.arange(0, 4, 0.002)
+    speed = np.where((t > 1.8) & (t < 2.2), 0.0, 0.4)
+    q = np.cumsum(speed * 0.002)[:, None]
+    halts = phases_of(recorded(q, 500.0)).halts[0][0]
+    assert len(halts.starts) == 1
+    assert halts.sticks.all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.floats(0.3, 2.0),
+    st.floats(0.05, 1.5),
+    st.sampled_from([100.0, 250.0, 1000.0]),
+    st.sampled_from([2**16, 2**19]),
+)
+def test_free_turns_are_never_taken_for_sticking(frequency, amplitude, rate, counts):
+    t = np.arange(0, 12, 1 / rate)
+    q = amplitude * np.sin(2 * np.pi * frequency * t)[:, None]
+    halts = phases_of(recorded(q, rate, 2 * np.pi / counts)).halts[0][0]
+    assert halts.sticks[1:-1].mean() <= 0.1
+
+
+def test_the_width_of_a_halt_is_that_of_the_lower_filter():
+    assert width_of(Preprocessing(10.0, 5.0), 1000.0) == pytest.approx(0.2005)
+    assert width_of(Preprocessing(None, None), 100.0) == pytest.approx(0.015)
