@@ -130,8 +130,7 @@ def _overfit(identification: Identification) -> list[str]:
         return [
             f"The error on validation data is {identification.held_out.relative_total:.1%} against "
             f"{identification.fit.relative_total:.1%} in the fit: the data do not determine the model, or the "
-            "validation motion shows what the identification motion did not, or holds standstill, where friction has "
-            "no sign (choose windows)."
+            "validation motion shows what the identification motion did not."
         ]
     return []
 

@@ -32,8 +32,8 @@ class RepeatedMotion:
 class Judgement:
     """The figures of a comparison that need more than the residual.
 
-    `over_noise` (n,): rms of the residual over the noise floor; `effective_samples` (n,): independent samples that the
-    joint's residual is worth; `repeated`: the identification motion that is repeated, None where there is none;
+    `over_noise` (n,): rms of the residual over the noise floor, where each joint moves; `effective_samples` (n,):
+    independent samples that the joint's residual is worth; `repeated`: the identification motion that is repeated, None where there is none;
     `notes`: what a user must know of all that, in sentences.
     """
 
@@ -64,7 +64,7 @@ def judge(
         What the model was identified from; empty where the comparison is with one of these.
     """
     noise = floor_of(comparison, recording, preprocessing)
-    rms = comparison.errors.rms
+    rms = comparison.moving_errors.rms
     over = np.where(noise.values > 0, rms / np.where(noise.values > 0, noise.values, 1.0), np.inf)
     memory = [
         autocorrelation(comparison.t, comparison.segment, comparison.residual[:, j]).effective_samples
