@@ -33,8 +33,8 @@ class Judgement:
     """The figures of a comparison that need more than the residual.
 
     `over_noise` (n,): rms of the residual over the noise floor, where each joint moves; `effective_samples` (n,):
-    independent samples that the joint's residual is worth; `repeated`: the identification motion that is repeated, None where there is none;
-    `notes`: what a user must know of all that, in sentences.
+    independent samples that the joint's residual is worth; `repeated`: the identification motion that is repeated, None
+    where there is none; `notes`: what a user must know of all that, in sentences.
     """
 
     noise: NoiseFloor
