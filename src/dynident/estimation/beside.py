@@ -1,7 +1,7 @@
-"""Rows of an equation that are judged apart: where its unknown force changes its sign, and where it has none.
+"""Rows of an equation that are told apart: where friction changes its sign, and where it has none.
 
-An equation of dry friction is an equation only while its joint moves. Where the joint turns round it may still be one;
-where the joint stands, it is two inequalities: the torque lies between what the model says for either direction.
+An equation of dry friction is an equation only while its joint moves, or turns round in one sweep. Where the joint
+stands it is two inequalities: the torque lies between what the model says for either direction.
 """
 
 from __future__ import annotations
@@ -21,14 +21,13 @@ MOST = 1000
 class Beside:
     """What one equation, with p columns, has beside the rows that only count while its joint moves.
 
-    `turning` (p + 1, p + 1) is the factor of [W | Y] where the joint turns round, of `n_turning` rows; `turning_used`:
-    these are among the rows that are fitted to. `upper`, `lower` (m, p) are rows of W at rest with the friction of
+    `turning` (p + 1, p + 1) is the factor of [W | Y] where the joint turns round, of `n_turning` rows, which are among
+    those that are fitted to. `upper`, `lower` (m, p) are rows of W at rest with the friction of
     either direction, `y` (m,) what was measured there, and `weights` (m,) the rows that each stands for.
     """
 
     turning: FloatArray
     n_turning: int
-    turning_used: bool
     upper: FloatArray
     lower: FloatArray
     y: FloatArray
@@ -84,7 +83,6 @@ def beside_all(parts: Sequence[Beside | None]) -> Beside | None:
     return Beside(
         turning=squared(triangular(np.concatenate([part.turning for part in known]))),
         n_turning=sum(part.n_turning for part in known),
-        turning_used=known[0].turning_used,
         upper=np.concatenate([part.upper for part in known]),
         lower=np.concatenate([part.lower for part in known]),
         y=np.concatenate([part.y for part in known]),
@@ -95,10 +93,9 @@ def beside_all(parts: Sequence[Beside | None]) -> Beside | None:
 class BesideAccumulator:
     """Collects what is beside one equation with p columns, as it comes."""
 
-    def __init__(self, n_columns: int, turning_used: bool) -> None:
+    def __init__(self, n_columns: int) -> None:
         self._turning = np.zeros((n_columns + 1, n_columns + 1))
         self._n_turning = 0
-        self._turning_used = turning_used
         self._parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
 
     def push_turning(self, rows: FloatArray) -> None:
@@ -120,4 +117,4 @@ class BesideAccumulator:
         every = -(-len(y) // MOST) if len(y) else 1
         weights = np.full(len(y[::every]), len(y) / max(len(y[::every]), 1))
         kept = upper[::every], lower[::every], y[::every]
-        return Beside(self._turning, self._n_turning, self._turning_used, *kept, weights)
+        return Beside(self._turning, self._n_turning, *kept, weights)

@@ -121,8 +121,8 @@ def _condition(factor: FloatArray) -> float:
 def errors(reduction: Reduction, values: FloatArray) -> Errors:
     """The residual of parameters χ (c,) on all rows of a data set.
 
-    Where what is beside the equations is known: rows where a joint turns round among them, and at rest the distance of
-    the torque to the band that static friction holds.
+    Where what is beside the equations is known, also at rest: there it is the distance of the torque to the band that
+    static friction holds.
     """
     found = fitted_errors(reduction, values)
     squares, measured, counts = found.squares.copy(), found.measured.copy(), found.counts.copy()
@@ -133,10 +133,6 @@ def errors(reduction: Reduction, values: FloatArray) -> Errors:
         squares[k] += beside.standing_squares(own)
         measured[k] += beside.standing_measured
         counts[k] += beside.n_standing
-        if not beside.turning_used:
-            squares[k] += beside.turning_squares(own)
-            measured[k] += beside.turning_measured
-            counts[k] += beside.n_turning
     return Errors(squares, measured, counts)
 
 
@@ -145,7 +141,7 @@ def moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
     found = fitted_errors(reduction, values)
     squares, measured, counts = found.squares.copy(), found.measured.copy(), found.counts.copy()
     for k, equation in enumerate(reduction.equations):
-        if equation.beside is not None and equation.beside.turning_used:
+        if equation.beside is not None:
             squares[k] -= equation.beside.turning_squares(values[equation.columns])
             measured[k] -= equation.beside.turning_measured
             counts[k] -= equation.beside.n_turning

@@ -244,7 +244,7 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
 
 def _put_beside(arrays: dict[str, Any], name: str, beside: Beside) -> None:
     arrays[f"{name}_turning"] = beside.turning[*np.triu_indices(len(beside.turning))]
-    arrays[f"{name}_n_turning"] = np.array([beside.n_turning, int(beside.turning_used)])
+    arrays[f"{name}_n_turning"] = np.array(beside.n_turning)
     for part in _AT_REST:
         arrays[f"{name}_{part}"] = getattr(beside, part)
 
@@ -252,9 +252,8 @@ def _put_beside(arrays: dict[str, Any], name: str, beside: Beside) -> None:
 def _beside(arrays: Mapping[str, Any], name: str, size: int) -> Beside | None:
     if f"{name}_turning" not in arrays:
         return None
-    count, used = (int(value) for value in arrays[f"{name}_n_turning"])
     turning = _triangles(arrays[f"{name}_turning"][None], size)[0]
-    return Beside(turning, count, bool(used), *(arrays[f"{name}_{part}"] for part in _AT_REST))
+    return Beside(turning, int(arrays[f"{name}_n_turning"]), *(arrays[f"{name}_{part}"] for part in _AT_REST))
 
 
 def _reduction(arrays: Mapping[str, Any], name: str) -> Reduction:

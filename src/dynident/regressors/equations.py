@@ -78,7 +78,7 @@ def reduce_form(
 ) -> Reduction:
     """Fold the equations of all recordings into triangular factors, one an equation and stretch of time.
 
-    Where an equation is about one joint alone, rows near which that joint stands or turns round are left out.
+    Where an equation is about one joint alone, rows near which that joint stands are left out.
 
     Parameters
     ----------

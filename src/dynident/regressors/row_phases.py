@@ -24,7 +24,7 @@ class RowPhases:
     """The phases of a recording's rows behind the filters, as far as they matter to an observation matrix.
 
     `frictional` (n,): joints whose friction is among the columns; the equation of any other holds at all times.
-    `remembering` (n,): joints with friction that remembers the path; their rows count where they turn round, too.
+    `remembering` (n,): joints with friction that remembers the path: what it does shows where they turn round.
     """
 
     phases: Phases
@@ -52,9 +52,12 @@ class RowPhases:
         return found
 
     def used(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:
-        """(m, n): which rows are equations of which joint."""
+        """(m, n): which rows a model is fitted to: all but those at which the joint stands.
+
+        Where it turns round in one sweep, the sign of its friction changes at a known instant, as in W.
+        """
         found = self.at(segment, t, after)
-        return np.asarray((found == Phase.MOVING) | ((found == Phase.REVERSING) & self.remembering))
+        return np.asarray(found != Phase.STANDING)
 
 
 def joints_with_friction(observation: Observation, first: int | None = None) -> BoolArray:

@@ -189,8 +189,7 @@ def reduce_recordings(
 ) -> Reduction:
     """Fold all recordings into triangular factors, one a joint and stretch of time; W is never stored.
 
-    Where a joint with friction stands, its own rows are no equations and are left out; where it turns round they are
-    left out unless its friction remembers the path.
+    Where a joint with friction stands, its own rows are no equations and are left out.
 
     Parameters
     ----------
@@ -227,11 +226,8 @@ def reduce_recordings(
                 beside = [resting.rows(joint, rows[joint], samples.at_rest, phase[:, joint]) for joint in range(n)]
             yield EquationRows(samples.t, rows, samples.segment, used, beside)
 
-    remembering = np.zeros(n, dtype=bool)
-    remembering[[signal.joint for signal in observation.memory]] = True
     columns = [columns for _, columns in layout]
-    turning_used = None if resting is None else remembering.tolist()
-    return folded(rows_of, columns, observation.n_columns, recordings, progress, turning_used)
+    return folded(rows_of, columns, observation.n_columns, recordings, progress, resting is not None)
 
 
 class AtRest:
@@ -286,7 +282,7 @@ def folded(
     n_columns: int,
     recordings: Sequence[Recording],
     progress: Progress = silent,
-    turning_used: Sequence[bool] | None = None,
+    beside: bool = False,
 ) -> Reduction:
     """Fold the equations that `rows_of` makes of every recording into factors.
 
@@ -296,8 +292,8 @@ def folded(
         The parameters that each equation contains.
     n_columns : int
         Number of all parameters.
-    turning_used : one an equation, optional
-        Whether its rows where the joint turns round count; None: nothing is kept beside the equations.
+    beside : bool
+        Whether what is beside the equations is kept.
     """
     stretch = stretch_length(recordings)
     total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
@@ -305,19 +301,19 @@ def folded(
     parts = []
     for recording in recordings:
         accumulator = FactorAccumulator(columns, n_columns, stretch)
-        beside = [BesideAccumulator(len(own), use) for own, use in zip(columns, turning_used or (), strict=False)]
+        kept = [BesideAccumulator(len(own)) for own in columns] if beside else []
         segment = -1
         for part in rows_of(recording):
             if part.segment != segment:
                 accumulator.end_stretch()
                 segment = part.segment
             accumulator.push(part.t, part.rows, part.used)
-            for one, rows in zip(beside, part.beside or (), strict=False):
+            for one, rows in zip(kept, part.beside or (), strict=False):
                 one.push_turning(rows.turning)
                 one.push_standing(rows.upper, rows.lower, rows.y)
             progress(min(1.0, (done + part.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += recording.n_samples / recording.sampling_rate
-        parts.append(_with(accumulator.finish(), beside))
+        parts.append(_with(accumulator.finish(), kept))
     return concatenate(parts)
 
 

@@ -11,7 +11,7 @@ from dynident.diagnosis.candidates.products import IntArray, Products
 from dynident.effects import Signals
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
-from dynident.recordings.phases import Phase
+from dynident.recordings.phases import Phase, width_of
 from dynident.recordings.types import BoolArray
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, joints_with_friction
@@ -21,6 +21,9 @@ from dynident.robot.model import FloatArray
 _FINER = 0.5
 """Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
 most of them, as long as they are long against the filters' memory."""
+
+_LONG = 4.0
+"""Times the width that the filters smear to either side: what is in one stretch is then hardly in the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +88,8 @@ def gather(
     n = observation.robot.n
     layout = [observation.joint_entries(joint) for joint in range(n)]
     frictional = joints_with_friction(observation, n_base)
-    sums = _Sums([len(columns) for _, columns in layout], _FINER * stretch_length(recordings))
+    width = width_of(preprocessing, recordings[0].sampling_rate)
+    sums = _Sums([len(columns) for _, columns in layout], max(_FINER * stretch_length(recordings), _LONG * width))
     total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
     done = 0.0
     for recording in recordings:
