@@ -25,7 +25,7 @@ def picked(effect: str, removed: float, joints: tuple[int, ...] = (JOINT,)) -> F
     before[:, list(joints)] = removed / 10
     candidate = Candidate(effect, (NAMES[JOINT],), (), (0,))
     judged = Judged(
-        candidate, joints, before, one, 0.5, 0.5, 9.0, np.ones(10), 1.0, np.ones(1), 1.0, np.ones(n), 0.0, np.ones(10)
+        candidate, joints, before, one, 0.5, 0.5, 9.0, np.ones(10), 1.0, np.ones(1), 1.0, np.ones(n), np.ones(10)
     )
     return Finding(judged, (), 1e-9)
 
@@ -33,7 +33,7 @@ def picked(effect: str, removed: float, joints: tuple[int, ...] = (JOINT,)) -> F
 def taken_back(effect: str, share: float, variable: Variable, *, at: int = JOINT, joints=(JOINT,)) -> bool:
     """Whether a finding is taken back that removed as much as is left in all, of which a share has a pattern."""
     final = compared()
-    left = float((final.residual[:, at] ** 2).sum())
+    left = float((final.told[:, at] ** 2).sum())
     pattern = UnknownPattern(NAMES[at], variable, share)
     finding = picked(effect, left, joints)
     return misnamed([finding], [EffectChoice(effect, (NAMES[JOINT],))], [pattern], [final]) == [0]
@@ -52,7 +52,7 @@ def test_a_spring_is_kept_where_what_is_left_depends_on_something_else():
 def test_friction_is_taken_back_only_where_it_left_more_than_it_explained():
     assert not taken_back("presliding", 1.0, "acceleration")
     final = compared()
-    left = float((final.residual[:, JOINT] ** 2).sum())
+    left = float((final.told[:, JOINT] ** 2).sum())
     pattern = UnknownPattern(NAMES[JOINT], "acceleration", 0.9)
     small = picked("presliding", 0.5 * left)
     assert misnamed([small], [EffectChoice("presliding", (NAMES[JOINT],))], [pattern], [final]) == [0]

@@ -130,7 +130,8 @@ def test_a_design_complements_what_earlier_runs_have_told(scara):
 
 def test_earlier_runs_lower_what_is_to_be_expected_of_every_parameter(scara):
     noise = dict.fromkeys(scara.joint_names, 1.0)
-    request = replace(QUICK, kind="random", noise=noise)
+    # One and the same motion: of several the best one is another, once earlier runs have told some of it.
+    request = replace(QUICK, kind="random", noise=noise, random_trajectories=1)
     first = design_experiment(scara, replace(request, seed=5))
     torque = design_model(scara, EFFECTS).torque(first.q, first.dq, first.ddq)
     run = recording_from_arrays(first.t, first.q, torque, joint_names=scara.joint_names, name="first")

@@ -27,8 +27,8 @@ def imported(path: Path, destination: Path, **metadata):
         metadata |= {"columns": {"tau1": "tau_fric1"}, "role": "friction"}
     if "sweep" in path.stem:
         metadata["role"] = "friction"
-    names = ("joint",) if friction else JOINTS
-    gains = (None,) if friction else GAINS
+    names = {"joint_friction": ("joint",), "dvrk_psm": JOINTS[:3]}.get(path.parent.name, JOINTS)
+    gains = GAINS if len(names) == len(GAINS) else (None,) * len(names)
     return import_recording(
         path, destination, joint_names=names, gains=gains, metadata=RecordingMetadata(path.stem, **metadata)
     )

@@ -25,6 +25,7 @@ def comparison(t, segment) -> Comparison:
         noise=np.ones(1),
         phase=zero.astype(np.int8),
         remembering=np.zeros(1, dtype=bool),
+        free=np.zeros(1, dtype=bool),
         **dict.fromkeys(signals, zero),
     )
 

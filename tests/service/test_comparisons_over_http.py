@@ -55,6 +55,7 @@ def comparison(*, temperature: bool) -> Comparison:
         noise=np.full(2, 0.1),
         phase=phase,
         remembering=np.zeros(2, dtype=bool),
+        free=np.zeros(2, dtype=bool),
         temperature=np.column_stack([TEMPERATURE, TEMPERATURE + 5.0]) if temperature else None,
     )
 

@@ -32,8 +32,9 @@ STANDS = 2e-3
 _DEVIATIONS = 3.0
 """Standard deviations of the position's resolution, over the time that a speed is taken from, below the slow speed."""
 
-_LONGEST_STEP = 0.1
-"""Seconds that a speed is taken over at most, however coarse the positions are."""
+_SHORTEST_STEP, _LONGEST_STEP = 8e-3, 0.1
+"""Seconds that a speed is taken over at least, lest positions that are held or interpolated between two readings jerk it,
+and at most, however coarse they are."""
 
 _SLOWLY = 2.0
 """Times the slow speed that a halt begins and ends at: noise about one threshold would cut it into many."""
@@ -41,9 +42,16 @@ _SLOWLY = 2.0
 _FASTER = 5.0
 """Times the slow speed that a joint which turns freely comes from and goes to; in between its acceleration lasts."""
 
-_LINGERS = 2.0
+_LINGERS = 1.5
 """It sticks if it stays so many times longer than it would turning freely, at the larger of its accelerations before
-and behind. Between rigid friction (3 to 10 times) and the hysteresis of harmonic drives (0.5 to 1.3 times)."""
+and behind. Of sticks that are most of a halt hardly one is then called free, of those that are short beside the turn a
+third (`benchmarks/standing_rows.py`): nobody can tell them from a turn."""
+
+_UNTOLD = 0.2
+"""Share of its rms speed that a joint's speed is uncertain by, from where on nobody can tell when it stands."""
+
+_SELDOM = 0.1
+"""Share of its turns at which a joint that turns freely may seem to stick."""
 
 _SAMPLES = 2
 """Samples by which a time between two speeds is uncertain."""
@@ -62,11 +70,15 @@ PhaseArray = NDArray[np.int8]
 
 @dataclass(frozen=True, eq=False)
 class Halts:
-    """When one joint is slow in one segment: from `starts` to `ends` (k,) in s, and where it `sticks` (k,)."""
+    """When one joint is slow in one segment: from `starts` to `ends` (k,) in s, and where it `sticks` (k,).
+
+    `turns` (k,): it comes from one side and leaves to the other, at speed, whether it sticks between or not.
+    """
 
     starts: FloatArray
     ends: FloatArray
     sticks: BoolArray
+    turns: BoolArray
 
     def near(self, t: FloatArray, before: float, after: float, chosen: BoolArray) -> BoolArray:
         """(m,): which of the times t (m,) are at most `before` s ahead of, or `after` s behind, a chosen halt."""
@@ -81,6 +93,19 @@ class Phases:
     """The halts of all joints in every segment of a recording: `halts[segment][joint]`."""
 
     halts: tuple[tuple[Halts, ...], ...]
+
+    @property
+    def free(self) -> BoolArray:
+        """(n,): joints that turn round without sticking nearly always.
+
+        Where a joint sticks at some of its turns, it may stick unseen, for a moment, at the others.
+        """
+        found = []
+        for joint in zip(*self.halts, strict=True):
+            turns = np.concatenate([halts.turns for halts in joint])
+            sticks = np.concatenate([halts.sticks for halts in joint])[turns]
+            found.append(len(sticks) > 0 and float(sticks.mean()) <= _SELDOM)
+        return np.array(found, dtype=bool)
 
     def at(self, segment: int, t: FloatArray, width: float, after: float = 0.0) -> PhaseArray:
         """(m, n): the phase of every joint at times t (m,) of a segment.
@@ -170,18 +195,21 @@ def _resolution(q: FloatArray) -> float:
 
 
 def _halts(q: FloatArray, start: float, rate: float, slow: float) -> Halts:
-    """When a joint is slow, from its positions (m,)."""
+    """When a joint is slow, from its positions (m,); never, where its positions are too noisy to tell."""
     if len(q) < 3 or float(np.ptp(q)) <= STANDS:
         whole = np.array([start]), np.array([start + max(len(q) - 1, 0) / rate])
-        return Halts(*whole, np.ones(1, dtype=bool))
+        return Halts(*whole, np.ones(1, dtype=bool), np.zeros(1, dtype=bool))
     resolution = _resolution(q)
     wanted = np.sqrt(2.0) * _DEVIATIONS * resolution / max(slow, 1e-12)
-    reach = max(1, ceil(0.5 * rate * min(wanted, _LONGEST_STEP)))
+    reach = max(1, ceil(0.5 * rate * min(max(wanted, _SHORTEST_STEP), _LONGEST_STEP)))
     reach = min(reach, (len(q) - 1) // 2)
     slow = max(slow, np.sqrt(2.0) * _DEVIATIONS * resolution * rate / (2 * reach))
     speed = _speeds(q, reach, rate)
+    if slow > _UNTOLD * float(np.sqrt((speed**2).mean())):
+        nothing = np.zeros(0, dtype=bool)
+        return Halts(np.zeros(0), np.zeros(0), nothing, nothing)
     first, last = _slow_parts(speed, slow)
-    return Halts(start + first / rate, start + last / rate, _sticking(speed, first, last, slow))
+    return Halts(start + first / rate, start + last / rate, *_sticking(speed, first, last, slow))
 
 
 def _slow_parts(speed: FloatArray, slow: float) -> tuple[IntArray, IntArray]:
@@ -203,19 +231,19 @@ def _speeds(q: FloatArray, reach: int, rate: float) -> FloatArray:
     return np.pad(inner, reach, mode="edge")
 
 
-def _sticking(speed: FloatArray, first: IntArray, last: IntArray, slow: float) -> BoolArray:
-    """(k,): all halts, from sample `first` to `last` (k,), but those of a joint that turns round freely."""
-    sticks = np.ones(len(first), dtype=bool)
+def _sticking(speed: FloatArray, first: IntArray, last: IntArray, slow: float) -> tuple[BoolArray, BoolArray]:
+    """(k,), (k,): halts, from sample `first` to `last` (k,), that are no free turns; and those that are turns."""
+    sticks, turns = np.ones(len(first), dtype=bool), np.zeros(len(first), dtype=bool)
     fast = np.flatnonzero(np.abs(speed) >= _FASTER * slow)
     before = np.searchsorted(fast, first) - 1
     behind = np.searchsorted(fast, last, side="right")
     inside = np.flatnonzero((before >= 0) & (behind < len(fast)))
     if not len(inside):
-        return sticks
+        return sticks, turns
     came, went = fast[before[inside]], fast[behind[inside]]
     side = np.minimum(first[inside] - came, went - last[inside])
     # From 5 to 2 times the slow speed, and from 2 times one way to 2 times the other, at one acceleration.
     free = side * (2.0 * _SLOWLY / (_FASTER - _SLOWLY))
-    turns = np.sign(speed[came]) != np.sign(speed[went])
-    sticks[inside] = ~turns | (last[inside] - first[inside] > _LINGERS * free + _SAMPLES)
-    return sticks
+    turns[inside] = np.sign(speed[came]) != np.sign(speed[went])
+    sticks[inside] = ~turns[inside] | (last[inside] - first[inside] > _LINGERS * free + _SAMPLES)
+    return sticks, turns

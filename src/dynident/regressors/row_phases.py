@@ -24,13 +24,15 @@ class RowPhases:
     """The phases of a recording's rows behind the filters, as far as they matter to an observation matrix.
 
     `frictional` (n,): joints whose friction is among the columns; the equation of any other holds at all times.
-    `remembering` (n,): joints with friction that remembers the path: what it does shows where they turn round.
+    `remembering` (n,): joints with friction that remembers the path: what it does shows where they turn
+    round; `free` (n,): joints that never stick there, so that anything that depends on the speed shows as well.
     """
 
     phases: Phases
     width: float
     frictional: BoolArray
     remembering: BoolArray
+    free: BoolArray
 
     @classmethod
     def of(cls, observation: Observation, recording: Recording, preprocessing: Preprocessing) -> RowPhases:
@@ -39,7 +41,8 @@ class RowPhases:
         remembering = np.zeros(observation.robot.n, dtype=bool)
         remembering[[signal.joint for signal in observation.memory]] = True
         width = width_of(preprocessing, recording.sampling_rate)
-        return cls(phases_of(recording), width, frictional, remembering)
+        phases = phases_of(recording)
+        return cls(phases, width, frictional, remembering, phases.free)
 
     def about(self, frictional: BoolArray) -> RowPhases:
         """The same where other joints (n,) have friction."""

@@ -28,7 +28,7 @@ _LONG = 4.0
 
 @dataclass(frozen=True, eq=False)
 class PhasedProducts:
-    """What all scores are computed from: `moving` of rows where the equation's joint moves.
+    """What all scores are computed from: `moving` of rows where the equation's joint moves, or never sticks and turns.
 
     `turning`, one (s, p_j + 1, p_j + 1) a joint, and `turning_counts` (s, n), of rows where it turns round without
     sticking: equations for friction that remembers the path alone. `remembers` (columns, n): which columns do, and of
@@ -108,7 +108,8 @@ def gather(
                 np.hstack([samples.values[:, places], samples.tau[:, j : j + 1]])
                 for j, (places, _) in enumerate(layout)
             ]
-            sums.push(samples.t, rows, phase == Phase.MOVING, phase == Phase.REVERSING)
+            turning = phase == Phase.REVERSING
+            sums.push(samples.t, rows, (phase == Phase.MOVING) | (turning & phases.free), turning & ~phases.free)
             progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += recording.n_samples / recording.sampling_rate
     return sums.finished([columns for _, columns in layout], observation, signals)

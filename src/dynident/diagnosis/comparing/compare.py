@@ -55,7 +55,8 @@ class Comparison:
     its prediction is a band, from `lower` to `upper`: what static friction may hold; elsewhere both are `predicted`.
     `deviation` is the standard deviation of the prediction that the parameters' uncertainty causes; `load` the
     rigid-body part of the prediction. `noise` (n,) is the standard deviation of the model's residual; `remembering`
-    (n,) the joints whose friction remembers the path in this model; temperature (m, n) in degC, or None where none was
+    (n,) the joints whose friction remembers the path in this model, `free` (n,) those that never stick where they turn
+    round; temperature (m, n) in degC, or None where none was
     measured.
     """
 
@@ -75,6 +76,7 @@ class Comparison:
     noise: FloatArray
     phase: PhaseArray
     remembering: BoolArray
+    free: BoolArray
     temperature: FloatArray | None = None
 
     @property
@@ -95,8 +97,8 @@ class Comparison:
 
     @property
     def telling(self) -> BoolArray:
-        """(m, n): rows that are equations of this model: also where a joint turns round whose friction remembers."""
-        return np.asarray(self.moving | ((self.phase == Phase.REVERSING) & self.remembering))
+        """(m, n): rows that tell what a model lacks: also where a joint turns round that never sticks, or remembers."""
+        return np.asarray(self.moving | ((self.phase == Phase.REVERSING) & (self.remembering | self.free)))
 
     @cached_property
     def told(self) -> FloatArray:
@@ -198,6 +200,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
     measured, predicted, lower, upper, deviation, q, dq, ddq, load, phase, *more = (
         signals[:, k * n : (k + 1) * n] for k in range(signals.shape[1] // n)
     )
+    phases = RowPhases.of(identification.model.observation, recording, identification.preprocessing)
     return Comparison(
         joint_names=robot.joint_names,
         units=tuple(joint.effort_unit for joint in robot.joints),
@@ -214,7 +217,8 @@ def compare(identification: Identification, recording: Recording, progress: Prog
         load=load,
         noise=identification.noise,
         phase=phase.astype(np.int8),
-        remembering=RowPhases.of(identification.model.observation, recording, identification.preprocessing).remembering,
+        remembering=phases.remembering,
+        free=phases.free,
         temperature=more[0] if more else None,
     )
 

@@ -133,7 +133,7 @@ def _pair(
     rows = np.flatnonzero((a.t >= repeat.start) & (a.t <= repeat.end))
     later = a.t[rows] + repeat.lag
     n = len(comparison.joint_names)
-    signals = np.hstack([comparison.measured, comparison.residual])
+    signals = np.hstack([comparison.measured, comparison.told])
     there = make_interp_spline(b.t, signals[b.first : b.first + len(b.t)], _DEGREE)(later)
     here = signals[a.first + rows]
     return (here[:, :n], there[:, :n]), (here[:, n:], there[:, n:])

@@ -85,5 +85,6 @@ def _travelled(comparisons: Sequence[Comparison], joint: int) -> float:
 
 def _slowest(comparisons: Sequence[Comparison], joint: int) -> float:
     """Speed that a small share of a joint's moving rows are below; beyond all where it never moves."""
-    values = np.concatenate([np.abs(c.dq[c.moving[:, joint], joint]) for c in comparisons])
+    shown = [c.moving[:, joint] | ((c.phase[:, joint] == Phase.REVERSING) & c.free[joint]) for c in comparisons]
+    values = np.concatenate([np.abs(c.dq[rows, joint]) for c, rows in zip(comparisons, shown, strict=True)])
     return float(np.quantile(values, _SLOWEST_SHARE)) if len(values) else np.inf
