@@ -66,8 +66,13 @@ def simulated(case: Case, cache: Path | None) -> Subject:
 
 def real(arm: RealArm, folder: Path) -> Subject:
     """A real arm, no windows given; what is imported is put into the folder."""
+    return _final(arm.name, *imported(arm, folder))
+
+
+def imported(arm: RealArm, folder: Path) -> tuple[Robot, list[Recording]]:
+    """A real arm's description and recordings, which are put into the folder."""
     robot = _robot(RECORDINGS / arm.folder)
-    return _final(arm.name, robot, list(_imported(arm, robot, folder)))
+    return robot, list(_imported(arm, robot, folder))
 
 
 def _final(name: str, robot: Robot, recordings: list[Recording]) -> Subject:
