@@ -33,8 +33,8 @@ _DEVIATIONS = 3.0
 """Standard deviations of the position's resolution, over the time that a speed is taken from, below the slow speed."""
 
 _SHORTEST_STEP, _LONGEST_STEP = 8e-3, 0.1
-"""Seconds that a speed is taken over at least, lest positions that are held or interpolated between two readings jerk it,
-and at most, however coarse they are."""
+"""Seconds that a speed is taken over at least, lest positions that are held or interpolated between two readings jerk
+it, and at most, however coarse they are."""
 
 _SLOWLY = 2.0
 """Times the slow speed that a halt begins and ends at: noise about one threshold would cut it into many."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynident.diagnosis.candidates.products import IntArray, Products
-from dynident.effects import Signals
+from dynident.effects import Signals, effect_by_id
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.phases import Phase, width_of
@@ -22,24 +22,23 @@ _FINER = 0.5
 """Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
 most of them, as long as they are long against the filters' memory."""
 
-_LONG = 4.0
+_LONG = 2.0
 """Times the width that the filters smear to either side: what is in one stretch is then hardly in the next."""
 
 
 @dataclass(frozen=True, eq=False)
 class PhasedProducts:
-    """What all scores are computed from: `moving` of rows where the equation's joint moves, or never sticks and turns.
+    """What all scores are computed from: `moving` of rows where the equation's joint moves.
 
     `turning`, one (s, p_j + 1, p_j + 1) a joint, and `turning_counts` (s, n), of rows where it turns round without
-    sticking: equations for friction that remembers the path alone. `remembers` (columns, n): which columns do, and of
-    which joint's path. `labels` are what the runs are called, by number.
+    sticking, shown to what lives there alone: `remembers` (columns, n) are the columns with friction that remembers a
+    joint's path, or is about low speeds and sits on a joint that never sticks.
     """
 
     moving: Products
     turning: tuple[FloatArray, ...]
     turning_counts: FloatArray
     remembers: BoolArray
-    labels: tuple[str, ...]
     _whole: dict[int, FloatArray] = field(default_factory=dict)
 
     def of(self, columns: Sequence[int] | IntArray) -> Products:
@@ -91,9 +90,10 @@ def gather(
     width = width_of(preprocessing, recordings[0].sampling_rate)
     sums = _Sums([len(columns) for _, columns in layout], max(_FINER * stretch_length(recordings), _LONG * width))
     total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
-    done = 0.0
+    done, free = 0.0, np.ones(n, dtype=bool)
     for recording in recordings:
         phases = RowPhases.of(observation, recording, preprocessing).about(frictional)
+        free &= phases.free
         if samples_of is None:
             given: Iterable[FilteredSamples] = filtered_samples(observation, recording, preprocessing, reference)
         else:
@@ -108,11 +108,10 @@ def gather(
                 np.hstack([samples.values[:, places], samples.tau[:, j : j + 1]])
                 for j, (places, _) in enumerate(layout)
             ]
-            turning = phase == Phase.REVERSING
-            sums.push(samples.t, rows, (phase == Phase.MOVING) | (turning & phases.free), turning & ~phases.free)
+            sums.push(samples.t, rows, phase == Phase.MOVING, phase == Phase.REVERSING)
             progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += recording.n_samples / recording.sampling_rate
-    return sums.finished([columns for _, columns in layout], observation, signals)
+    return sums.finished([columns for _, columns in layout], _living_at_turns(observation, signals, free))
 
 
 class _Sums:
@@ -161,7 +160,7 @@ class _Sums:
             for j, shape in enumerate(self._shapes):
                 self._grams[kind][j].append(np.zeros(shape))
 
-    def finished(self, columns: Sequence[IntArray], observation: Observation, signals: Signals) -> PhasedProducts:
+    def finished(self, columns: Sequence[IntArray], remembers: BoolArray) -> PhasedProducts:
         """All of them, with the places of the columns."""
         grams = [
             tuple(np.array(g).reshape(-1, *shape) for g, shape in zip(kind, self._shapes, strict=True))
@@ -170,19 +169,25 @@ class _Sums:
         counts = [np.array(kind).reshape(-1, len(self._shapes)) for kind in self._counts]
         position = []
         for own in columns:
-            where = np.full(observation.n_columns, -1, dtype=np.intp)
+            where = np.full(len(remembers), -1, dtype=np.intp)
             where[own] = np.arange(len(own))
             position.append(where)
         labels = list(dict.fromkeys(self._runs))
         run = np.array([labels.index(label) for label in self._runs], dtype=np.intp)
         moving = Products(grams[0], tuple(position), counts[0], run)
-        return PhasedProducts(moving, grams[1], counts[1], _remembering(observation, signals), tuple(labels))
+        return PhasedProducts(moving, grams[1], counts[1], remembers)
 
 
-def _remembering(observation: Observation, signals: Signals) -> BoolArray:
-    """(columns, n): which columns are functions of a joint's path."""
+def _living_at_turns(observation: Observation, signals: Signals, free: BoolArray) -> BoolArray:
+    """(columns, n): which columns are functions of a joint's path, or of its low speeds where it is `free` (n,)."""
+    names = observation.robot.joint_names
     found = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     if observation.memory:
         for k, column in enumerate(observation.columns):
             found[k, [signal.joint for signal in signals.memory_in(column.torque)]] = True
+    for k, column in enumerate(observation.columns):
+        slow = column.effect and any(spec.resolved_by == "speed" for spec in effect_by_id(column.effect).shapes)
+        if slow and column.link in names:
+            joint = names.index(column.link)
+            found[k, joint] |= free[joint]
     return found

@@ -97,8 +97,8 @@ class Comparison:
 
     @property
     def telling(self) -> BoolArray:
-        """(m, n): rows that tell what a model lacks: also where a joint turns round that never sticks, or remembers."""
-        return np.asarray(self.moving | ((self.phase == Phase.REVERSING) & (self.remembering | self.free)))
+        """(m, n): rows that tell what a model lacks: also where a joint turns round whose friction remembers."""
+        return np.asarray(self.moving | ((self.phase == Phase.REVERSING) & self.remembering))
 
     @cached_property
     def told(self) -> FloatArray:

@@ -47,7 +47,7 @@ def find_leads(
     signals, reference = identification.model.signals, identification.next_reference()
     return Leads(
         angle_lines=tuple(angle_lines(comparisons, identification.model.robot)),
-        time_lines=tuple(shaking(comparisons, signals, reference, lines)),
+        time_lines=lines.beside_the_motion(shaking(comparisons, signals, reference, lines.residual)),
         bursts=tuple(
             (recording.run_label(segment), start, end)
             for comparison, recording in zip(comparisons, recordings, strict=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ _LEAST_ANGLE, _BESIDE = 0.2, 0.4
 # Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
 _SURROUNDINGS = 181
 # Hz: slower than this, a motion's own lines hide everything else.
-_SLOWEST_VIBRATION, _MOST_TIME_LINES, _TIME_LINE_RATIO = 1.0, 2, 6.0
+_SLOWEST_VIBRATION, _MOST_TIME_LINES, _TIME_LINE_RATIO, _MOTION_LINE_RATIO = 1.0, 2, 6.0, 3.0
 
 
 def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[int, float]]:
@@ -78,14 +79,27 @@ def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> 
     return float(waves[best]) if gains[best] > 0.5 * float(y @ y) else None
 
 
-def time_lines(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> list[float]:
-    """Lines in the spectrum of all joints' residuals over time (Hz) that the motion itself does not have."""
+@dataclass(frozen=True)
+class TimeLines:
+    """Lines (Hz) over time: of the `residual`, those that the motion has not; and all `motion` has, `apart` or nearer."""
+
+    residual: tuple[float, ...] = ()
+    motion: tuple[float, ...] = ()
+    apart: float = 0.0
+
+    def beside_the_motion(self, lines: Sequence[float]) -> tuple[float, ...]:
+        """Those of some lines that are none of the motion."""
+        return tuple(f for f in lines if all(abs(f - other) > self.apart for other in self.motion))
+
+
+def time_lines(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> TimeLines:
+    """Lines in the spectra of all joints' residuals and motions over time."""
     period = float(np.median(np.diff(comparisons[0].t)))
     highest = preprocessing.torque_cutoff or 0.25 / period
     pieces = [(c, rows) for c in comparisons for rows in runs_of(c)]
     longest = max(float(c.t[rows[-1]] - c.t[rows[0]]) for c, rows in pieces)
     if longest <= 0.0 or highest <= _SLOWEST_VIBRATION:
-        return []
+        return TimeLines()
     size = fft.next_fast_len(4 * round(longest / period) + 4, real=True)
     frequency = fft.rfftfreq(size, period)
     residual, motion = np.zeros(len(frequency)), np.zeros(len(frequency))
@@ -96,12 +110,9 @@ def time_lines(comparisons: Sequence[Comparison], preprocessing: Preprocessing) 
         motion += _periodogram(c.t[rows], c.dq[rows] / speed, period, size)
     shown = (frequency >= _SLOWEST_VIBRATION) & (frequency < highest)
     frequency, residual, motion = frequency[shown], residual[shown], motion[shown]
-    moved = set(_peaks(frequency, motion, _LINE_RATIO))
-    return [
-        line
-        for line in _peaks(frequency, residual, _TIME_LINE_RATIO)
-        if all(abs(line - other) > 1.0 / longest for other in moved)
-    ][:_MOST_TIME_LINES]
+    found = TimeLines(motion=tuple(_peaks(frequency, motion, _MOTION_LINE_RATIO)), apart=1.0 / longest)
+    lines = found.beside_the_motion(_peaks(frequency, residual, _TIME_LINE_RATIO))
+    return replace(found, residual=lines[:_MOST_TIME_LINES])
 
 
 def runs_of(comparison: Comparison) -> list[NDArray[np.intp]]:

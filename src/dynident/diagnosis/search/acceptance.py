@@ -19,10 +19,9 @@ VISIBLE = 0.02
 
 # A sensitivity of which so little is left beside the model reaches far beyond the data: it has to gain much.
 _BLURRED, _DROP_OF_BLURRED = 0.2, 0.25
-_LEAST_OF_RUNS = 0.6
-"""Share of the squared error of its own runs, on the joint that it helps most, that an effect of some runs alone has to
-remove: most of it. The motions of two runs differ, too: what a model lacks shows differently in each, and
-parameters of one run alone make up for some of it."""
+_LEAST_OF_RUNS = 0.5
+"""Share of the squared error of the joint that it helps most that an effect of some runs alone has to remove. The motions
+of two runs differ, too: what a model lacks shows differently in each, and parameters of one run make up for some of it."""
 
 JOINT_DROP = 0.03
 """Share of its own squared error that each joint of a group has to gain."""
@@ -41,15 +40,7 @@ def acceptable(state: State, data: PhasedProducts, item: Judged) -> bool:
         return False
     if effect.first_order and item.separability < _BLURRED and item.drop < _DROP_OF_BLURRED:
         return False
-    return not (item.candidate.runs and _own_drop(data, item) < _LEAST_OF_RUNS)
-
-
-def _own_drop(data: PhasedProducts, item: Judged) -> float:
-    """Share of the squared error that a candidate removes in its own runs, on the joint that it helps most there."""
-    inside = np.isin(data.moving.run, [k for k, label in enumerate(data.labels) if label in item.candidate.runs])
-    before, after = item.before[inside].sum(axis=0), item.after[inside].sum(axis=0)
-    joints = list(item.joints)
-    return float((1.0 - after / np.maximum(before, np.finfo(float).tiny))[joints].max())
+    return not item.candidate.runs or item.drop >= _LEAST_OF_RUNS
 
 
 def least_gain(effect: Effect) -> float:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.products import Products
+from dynident.diagnosis.candidates.scoring import held_out_errors
 from dynident.diagnosis.search.choosing import choose
 from dynident.diagnosis.search.pruning import pruned
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
@@ -14,6 +18,10 @@ from dynident.effects import effect_by_id
 from dynident.progress import Progress
 
 _FEW_WAVES = 6.0
+
+MOST_FROM_PART_TO_PART = 1.6
+"""Error on a fifth of the motion in a row that was left out over that on every fifth stretch: 1.0-1.25 on sound data,
+1.6-3 where the motion is too poor to determine the model."""
 
 Relearn = Callable[[Sequence[Finding]], PhasedProducts]
 """Products of the same columns, with the torque predicted by the model with these findings in it."""
@@ -27,6 +35,8 @@ def search(
     After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
     torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
     """
+    if not generalises(data.of(state.base), state):
+        return ()
     judged = first
     remaining = [item.candidate for item in first]
     while len(state.picks) < most:
@@ -46,6 +56,19 @@ def search(
             break
         judged = judge_all(data, pool, state.base, remaining, state.noise)
     return pruned(data, pool, state).picks
+
+
+def generalises(rows: Products, state: State) -> bool:
+    """Whether the model that the search starts from predicts parts of the motion from the others.
+
+    Where the motion does not determine it, what a candidate gains is what it happens to hold the model by.
+    """
+    columns = np.array(state.base, dtype=np.intp)
+    inside, ahead = (
+        float((held_out_errors(rows, columns, state.noise, kind) / state.noise**2).sum())
+        for kind in ("interleaved", "contiguous")
+    )
+    return ahead <= MOST_FROM_PART_TO_PART**2 * inside
 
 
 def _superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:
