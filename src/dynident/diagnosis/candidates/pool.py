@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from dynident.diagnosis.residuals.leads import Leads
 from dynident.diagnosis.residuals.resolution import Resolution
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of
-from dynident.effects.friction import velocity_scale
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
 
 # s: within less, nothing warms up, and what drifts is something else.
 _SHORTEST_SESSION = 120.0
-# Share of a joint's velocity limit: what reaches farther than that is no peak at low speed any more.
-_WIDEST = 0.3
 
 
 @dataclass(frozen=True)
@@ -145,12 +142,7 @@ def width_shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> boo
     """
     joints = [robot.joint_names.index(name) for name in choice.joints]
     specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by in ("speed", "travel")]
-    values = {spec.name: choice.shape_values.get(spec.name, spec.default) for spec in specs}
-    if any(
-        values[s.name] > _WIDEST * velocity_scale(robot, j) for s in specs if s.relative_to_velocity for j in joints
-    ):
-        return False
-    return all(resolved.shows(spec, values[spec.name], joints) for spec in specs)
+    return all(resolved.shows(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
 
 
 def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:

@@ -16,6 +16,9 @@ from dynident.robot.model import FloatArray
 _SLOWEST_SHARE = 0.02
 """Share of a joint's moving rows that have to be slower than a speed for what happens below it to show."""
 
+_WIDEST = 0.5
+"""Share of a joint's largest speed from which on a peak at low speed is none any more."""
+
 _NEAREST_SHARE = 0.1
 """Share of a joint's moving rows that have to be nearer to its last halt than a slip distance for that to show."""
 
@@ -25,7 +28,7 @@ _SHARP_TURNS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Resolution:
-    """Smallest displacement, travel since a halt and speed (n,) that the rows which count still show.
+    """Smallest displacement, travel since a halt and speed (n,) that rows which count still show; `fastest` (n,) of all.
 
     A joint that reverses with acceleration a is within a/(2πf)² of its turning point for as long as a filter with
     cut-off f takes to answer. What friction does inside that (sticking, above all) is there in the torque but not in q:
@@ -38,12 +41,15 @@ class Resolution:
     displacement: FloatArray
     travel: FloatArray
     speed: FloatArray
+    fastest: FloatArray
 
     def shows(self, spec: ShapeSpec, value: float, joints: Sequence[int]) -> bool:
         """Whether a shape constant is large enough to be seen on these joints."""
         if spec.resolved_by is None or not len(joints):
             return True
         limit = {"displacement": self.displacement, "travel": self.travel, "speed": self.speed}[spec.resolved_by]
+        if spec.resolved_by == "speed" and value > _WIDEST * float(np.max(self.fastest[list(joints)])):
+            return False
         return value >= float(np.max(limit[list(joints)]))
 
 
@@ -52,12 +58,13 @@ def resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) 
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     n = len(comparisons[0].joint_names)
     if not cutoffs:
-        return Resolution(np.zeros(n), np.zeros(n), np.zeros(n))
+        return Resolution(np.zeros(n), np.zeros(n), np.zeros(n), np.full(n, np.inf))
     corner = 2 * np.pi * min(cutoffs)
     acceleration = np.array([_at_reversals(comparisons, j) for j in range(n)])
     travelled = np.array([_travelled(comparisons, j) for j in range(n)])
+    fastest = np.max([np.abs(c.dq).max(axis=0) for c in comparisons], axis=0)
     speed = np.array([_slowest(comparisons, j) for j in range(n)])
-    return Resolution(np.minimum(acceleration / corner**2, travelled), travelled, speed)
+    return Resolution(np.minimum(acceleration / corner**2, travelled), travelled, speed, fastest)
 
 
 def _at_reversals(comparisons: Sequence[Comparison], joint: int) -> float:

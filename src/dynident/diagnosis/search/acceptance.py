@@ -20,8 +20,10 @@ VISIBLE = 0.02
 # A sensitivity of which so little is left beside the model reaches far beyond the data: it has to gain much.
 _BLURRED, _DROP_OF_BLURRED = 0.2, 0.25
 _LEAST_OF_RUNS = 0.5
-"""Share of the squared error of the joint that it helps most that an effect of some runs alone has to remove. The motions
-of two runs differ, too: what a model lacks shows differently in each, and parameters of one run make up for some of it."""
+"""Share of the squared error of the joint that it helps most that an effect of some runs alone has to remove.
+
+The motions of two runs differ, too: what a model lacks shows differently in each, and parameters of one run alone make
+up for some of it."""
 
 JOINT_DROP = 0.03
 """Share of its own squared error that each joint of a group has to gain."""

@@ -60,7 +60,8 @@ def refined(
         choices = refine_shapes(model, slimmer, recordings, preprocessing, reference)
     if not choices:
         return (), ()
-    lasting = lean.helpful(sorted(_lasting(model, choices), key=lambda i: -_explained(kept[i], floor)))
+    seen = [i for i in _lasting(model, choices) if width_shows(choices[i], model.robot, resolved)]
+    lasting = lean.helpful(sorted(seen, key=lambda i: -_explained(kept[i], floor)))
     return tuple(kept[i] for i in lasting), tuple(choices[i] for i in lasting)
 
 
