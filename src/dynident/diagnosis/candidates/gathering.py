@@ -22,7 +22,7 @@ _FINER = 0.5
 """Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
 most of them, as long as they are long against the filters' memory."""
 
-_LONG = 2.0
+_LONG = 4.0
 """Times the width that the filters smear to either side: what is in one stretch is then hardly in the next."""
 
 

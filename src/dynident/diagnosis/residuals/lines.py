@@ -81,7 +81,10 @@ def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> 
 
 @dataclass(frozen=True)
 class TimeLines:
-    """Lines (Hz) over time: of the `residual`, those that the motion has not; and all `motion` has, `apart` or nearer."""
+    """Lines (Hz) over time: of the `residual`, those that the motion has not; and all that the `motion` has.
+
+    Lines nearer than `apart` are the same.
+    """
 
     residual: tuple[float, ...] = ()
     motion: tuple[float, ...] = ()

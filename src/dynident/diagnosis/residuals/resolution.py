@@ -28,7 +28,9 @@ _SHARP_TURNS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Resolution:
-    """Smallest displacement, travel since a halt and speed (n,) that rows which count show; `fastest` (n,) of all.
+    """Smallest displacement, travel since a halt and speed (n,) that rows which count show.
+
+    `fastest` (n,): the largest speed of all rows.
 
     A joint that reverses with acceleration a is within a/(2πf)² of its turning point for as long as a filter with
     cut-off f takes to answer. What friction does inside that (sticking, above all) is there in the torque but not in q:

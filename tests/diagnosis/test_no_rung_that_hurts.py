@@ -1,0 +1,68 @@
+"""What is recommended is judged in its order, on parts of the motion or runs that were left out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.products import products
+from dynident.diagnosis.search.rungs import helpful
+from dynident.effects import Estimate, effect_by_id
+from dynident.estimation import FactorAccumulator
+
+STRETCHES, ROWS = 40, 12
+MANY = 150
+NOISE = np.ones(1)
+
+
+def gathered(y_of, runs: int = 1, seed: int = 0) -> PhasedProducts:
+    """One joint: columns 0 and 1 the model, 2 an effect, the rest functions that mean nothing."""
+    rng = np.random.default_rng(seed)
+    m = STRETCHES * ROWS
+    w = rng.normal(size=(m, 3 + MANY))
+    y = w[:, :2] @ [1.0, -2.0] + y_of(w) + rng.normal(size=m)
+    accumulator = FactorAccumulator([np.arange(3 + MANY)], 3 + MANY, 1.0)
+    accumulator.push(np.arange(m) / ROWS, [np.column_stack([w, y])])
+    moving = products(accumulator.finish())
+    run = np.repeat(np.arange(runs), STRETCHES // runs)
+    moving = type(moving)(moving.grams, moving.position, moving.counts, run)
+    nothing = tuple(np.zeros_like(gram) for gram in moving.grams)
+    remembers = np.zeros((3 + MANY, 1), dtype=bool)
+    return PhasedProducts(moving, nothing, np.zeros_like(moving.counts), remembers)
+
+
+@pytest.mark.parametrize(("runs", "by_run"), [(1, True), (4, True), (4, False)])
+def test_what_helps_is_kept_and_what_fits_the_noise_alone_is_not(runs, by_run):
+    data = gathered(lambda w: 0.5 * w[:, 2], runs)
+    columns = [tuple(range(3, 3 + MANY)), (2,)]
+    assert helpful(data, (0, 1), columns, NOISE, by_run) == [1]
+
+
+def test_an_effect_that_holds_in_one_run_alone_and_is_claimed_for_all_is_dropped():
+    def in_the_first_run(w):
+        return 3.0 * w[:, 2] * (np.arange(len(w)) < len(w) / 4) - 1.0 * w[:, 2] * (np.arange(len(w)) >= len(w) / 4)
+
+    assert helpful(gathered(in_the_first_run, 4), (0, 1), [(2,)], NOISE, True) == []
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "natural"),
+    [
+        ("torque_delay", {"delay": 8e-3, "delay_sq": 6e-5}, True),
+        ("torque_delay", {"delay": -3e-3, "delay_sq": 6e-5}, False),
+        ("torque_delay", {"delay": 2e-4, "delay_sq": 1e-7}, False),
+        ("stribeck", {"Fst": -0.75}, False),
+        ("joint_elasticity", {"Ce": 6.6e-5, "Cl": 7.4e-5, "Cr": 1e-9}, True),
+        ("joint_elasticity", {"Ce": 6.6e-5, "Cl": 9.4e-4, "Cr": 1e-9}, False),
+        ("joint_elasticity", {"Ce": 1e-9, "Cl": 1e-9, "Cr": 5e-4}, True),
+        ("joint_elasticity", {"Ce": 1e-9, "Cl": 3.8e-4, "Cr": 5e-4}, False),
+        ("encoder_zero_error", {"dq0": 0.02}, True),
+        ("encoder_zero_error", {"dq0": 2.0}, False),
+        ("base_tilt", {"gx": 0.3, "gy": 0.001}, True),
+        ("base_tilt", {"gx": 0.003, "gy": 0.001}, False),
+    ],
+)
+def test_signs_and_sizes_that_nature_does_not_make_are_refused(effect, values, natural):
+    found = {name: Estimate(value, 1e-8) for name, value in values.items()}
+    assert effect_by_id(effect).natural(found) is natural
