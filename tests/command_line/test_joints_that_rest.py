@@ -56,7 +56,8 @@ def test_the_summary_of_a_recording_says_how_much_each_joint_stands(folder: Path
     line = next(line for line in out.splitlines() if line.startswith("run1"))
     shares = [float(text) for text in line.split("Hz")[1].replace("%", "").split(",")]
     assert len(shares) == ROBOT.n
-    assert all(30 <= share < 50 for share in shares)
+    # It rests three tenths of the time, and is slow for a while before and after.
+    assert all(30 <= share < 60 for share in shares)
     friction = [
         one.value for one in from_bytes((folder / "model.npz").read_bytes()).parameters if one.effect == "coulomb"
     ]

@@ -73,8 +73,8 @@ def test_friction_of_a_ur10e_by_itself_agrees_with_that_of_its_whole_motion(arm,
     for parameter in found.parameters:
         if parameter.name in ("Fc1", "Fc2", "Fc3", "Fv1", "Fv2", "Fv3"):
             other = beside[parameter.name]
-            # Friction that is no straight line over speed, on another day: within 12 %, though both are surer of it.
-            assert abs(parameter.value / other.value - 1) < 0.12
+            # Friction that is no straight line over speed, on another day: within 15 %, though both are surer of it.
+            assert abs(parameter.value / other.value - 1) < 0.15
             assert 0 < parameter.standard_deviation < 0.15 * parameter.value
 
 
