@@ -18,7 +18,7 @@ from dynident.regressors.row_phases import RowPhases, joints_with_friction
 from dynident.regressors.stream import FilteredSamples, filtered_samples, stretch_length
 from dynident.robot.model import FloatArray
 
-_FINER = 0.5
+_FINER = 0.25
 """Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
 most of them, as long as they are long against the filters' memory."""
 
