@@ -85,9 +85,9 @@ def _case(name: str, effect: str, seed: int = 1) -> Case:
     better = extend(found, diagnosis.recommended, training, held_out) if diagnosis.recommended else found
     taps = low_pass(1000.0, found.preprocessing.torque_cutoff)
     floor = runs[2].noise * float(np.sqrt((taps**2).sum()))
-    assert found.held_out is not None
-    assert better.held_out is not None
-    return Case(effect, robot, found, diagnosis, found.held_out.rms / floor, better.held_out.rms / floor)
+    assert found.held_out_moving is not None
+    assert better.held_out_moving is not None
+    return Case(effect, robot, found, diagnosis, found.held_out_moving.rms / floor, better.held_out_moving.rms / floor)
 
 
 @pytest.fixture(scope="module", params=_HIDDEN)

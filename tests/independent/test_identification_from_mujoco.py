@@ -48,8 +48,8 @@ def _floor(case: Case) -> FloatArray:
 @pytest.mark.parametrize("name", ARMS)
 def test_held_out_torque_is_predicted_down_to_the_noise(name: str) -> None:
     case = _case(name)
-    assert case.identification.held_out is not None
-    ratio = case.identification.held_out.rms / _floor(case)
+    assert case.identification.held_out_moving is not None
+    ratio = case.identification.held_out_moving.rms / _floor(case)
     assert ratio.min() > 0.9
     assert np.median(ratio) < 1.15
     # Where a light joint sticks at a reversal, sign(q̇) is not the truth: above the noise, though not by much.

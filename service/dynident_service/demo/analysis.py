@@ -40,9 +40,10 @@ class Analysis:
         return self.ladder[-1]
 
     def over_floor(self, model: Identification) -> FloatArray:
-        """(n,): held-out residual of a model over the noise floor; 1 is all that can be reached."""
-        assert model.held_out is not None
-        return model.held_out.rms / self.diagnosis.noise_floor
+        """(n,): held-out residual of a model where joints move, over the noise floor; 1 is all that can be reached."""
+        moving = model.held_out_moving
+        assert moving is not None
+        return moving.rms / self.diagnosis.noise_floor
 
 
 def analyse(

@@ -7,6 +7,7 @@ within what the filters smear: only friction that remembers the path (presliding
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from math import ceil
@@ -49,6 +50,9 @@ third (`benchmarks/standing_rows.py`): nobody can tell them from a turn."""
 
 _UNTOLD = 0.2
 """Share of its rms speed that a joint's speed is uncertain by, from where on nobody can tell when it stands."""
+
+_SURVEYED = 65536
+"""Samples that the resolution of the positions is told from."""
 
 _SELDOM = 0.1
 """Share of its turns at which a joint that turns freely may seem to stick."""
@@ -167,20 +171,131 @@ def phase_shares(recording: Recording) -> PhaseShares:
 
 
 def _in_segment(recording: Recording, index: int) -> tuple[Halts, ...]:
-    """The halts of all joints in a segment, from its raw positions."""
+    """The halts of all joints in a segment, from its raw positions, read twice in blocks."""
     segment, rate = recording.segments[index], recording.sampling_rate
-    blocks = [rows.q for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH)]
-    path = np.concatenate(blocks) if blocks else np.zeros((0, recording.n))
+
+    def blocks() -> Iterator[FloatArray]:
+        for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH):
+            yield rows.q
+
+    paths = _survey(blocks(), recording.n, rate)
+    whole = segment.start_time, segment.start_time + max(segment.length - 1, 0) / rate
+    runs = [_Runs() if path.moves else None for path in paths]
+    reach = max((path.reach for path in paths), default=1)
+    held, first = np.zeros((0, recording.n)), 0
+    for q in blocks():
+        joined = np.concatenate([held, q])
+        for j, (path, run) in enumerate(zip(paths, runs, strict=True)):
+            if run is not None:
+                run.push(joined[:, j], first, len(held) > 0, path, reach)
+        keep = min(2 * reach + 1, len(joined))
+        first += len(joined) - keep
+        held = joined[len(joined) - keep :]
     return tuple(
-        _halts(path[:, j], segment.start_time, rate, _slow_speed(path[:, j], rate)) for j in range(recording.n)
+        _standing_throughout(*whole) if run is None else run.halts(path, segment.start_time, segment.length, rate)
+        for path, run in zip(paths, runs, strict=True)
     )
 
 
-def _slow_speed(q: FloatArray, rate: float) -> float:
-    """The speed below which a joint counts as slow; one that moves slowly throughout a run has a lower one."""
-    if len(q) < 2:
-        return SLOW
-    return float(min(SLOW, SLOW_SHARE * np.sqrt((np.diff(q) ** 2).mean()) * rate))
+def _standing_throughout(start: float, end: float) -> Halts:
+    return Halts(np.array([start]), np.array([end]), np.ones(1, dtype=bool), np.zeros(1, dtype=bool))
+
+
+@dataclass(frozen=True)
+class _Path:
+    """What is known of one joint's positions in a segment: whether it `moves`, and how its speed is taken.
+
+    Speeds are differences over `reach` samples to either side, times `factor`; below `slow` it may as well stand.
+    """
+
+    moves: bool
+    reach: int
+    factor: float
+    slow: float
+
+
+def _survey(blocks: Iterator[FloatArray], n: int, rate: float) -> list[_Path]:
+    """Look at all positions once."""
+    low, high, squares, count = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), 0
+    sample, last = np.zeros((0, n)), np.zeros((0, n))
+    for q in blocks:
+        low, high = np.minimum(low, q.min(axis=0)), np.maximum(high, q.max(axis=0))
+        squares += (np.diff(np.concatenate([last, q]), axis=0) ** 2).sum(axis=0)
+        count += len(q)
+        last = q[-1:]
+        if len(sample) < _SURVEYED:
+            sample = np.concatenate([sample, q[: _SURVEYED - len(sample)]])
+    return [
+        _path(sample[:, j], count, float(high[j] - low[j]), float(np.sqrt(squares[j] / max(count - 1, 1))) * rate, rate)
+        for j in range(n)
+    ]
+
+
+def _path(sample: FloatArray, count: int, travel: float, rms: float, rate: float) -> _Path:
+    if count < 3 or travel <= STANDS:
+        return _Path(False, 1, 0.5 * rate, SLOW)
+    slow = min(SLOW, SLOW_SHARE * rms)
+    uncertain = np.sqrt(2.0) * _DEVIATIONS * _resolution(sample)
+    wanted = max(uncertain / max(slow, 1e-12), _SHORTEST_STEP)
+    reach = min(max(1, ceil(0.5 * rate * min(wanted, _LONGEST_STEP))), (count - 1) // 2)
+    return _Path(True, reach, rate / (2 * reach), max(slow, uncertain * rate / (2 * reach)))
+
+
+class _Runs:
+    """Runs of samples at which one joint is slow or fast, as blocks come."""
+
+    def __init__(self) -> None:
+        self._near: list[list[int]] = []  # first, last, and whether it is slow anywhere
+        self._fast: list[list[int]] = []
+        self._before = np.nan
+        self._squares = 0.0
+
+    def push(self, q: FloatArray, first: int, goes_on: bool, path: _Path, reach: int) -> None:
+        """Take positions (m,) from sample `first` on; of a run that goes on, 2 reach + 1 are known already."""
+        speed = (q[2 * path.reach :] - q[: -2 * path.reach]) * path.factor
+        new = 2 * reach + 1 - 2 * path.reach if goes_on else 0
+        speed, start = speed[new:], first + new + path.reach
+        if not len(speed):
+            return
+        self._squares += float((speed**2).sum())
+        is_slow = np.abs(speed) < path.slow
+        # So quick a turn that no sample of it is slow.
+        signs = np.sign(np.concatenate([[speed[0] if np.isnan(self._before) else self._before], speed]))
+        is_slow |= signs[1:] != signs[:-1]
+        self._before = float(speed[-1])
+        so_far = np.concatenate([[0], np.cumsum(is_slow)])
+        for a, b in _spans(is_slow | (np.abs(speed) < _SLOWLY * path.slow)):
+            _join(self._near, start + a, start + b, int(so_far[b + 1] > so_far[a]))
+        for a, b in _spans(~is_slow & (np.abs(speed) >= _FASTER * path.slow)):
+            _join(self._fast, start + a, start + b, int(np.sign(speed[a])), int(np.sign(speed[b])))
+
+    def halts(self, path: _Path, start: float, length: int, rate: float) -> Halts:
+        """When the joint is slow; never, where its positions are too noisy to tell."""
+        halts = [(a, b) for a, b, slow in self._near if slow]
+        if not halts or path.slow > _UNTOLD * np.sqrt(self._squares / max(length - 2 * path.reach, 1)):
+            nothing = np.zeros(0, dtype=bool)
+            return Halts(np.zeros(0), np.zeros(0), nothing, nothing)
+        first, last = (np.array(ends, dtype=np.int64) for ends in zip(*halts, strict=True))
+        # What is slow where speeds begin and end is so up to the segment's ends.
+        first = np.where(first <= path.reach, 0, first)
+        last = np.where(last >= length - 1 - path.reach, length - 1, last)
+        fast = np.array(self._fast, dtype=np.int64).reshape(-1, 4)
+        return Halts(start + first / rate, start + last / rate, *_sticking(fast, first, last))
+
+
+def _spans(mask: BoolArray) -> list[tuple[int, int]]:
+    """First and last index of every run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _join(runs: list[list[int]], first: int, last: int, *more: int) -> None:
+    """Put a run behind the others, or on to the last one where it goes on; the last of `more` is about its end."""
+    if runs and runs[-1][1] == first - 1:
+        runs[-1][1] = last
+        runs[-1][-1] = max(runs[-1][-1], more[-1]) if len(more) == 1 else more[-1]
+    else:
+        runs.append([first, last, *more])
 
 
 def _resolution(q: FloatArray) -> float:
@@ -194,56 +309,21 @@ def _resolution(q: FloatArray) -> float:
     return float(max(noise, quantum / np.sqrt(12.0)))
 
 
-def _halts(q: FloatArray, start: float, rate: float, slow: float) -> Halts:
-    """When a joint is slow, from its positions (m,); never, where its positions are too noisy to tell."""
-    if len(q) < 3 or float(np.ptp(q)) <= STANDS:
-        whole = np.array([start]), np.array([start + max(len(q) - 1, 0) / rate])
-        return Halts(*whole, np.ones(1, dtype=bool), np.zeros(1, dtype=bool))
-    resolution = _resolution(q)
-    wanted = np.sqrt(2.0) * _DEVIATIONS * resolution / max(slow, 1e-12)
-    reach = max(1, ceil(0.5 * rate * min(max(wanted, _SHORTEST_STEP), _LONGEST_STEP)))
-    reach = min(reach, (len(q) - 1) // 2)
-    slow = max(slow, np.sqrt(2.0) * _DEVIATIONS * resolution * rate / (2 * reach))
-    speed = _speeds(q, reach, rate)
-    if slow > _UNTOLD * float(np.sqrt((speed**2).mean())):
-        nothing = np.zeros(0, dtype=bool)
-        return Halts(np.zeros(0), np.zeros(0), nothing, nothing)
-    first, last = _slow_parts(speed, slow)
-    return Halts(start + first / rate, start + last / rate, *_sticking(speed, first, last, slow))
+def _sticking(fast: IntArray, first: IntArray, last: IntArray) -> tuple[BoolArray, BoolArray]:
+    """(k,), (k,): halts, from sample `first` to `last` (k,), that are no free turns; and those that are turns.
 
-
-def _slow_parts(speed: FloatArray, slow: float) -> tuple[IntArray, IntArray]:
-    """First and last sample (k,) of every halt: below twice the slow speed, and somewhere below once it."""
-    is_slow = np.abs(speed) < slow
-    # So quick a turn that no sample of it is slow.
-    is_slow[1:] |= np.sign(speed[1:]) != np.sign(speed[:-1])
-    near = is_slow | (np.abs(speed) < _SLOWLY * slow)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)))
-    first, last = edges[::2], edges[1::2] - 1
-    so_far = np.concatenate([[0], np.cumsum(is_slow)])
-    halts = so_far[last + 1] > so_far[first]
-    return first[halts], last[halts]
-
-
-def _speeds(q: FloatArray, reach: int, rate: float) -> FloatArray:
-    """(m,): differences over `reach` samples to either side; at the ends those of the nearest inner sample."""
-    inner = (q[2 * reach :] - q[: -2 * reach]) * (rate / (2 * reach))
-    return np.pad(inner, reach, mode="edge")
-
-
-def _sticking(speed: FloatArray, first: IntArray, last: IntArray, slow: float) -> tuple[BoolArray, BoolArray]:
-    """(k,), (k,): halts, from sample `first` to `last` (k,), that are no free turns; and those that are turns."""
+    `fast` (f, 4): first and last sample of every run at which the joint is fast, and its direction at either.
+    """
     sticks, turns = np.ones(len(first), dtype=bool), np.zeros(len(first), dtype=bool)
-    fast = np.flatnonzero(np.abs(speed) >= _FASTER * slow)
-    before = np.searchsorted(fast, first) - 1
-    behind = np.searchsorted(fast, last, side="right")
+    before = np.searchsorted(fast[:, 1], first) - 1
+    behind = np.searchsorted(fast[:, 0], last, side="right")
     inside = np.flatnonzero((before >= 0) & (behind < len(fast)))
     if not len(inside):
         return sticks, turns
     came, went = fast[before[inside]], fast[behind[inside]]
-    side = np.minimum(first[inside] - came, went - last[inside])
+    side = np.minimum(first[inside] - came[:, 1], went[:, 0] - last[inside])
     # From 5 to 2 times the slow speed, and from 2 times one way to 2 times the other, at one acceleration.
     free = side * (2.0 * _SLOWLY / (_FASTER - _SLOWLY))
-    turns[inside] = np.sign(speed[came]) != np.sign(speed[went])
+    turns[inside] = came[:, 3] != went[:, 2]
     sticks[inside] = ~turns[inside] | (last[inside] - first[inside] > _LINGERS * free + _SAMPLES)
     return sticks, turns
