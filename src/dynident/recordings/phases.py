@@ -7,6 +7,7 @@ within what the filters smear: only friction that remembers the path (presliding
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
@@ -51,7 +52,7 @@ third (`benchmarks/standing_rows.py`): nobody can tell them from a turn."""
 _UNTOLD = 0.2
 """Share of its rms speed that a joint's speed is uncertain by, from where on nobody can tell when it stands."""
 
-_SURVEYED = 65536
+_SURVEYED = 16384
 """Samples that the resolution of the positions is told from."""
 
 _SELDOM = 0.1
@@ -245,8 +246,9 @@ class _Runs:
     """Runs of samples at which one joint is slow or fast, as blocks come."""
 
     def __init__(self) -> None:
-        self._near: list[list[int]] = []  # first, last, and whether it is slow anywhere
-        self._fast: list[list[int]] = []
+        # Of each run its first and last sample, and whether it is slow anywhere; its direction at either end.
+        self._near = array("q")
+        self._fast = array("q")
         self._before = np.nan
         self._squares = 0.0
 
@@ -271,11 +273,12 @@ class _Runs:
 
     def halts(self, path: _Path, start: float, length: int, rate: float) -> Halts:
         """When the joint is slow; never, where its positions are too noisy to tell."""
-        halts = [(a, b) for a, b, slow in self._near if slow]
-        if not halts or path.slow > _UNTOLD * np.sqrt(self._squares / max(length - 2 * path.reach, 1)):
+        near = np.array(self._near, dtype=np.int64).reshape(-1, 3)
+        halts = near[near[:, 2] > 0, :2]
+        if not len(halts) or path.slow > _UNTOLD * np.sqrt(self._squares / max(length - 2 * path.reach, 1)):
             nothing = np.zeros(0, dtype=bool)
             return Halts(np.zeros(0), np.zeros(0), nothing, nothing)
-        first, last = (np.array(ends, dtype=np.int64) for ends in zip(*halts, strict=True))
+        first, last = halts.T
         # What is slow where speeds begin and end is so up to the segment's ends.
         first = np.where(first <= path.reach, 0, first)
         last = np.where(last >= length - 1 - path.reach, length - 1, last)
@@ -289,13 +292,17 @@ def _spans(mask: BoolArray) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _join(runs: list[list[int]], first: int, last: int, *more: int) -> None:
-    """Put a run behind the others, or on to the last one where it goes on; the last of `more` is about its end."""
-    if runs and runs[-1][1] == first - 1:
-        runs[-1][1] = last
-        runs[-1][-1] = max(runs[-1][-1], more[-1]) if len(more) == 1 else more[-1]
+def _join(runs: array[int], first: int, last: int, *more: int) -> None:
+    """Put a run behind the others, or on to the last one where it goes on.
+
+    Of `more`, one number is true or false of any part of the run, and the last of two is about its end.
+    """
+    width = 2 + len(more)
+    if len(runs) and runs[1 - width] == first - 1:
+        runs[1 - width] = last
+        runs[-1] = max(runs[-1], more[-1]) if len(more) == 1 else more[-1]
     else:
-        runs.append([first, last, *more])
+        runs.extend((first, last, *more))
 
 
 def _resolution(q: FloatArray) -> float:
