@@ -20,7 +20,7 @@ from dynident_service.demo.measuring import design_runs
 from dynident_service.demo.scenario import Scenario
 
 ROBOT = robot_from_library("ur10")
-FLOOR = 1.4
+FLOOR = 1.5
 
 
 @pytest.mark.slow
