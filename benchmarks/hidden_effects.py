@@ -37,16 +37,16 @@ from typing import get_args
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-from common import show  # noqa: E402
-from hiding.case import Case, Firmness, MotionKind, Size  # noqa: E402
-from hiding.drawing import Wanted, draw_cases  # noqa: E402
-from hiding.families import FAMILIES  # noqa: E402
-from hiding.judging import judge_safely  # noqa: E402
-from hiding.manners import Manners  # noqa: E402
-from hiding.outcome import Outcome  # noqa: E402
-from hiding.outside import OUTSIDE  # noqa: E402
-from hiding.table import describe, is_failure, table, totals  # noqa: E402
-from hiding.visibility import SHOWS  # noqa: E402
+from common import show
+from hiding.case import Case, Firmness, MotionKind, Size
+from hiding.drawing import Wanted, draw_cases
+from hiding.families import FAMILIES
+from hiding.judging import judge_safely
+from hiding.manners import Manners
+from hiding.outcome import Outcome
+from hiding.outside import OUTSIDE
+from hiding.table import describe, is_failure, table, totals
+from hiding.visibility import SHOWS
 
 SIZES: dict[str, tuple[Size, ...]] = {"full": ("full",), "quarter": ("quarter",), "both": ("full", "quarter")}
 

@@ -26,17 +26,17 @@ from dataclasses import dataclass, replace
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-import numpy as np  # noqa: E402
-from common import FloatArray, show  # noqa: E402
+import numpy as np
+from common import FloatArray, show
 
-from dynident.diagnosis import Diagnosis, NextExperiment, diagnose  # noqa: E402
-from dynident.effects import EffectChoice, effect_by_id  # noqa: E402
-from dynident.errors import DynidentError  # noqa: E402
-from dynident.excitation import Design, design_experiment  # noqa: E402
-from dynident.identification import IdentificationChoices, identify  # noqa: E402
-from dynident.recordings import Recording, recording_from_arrays  # noqa: E402
-from dynident.robot import Robot, robot_from_library  # noqa: E402
-from dynident.simulation import (  # noqa: E402
+from dynident.diagnosis import Diagnosis, NextExperiment, diagnose
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.errors import DynidentError
+from dynident.excitation import Design, design_experiment
+from dynident.identification import IdentificationChoices, identify
+from dynident.recordings import Recording, recording_from_arrays
+from dynident.robot import Robot, robot_from_library
+from dynident.simulation import (
     Reference,
     Sensors,
     SimulationRequest,

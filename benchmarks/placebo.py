@@ -25,16 +25,16 @@ from pathlib import Path
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-import numpy as np  # noqa: E402
-from common import show  # noqa: E402
-from hiding.case import Case  # noqa: E402
-from hiding.drawing import PAIRS, Wanted, draw_cases  # noqa: E402
-from hiding.families import FAMILIES  # noqa: E402
-from placebos.decision import Question  # noqa: E402
-from placebos.shifting import ShiftedCandidates, Shifts  # noqa: E402
-from placebos.subjects import REAL_ARMS, Subject, real, simulated  # noqa: E402
+import numpy as np
+from common import show
+from hiding.case import Case
+from hiding.drawing import PAIRS, Wanted, draw_cases
+from hiding.families import FAMILIES
+from placebos.decision import Question
+from placebos.shifting import ShiftedCandidates, Shifts
+from placebos.subjects import REAL_ARMS, Subject, real, simulated
 
-from dynident.errors import DynidentError  # noqa: E402
+from dynident.errors import DynidentError
 
 
 @dataclass(frozen=True)

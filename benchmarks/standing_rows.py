@@ -30,9 +30,9 @@ from pathlib import Path
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-import numpy as np  # noqa: E402
-from common import FloatArray, show  # noqa: E402
-from engine import (  # noqa: E402
+import numpy as np
+from common import FloatArray, show
+from engine import (
     Arm,
     Hidden,
     Instruments,
@@ -41,19 +41,19 @@ from engine import (  # noqa: E402
     point_to_point_motion,
     usual_drives,
 )
-from engine.closed_loop import measured  # noqa: E402
-from engine.friction import Dahl, MaxwellSlip  # noqa: E402
-from engine.instruments import seen  # noqa: E402
-from engine.physics import Measured, Plan  # noqa: E402
-from engine.robots import arm_by_name, as_described  # noqa: E402
-from hiding.case import Firmness, Manner, MotionKind  # noqa: E402
-from hiding.manners import Manners, draw_manner  # noqa: E402
-from placebos.subjects import REAL_ARMS, imported  # noqa: E402
+from engine.closed_loop import measured
+from engine.friction import Dahl, MaxwellSlip
+from engine.instruments import seen
+from engine.physics import Measured, Plan
+from engine.robots import arm_by_name, as_described
+from hiding.case import Firmness, Manner, MotionKind
+from hiding.manners import Manners, draw_manner
+from placebos.subjects import REAL_ARMS, imported
 
-from dynident.diagnosis import compare  # noqa: E402
-from dynident.identification import Identification, identify  # noqa: E402
-from dynident.recordings import Recording, low_pass, phases, recording_from_arrays  # noqa: E402
-from dynident.robot import Robot  # noqa: E402
+from dynident.diagnosis import compare
+from dynident.identification import Identification, identify
+from dynident.recordings import Recording, low_pass, phases, recording_from_arrays
+from dynident.robot import Robot
 
 MANNERS: tuple[tuple[MotionKind, Firmness], ...] = tuple(
     (motion, firmness) for motion in ("fourier", "point-to-point") for firmness in ("soft", "stiff")

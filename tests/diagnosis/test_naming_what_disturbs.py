@@ -35,7 +35,6 @@ def test_a_hidden_effect_alone_is_named_with_its_shape_and_leaves_nothing_but_no
         assert next(p.value for p in grown.parameters if p.name == name) == pytest.approx(value, rel=0.1)
 
 
-@pytest.mark.xfail(reason="one touch is in too few stretches for a name at one in a hundred")
 def test_a_touch_is_named_with_the_time_of_it():
     run = experiment(touched)
     (choice,) = diagnose(run.identification, [run.training]).recommended

@@ -6,6 +6,7 @@ import contextlib
 import shlex
 from pathlib import Path
 
+from click.testing import Result
 from typer.testing import CliRunner
 
 from dynident_service.cli.app import app
@@ -19,6 +20,11 @@ def run_commands(folder: Path, block: str) -> str:
             program, *arguments = shlex.split(line)
             assert program == "dynident", line
             ended = CliRunner().invoke(app, arguments, prog_name=program, env={"COLUMNS": "200"})
-            assert ended.exit_code == 0, f"{line}\n{ended.output}"
+            assert ended.exit_code == 0 or _judged(ended), f"{line}\n{ended.output}"
             told.append(ended.stdout)
     return "".join(told)
+
+
+def _judged(ended: Result) -> bool:
+    """Whether a validation ran to its end and its verdict is a failure: that is about the data, not the command."""
+    return ended.exit_code == 1 and isinstance(ended.exception, SystemExit) and "✕ fail" in ended.stdout

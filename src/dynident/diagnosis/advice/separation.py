@@ -17,6 +17,7 @@ from dynident.excitation.criteria.variances import inverse_diagonal_of
 from dynident.excitation.experiments.task import STANDS
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.trajectories.motion import Motion
+from dynident.recordings.phases import Phase
 from dynident.robot.model import FloatArray
 
 IntArray = NDArray[np.intp]
@@ -30,12 +31,6 @@ _MOST_DATA_ROWS = 5000
 # Stretches over which correlated residuals are summed: a twentieth of the data, within these seconds.
 _STRETCHES, _SHORTEST, _LONGEST = 20, 0.25, 2.0
 _ROUNDS = 3
-
-_STANDS = 0.01
-"""rad/s or m/s below which a joint stands, in filtered data.
-
-The equation of a joint that stands says nothing of its own torque but that friction is enough to hold it: neither noise
-nor information may be taken from it. Between 0.005 and 0.04 the number makes no difference on recorded arms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +96,8 @@ def rows_of(model: DesignModel, comparisons: Sequence[Comparison]) -> Rows:
         jerk = np.gradient(one.ddq, step, axis=0)
         motion = Motion(step * np.arange(len(one.t), dtype=np.float64), one.q, one.dq, one.ddq, jerk)
         taken = np.arange(0, len(one.t), every)
-        moves = np.abs(one.dq[taken]) > _STANDS
+        # As in a fit: the equation of a joint that stands tells nothing but that friction is enough to hold it.
+        moves = one.phase[taken] != Phase.STANDING
         w.append(model.observe_along(motion, taken).reshape(len(taken), n, b) * moves[:, :, None])
         residual.append(one.residual[taken] * moves)
         counts += moves.sum(axis=0)

@@ -94,6 +94,12 @@ def folds_of(data: Products, base: IntArray, kind: str) -> list[IntArray]:
     return [part for part in parts if len(part)]
 
 
+def runs_can_be_left_out(data: Products, base: IntArray) -> bool:
+    """Whether there are several runs, and the columns of a model are known without any one of them."""
+    runs = folds_of(data, base, "runs")
+    return len(runs) > 1 and not any(_takes_all(data, base, run) for run in runs)
+
+
 def _parts(stretches: IntArray) -> list[IntArray]:
     return [part for part in np.array_split(stretches, min(N_PARTS, len(stretches))) if len(part)]
 

@@ -162,7 +162,4 @@ class _Lean:
         base = tuple(range(self.pool.n_base))
         noise = noise_left(self.data, tuple(range(self.pool.observation.n_columns)))
         columns = [self.findings[i].judged.candidate.columns for i in order]
-        by_run = not any(
-            column.runs or effect_by_id(column.effect).in_some_runs for column in self.pool.observation.columns
-        )
-        return [order[k] for k in helpful(self.data, base, columns, noise, by_run)]
+        return [order[k] for k in helpful(self.data, base, columns, noise)]

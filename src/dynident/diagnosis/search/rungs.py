@@ -8,6 +8,7 @@ import numpy as np
 
 from dynident.diagnosis.candidates.family import evenness
 from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.products import runs_can_be_left_out
 from dynident.diagnosis.candidates.scoring import held_out_errors
 from dynident.robot.model import FloatArray
 
@@ -28,26 +29,23 @@ def helpful(
     base: tuple[int, ...],
     columns: Sequence[tuple[int, ...]],
     noise: FloatArray,
-    by_run: bool,
 ) -> list[int]:
     """Numbers of those findings that, added in their order, make the prediction worse nowhere.
 
-    Whole runs are left out of the fit where there are several, else a tenth of the one in a row.
+    Whole runs are left out of the fit where the others determine the model without them, else a tenth of one in a row.
 
     Parameters
     ----------
     base : columns of the model
     columns : those of each finding, in the order in which they would be added
     noise : (n,)
-    by_run : bool
-        Whether runs may be left out: what is in some of them alone cannot be told from the rest without the others.
     """
     kept: list[int] = []
     for number, own in enumerate(columns):
         rows = data.of(base + own)
-        kind = "runs" if by_run and len(np.unique(rows.run)) > 1 else "parts"
-        before = held_out_errors(rows, np.array(base, dtype=np.intp), noise, kind)
-        after = held_out_errors(rows, np.array(base + own, dtype=np.intp), noise, kind)
+        plain, grown = (np.array(model, dtype=np.intp) for model in (base, base + own))
+        kind = "runs" if runs_can_be_left_out(rows, grown) else "parts"
+        before, after = (held_out_errors(rows, model, noise, kind) for model in (plain, grown))
         # As in scoring, no loss counts for more than there was: a part left out may be what decides.
         if not _hurts(before / noise**2, np.minimum(after, 2.0 * before) / noise**2):
             kept.append(number)

@@ -9,13 +9,14 @@ import numpy as np
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.products import Products
+from dynident.diagnosis.candidates.products import Products, present
 from dynident.diagnosis.candidates.scoring import held_out_errors
 from dynident.diagnosis.search.choosing import choose
 from dynident.diagnosis.search.pruning import pruned
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.effects import effect_by_id
 from dynident.progress import Progress
+from dynident.recordings.types import BoolArray
 
 _FEW_WAVES = 6.0
 
@@ -36,7 +37,7 @@ def search(
     torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
     """
     if not generalises(data.of(state.base), state):
-        return ()
+        return state.picks
     judged = first
     remaining = [item.candidate for item in first]
     while len(state.picks) < most:
@@ -61,14 +62,27 @@ def search(
 def generalises(rows: Products, state: State) -> bool:
     """Whether the model that the search starts from predicts parts of the motion from the others.
 
-    Where the motion does not determine it, what a candidate gains is what it happens to hold the model by.
+    Where the motion does not determine it, what a candidate gains is what it happens to hold the model by. Stretches
+    with what was found already, a contact, do not count: it happened once, no other part of the motion tells of it.
     """
     columns = np.array(state.base, dtype=np.intp)
+    usual = np.ones(rows.n_stretches, dtype=bool)
+    for finding in state.picks:
+        usual &= ~_shown_in(rows, finding.columns)
     inside, ahead = (
-        float((held_out_errors(rows, columns, state.noise, kind) / state.noise**2).sum())
+        float((held_out_errors(rows, columns, state.noise, kind)[usual] / state.noise**2).sum())
         for kind in ("interleaved", "contiguous")
     )
     return ahead <= MOST_FROM_PART_TO_PART**2 * inside
+
+
+def _shown_in(rows: Products, columns: Sequence[int]) -> BoolArray:
+    """(s,): the stretches in which any of the columns is not zero."""
+    shown = np.zeros(rows.n_stretches, dtype=bool)
+    for gram, where in zip(rows.grams, rows.position, strict=True):
+        _, places = present(where, np.array(columns, dtype=np.intp))
+        shown |= (gram[:, places, places] > 0).any(axis=1)
+    return shown
 
 
 def _superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:
