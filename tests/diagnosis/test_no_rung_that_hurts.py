@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.gathering import Elsewhere, PhasedProducts
 from dynident.diagnosis.candidates.products import products
 from dynident.diagnosis.search.rungs import helpful
 from dynident.effects import Estimate, effect_by_id
@@ -33,8 +33,8 @@ def gathered(y_of, runs: int = 1, seed: int = 0, only_first: int | None = None) 
     run = np.repeat(np.arange(runs), STRETCHES // runs)
     moving = type(moving)(moving.grams, moving.position, moving.counts, run)
     nothing = tuple(np.zeros_like(gram) for gram in moving.grams)
-    remembers = np.zeros((3 + MANY, 1), dtype=bool)
-    return PhasedProducts(moving, nothing, np.zeros_like(moving.counts), remembers)
+    elsewhere = Elsewhere(nothing, np.zeros_like(moving.counts), np.zeros((3 + MANY, 1), dtype=bool))
+    return PhasedProducts(moving, elsewhere, elsewhere)
 
 
 @pytest.mark.parametrize("runs", [1, 4])

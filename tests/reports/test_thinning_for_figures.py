@@ -24,6 +24,7 @@ def comparison(t, segment) -> Comparison:
         segment=np.asarray(segment, dtype=float),
         noise=np.ones(1),
         phase=zero.astype(np.int8),
+        off_halts=zero == 0,
         remembering=np.zeros(1, dtype=bool),
         free=np.zeros(1, dtype=bool),
         **dict.fromkeys(signals, zero),

@@ -54,6 +54,7 @@ def comparison(*, temperature: bool) -> Comparison:
         load=zeros,
         noise=np.full(2, 0.1),
         phase=phase,
+        off_halts=phase == 0,
         remembering=np.zeros(2, dtype=bool),
         free=np.zeros(2, dtype=bool),
         temperature=np.column_stack([TEMPERATURE, TEMPERATURE + 5.0]) if temperature else None,

@@ -16,6 +16,7 @@ from dynident.identification import Identification
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.regressors.observation import Observation
+from dynident.regressors.row_phases import RowPhases
 from dynident.regressors.stream import FilteredSamples, filtered_samples, parallel_filtered, reduce_recordings
 from dynident.robot import Robot
 from dynident.robot.model import FloatArray
@@ -248,11 +249,13 @@ class _Samples:
     def of(self, recording: Recording) -> Iterable[FilteredSamples]:
         """All pieces of a recording."""
         observation, preprocessing, reference = self._made
+        phases = RowPhases.of(observation, recording, preprocessing)
+        if id(recording) in self._kept:
+            return self._kept[id(recording)]
+        made = filtered_samples(observation, recording, preprocessing, reference, phases=phases)
         if not self._keep:
-            return filtered_samples(observation, recording, preprocessing, reference)
-        if id(recording) not in self._kept:
-            self._kept[id(recording)] = list(filtered_samples(observation, recording, preprocessing, reference))
-        return self._kept[id(recording)]
+            return made
+        return self._kept.setdefault(id(recording), list(made))
 
 
 def _motions(recording: Recording, identification: Identification) -> Iterator[FloatArray]:

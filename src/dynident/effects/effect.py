@@ -148,9 +148,10 @@ class Effect(ABC):
 
     `is_inertia`: the links' and rotors' own, which are the robot itself. `of_position`: a function of positions and the
     direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of the
-    session. `in_some_runs`: it is the same function as the model itself unless it is in some of the runs only.
-    `confused_with` names effects that leave much the same residual, `same_function` those that are the same function of
-    the motion, so that no data can tell them apart, `covers` those that it is general enough to say as well.
+    session. `is_rough`: its formula only resembles what it stands for. `in_some_runs`: it is the same function as the
+    model itself unless it is in some of the runs only. `confused_with` names effects that leave much the same
+    residual, `same_function` those that are the same function of the motion, so that no data can tell them apart,
+    `covers` those that it is general enough to say as well.
     """
 
     id: ClassVar[str]
@@ -166,6 +167,7 @@ class Effect(ABC):
     scope: ClassVar[Literal["joint", "robot"]] = "joint"
     is_inertia: ClassVar[bool] = False
     is_friction: ClassVar[bool] = False
+    is_rough: ClassVar[bool] = False
     of_position: ClassVar[bool] = False
     first_order: ClassVar[bool] = False
     needs_load: ClassVar[bool] = False

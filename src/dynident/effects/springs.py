@@ -100,6 +100,7 @@ class CableForce(Effect):
     signature = "a smooth function of the positions of two neighbouring joints, on both of them"
     confused_with = ("joint_spring",)
     covers = ("joint_spring", "gravity_compensator", "torque_ripple", "offset", "coulomb_asymmetric")
+    is_rough = True
     of_position = True
     sources = ("Khalil and Dombre 2002, chapter 9",)
 

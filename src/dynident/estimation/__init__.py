@@ -1,6 +1,6 @@
 """y = W χ: solvers and statistics on triangular factors. Knows nothing of robots."""
 
-from dynident.estimation.beside import Beside, BesideAccumulator, distance_to_band
+from dynident.estimation.beside import Apart, Beside, BesideAccumulator, distance_to_band
 from dynident.estimation.correlation import correlation_factor, effective_rows
 from dynident.estimation.essential import Elimination, EliminationPath, eliminate
 from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate
@@ -24,6 +24,7 @@ from dynident.estimation.least_squares import (
 from dynident.estimation.statistics import Statistics, statistics
 
 __all__ = [
+    "Apart",
     "Beside",
     "BesideAccumulator",
     "Elimination",

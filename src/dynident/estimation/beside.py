@@ -1,7 +1,8 @@
 """Rows of an equation that are told apart: where friction changes its sign, and where it has none.
 
 An equation of dry friction is an equation only while its joint moves, or turns round in one sweep. Where the joint
-stands it is two inequalities: the torque lies between what the model says for either direction.
+stands it is two inequalities: the torque lies between what the model says for either direction. Rows that hold a halt
+and motion beside it are equations of that motion.
 """
 
 from __future__ import annotations
@@ -18,34 +19,56 @@ MOST = 1000
 
 
 @dataclass(frozen=True, eq=False)
+class Apart:
+    """Rows that are fitted to with all others, and known apart: `factor` (p + 1, p + 1) of [W | Y], of `count` rows."""
+
+    factor: FloatArray
+    count: int
+
+    def squares(self, values: FloatArray) -> float:
+        """Squared residual of parameters (p,)."""
+        rest = self.factor[:, -1] - self.factor[:, :-1] @ values
+        return float(rest @ rest)
+
+    @property
+    def measured(self) -> float:
+        """Sum of squared Y."""
+        return float(self.factor[:, -1] @ self.factor[:, -1])
+
+    def select(self, picked: Sequence[int]) -> Apart:
+        """The same with only these of the columns."""
+        return Apart(squared(triangular(self.factor[:, [*picked, -1]])), self.count)
+
+    def combined(self, change: FloatArray) -> Apart:
+        """The same with columns that are combinations: [W | Y] change (p + 1, p' + 1)."""
+        return Apart(squared(triangular(self.factor @ change)), self.count)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Apart]) -> Apart:
+        """Those of several recordings."""
+        factor = squared(triangular(np.concatenate([part.factor for part in parts])))
+        return cls(factor, sum(part.count for part in parts))
+
+
+@dataclass(frozen=True, eq=False)
 class Beside:
     """What one equation, with p columns, has beside the rows that only count while its joint moves.
 
-    `turning` (p + 1, p + 1) is the factor of [W | Y] where the joint turns round, of `n_turning` rows, which are among
-    those that are fitted to. `upper`, `lower` (m, p) are rows of W at rest with the friction of
+    `turning`: rows where the joint turns round; `partial`: rows beside a halt, of the motion in them alone. Both are
+    among those that are fitted to. `upper`, `lower` (m, p) are rows of W at rest with the friction of
     either direction, `y` (m,) what was measured there, and `weights` (m,) the rows that each stands for.
     """
 
-    turning: FloatArray
-    n_turning: int
+    turning: Apart
+    partial: Apart
     upper: FloatArray
     lower: FloatArray
     y: FloatArray
     weights: FloatArray
 
-    def turning_squares(self, values: FloatArray) -> float:
-        """Squared residual of parameters (p,) where the joint turns round."""
-        rest = self.turning[:, -1] - self.turning[:, :-1] @ values
-        return float(rest @ rest)
-
     def standing_squares(self, values: FloatArray) -> float:
         """Squared distance of what was measured at rest to the band of parameters (p,)."""
         return float(self.weights @ distance_to_band(self.y, self.lower @ values, self.upper @ values) ** 2)
-
-    @property
-    def turning_measured(self) -> float:
-        """Sum of squared Y where the joint turns round."""
-        return float(self.turning[:, -1] @ self.turning[:, -1])
 
     @property
     def standing_measured(self) -> float:
@@ -60,14 +83,14 @@ class Beside:
     def select(self, places: Sequence[int]) -> Beside:
         """The same with only these of the columns."""
         picked = list(places)
-        turning = squared(triangular(self.turning[:, [*picked, -1]]))
-        return replace(self, turning=turning, upper=self.upper[:, picked], lower=self.lower[:, picked])
+        turning, partial = self.turning.select(picked), self.partial.select(picked)
+        return replace(self, turning=turning, partial=partial, upper=self.upper[:, picked], lower=self.lower[:, picked])
 
     def combined(self, change: FloatArray) -> Beside:
         """The same with columns that are combinations: [W | Y] change (p + 1, p' + 1), where Y stays what it is."""
         own = change[:-1, :-1]
-        turning = squared(triangular(self.turning @ change))
-        return replace(self, turning=turning, upper=self.upper @ own, lower=self.lower @ own)
+        turning, partial = self.turning.combined(change), self.partial.combined(change)
+        return replace(self, turning=turning, partial=partial, upper=self.upper @ own, lower=self.lower @ own)
 
 
 def distance_to_band(y: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray:
@@ -81,8 +104,8 @@ def beside_all(parts: Sequence[Beside | None]) -> Beside | None:
     if len(known) < len(parts) or not known:
         return None
     return Beside(
-        turning=squared(triangular(np.concatenate([part.turning for part in known]))),
-        n_turning=sum(part.n_turning for part in known),
+        turning=Apart.joined([part.turning for part in known]),
+        partial=Apart.joined([part.partial for part in known]),
         upper=np.concatenate([part.upper for part in known]),
         lower=np.concatenate([part.lower for part in known]),
         y=np.concatenate([part.y for part in known]),
@@ -94,15 +117,18 @@ class BesideAccumulator:
     """Collects what is beside one equation with p columns, as it comes."""
 
     def __init__(self, n_columns: int) -> None:
-        self._turning = np.zeros((n_columns + 1, n_columns + 1))
-        self._n_turning = 0
+        self._p = n_columns
+        nothing = Apart(np.zeros((n_columns + 1, n_columns + 1)), 0)
+        self._turning, self._partial = nothing, nothing
         self._parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
 
     def push_turning(self, rows: FloatArray) -> None:
         """Add rows of [W | Y] (m, p + 1) where the joint turns round."""
-        if len(rows):
-            self._turning = squared(triangular(np.concatenate([self._turning, rows])))
-            self._n_turning += len(rows)
+        self._turning = _with_rows(self._turning, rows)
+
+    def push_partial(self, rows: FloatArray) -> None:
+        """Add rows of [W | Y] (m, p + 1) of the motion beside a halt."""
+        self._partial = _with_rows(self._partial, rows)
 
     def push_standing(self, upper: FloatArray, lower: FloatArray, y: FloatArray) -> None:
         """Add rows at rest: W (m, p) with the friction of either direction, and what was measured (m,)."""
@@ -111,10 +137,15 @@ class BesideAccumulator:
 
     def finish(self) -> Beside:
         """All that was collected."""
-        p = len(self._turning) - 1
-        parts = self._parts or [(np.zeros((0, p)), np.zeros((0, p)), np.zeros(0))]
+        parts = self._parts or [(np.zeros((0, self._p)), np.zeros((0, self._p)), np.zeros(0))]
         upper, lower, y = (np.concatenate(items) for items in zip(*parts, strict=True))
         every = -(-len(y) // MOST) if len(y) else 1
         weights = np.full(len(y[::every]), len(y) / max(len(y[::every]), 1))
         kept = upper[::every], lower[::every], y[::every]
-        return Beside(self._turning, self._n_turning, *kept, weights)
+        return Beside(self._turning, self._partial, *kept, weights)
+
+
+def _with_rows(known: Apart, rows: FloatArray) -> Apart:
+    if not len(rows):
+        return known
+    return Apart(squared(triangular(np.concatenate([known.factor, rows]))), known.count + len(rows))

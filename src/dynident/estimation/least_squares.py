@@ -130,10 +130,11 @@ def errors(reduction: Reduction, values: FloatArray) -> Errors:
         beside, own = equation.beside, values[equation.columns]
         if beside is None:
             continue
-        squares[k] += beside.standing_squares(own)
-        measured[k] += beside.standing_measured
-        counts[k] += beside.n_standing
-    return Errors(squares, measured, counts)
+        # What rows beside a halt hold of motion is in the fit; as rows they are at rest.
+        squares[k] += beside.standing_squares(own) - beside.partial.squares(own)
+        measured[k] += beside.standing_measured - beside.partial.measured
+        counts[k] += beside.n_standing - beside.partial.count
+    return Errors(np.maximum(squares, 0.0), np.maximum(measured, 0.0), counts)
 
 
 def moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
@@ -142,9 +143,10 @@ def moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
     squares, measured, counts = found.squares.copy(), found.measured.copy(), found.counts.copy()
     for k, equation in enumerate(reduction.equations):
         if equation.beside is not None:
-            squares[k] -= equation.beside.turning_squares(values[equation.columns])
-            measured[k] -= equation.beside.turning_measured
-            counts[k] -= equation.beside.n_turning
+            for rows in (equation.beside.turning, equation.beside.partial):
+                squares[k] -= rows.squares(values[equation.columns])
+                measured[k] -= rows.measured
+                counts[k] -= rows.count
     return Errors(np.maximum(squares, 0.0), np.maximum(measured, 0.0), counts)
 
 

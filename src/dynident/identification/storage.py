@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynident.effects import EffectChoice, Signals
 from dynident.errors import DynidentError
-from dynident.estimation import Beside, EquationFactors, Errors, Information, Reduction, Solution, Statistics
+from dynident.estimation import Apart, Beside, EquationFactors, Errors, Information, Reduction, Solution, Statistics
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.result import Identification
 from dynident.identification.standard import StandardParameters
@@ -26,6 +26,7 @@ from dynident.robot.model import FloatArray
 from dynident.robot.usual_errors import USUAL_SHARE
 
 _FORMAT = "dynident identification 3"
+_APART = ("turning", "partial")
 _AT_REST = ("upper", "lower", "y", "weights")
 
 
@@ -243,8 +244,10 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
 
 
 def _put_beside(arrays: dict[str, Any], name: str, beside: Beside) -> None:
-    arrays[f"{name}_turning"] = beside.turning[*np.triu_indices(len(beside.turning))]
-    arrays[f"{name}_n_turning"] = np.array(beside.n_turning)
+    for kind in _APART:
+        rows: Apart = getattr(beside, kind)
+        arrays[f"{name}_{kind}"] = rows.factor[*np.triu_indices(len(rows.factor))]
+        arrays[f"{name}_n_{kind}"] = np.array(rows.count)
     for part in _AT_REST:
         arrays[f"{name}_{part}"] = getattr(beside, part)
 
@@ -252,8 +255,10 @@ def _put_beside(arrays: dict[str, Any], name: str, beside: Beside) -> None:
 def _beside(arrays: Mapping[str, Any], name: str, size: int) -> Beside | None:
     if f"{name}_turning" not in arrays:
         return None
-    turning = _triangles(arrays[f"{name}_turning"][None], size)[0]
-    return Beside(turning, int(arrays[f"{name}_n_turning"]), *(arrays[f"{name}_{part}"] for part in _AT_REST))
+    turning, partial = (
+        Apart(_triangles(arrays[f"{name}_{kind}"][None], size)[0], int(arrays[f"{name}_n_{kind}"])) for kind in _APART
+    )
+    return Beside(turning, partial, *(arrays[f"{name}_{part}"] for part in _AT_REST))
 
 
 def _reduction(arrays: Mapping[str, Any], name: str) -> Reduction:

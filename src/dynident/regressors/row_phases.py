@@ -18,6 +18,13 @@ from dynident.robot.model import FloatArray, Robot
 # A velocity of nothing but its direction.
 _TOUCH = 1e-9
 
+_SMEARED = 0.125
+"""Share of 1 / cut-off of the position filter by which a halt is longer, at either end, as far as it hides what the
+joint does beside it: on clean arms nothing is found there down to nought (`benchmarks/standing_rows.py`)."""
+
+_TOLD = 0.02
+"""Share of what is under a filter that has to be motion for a row to say anything of it."""
+
 
 @dataclass(frozen=True, eq=False)
 class RowPhases:
@@ -26,13 +33,17 @@ class RowPhases:
     `frictional` (n,): joints whose friction is among the columns; the equation of any other holds at all times.
     `remembering` (n,): joints with friction that remembers the path: what it does shows where they turn
     round; `free` (n,): joints that never stick there, so that anything that depends on the speed shows as well.
+    `starting` (n,): joints with friction that shows where they start and stop; `margin`: seconds by which
+    a halt is longer in filtered positions, to either side.
     """
 
     phases: Phases
     width: float
+    margin: float
     frictional: BoolArray
     remembering: BoolArray
     free: BoolArray
+    starting: BoolArray
 
     @classmethod
     def of(cls, observation: Observation, recording: Recording, preprocessing: Preprocessing) -> RowPhases:
@@ -41,12 +52,37 @@ class RowPhases:
         remembering = np.zeros(observation.robot.n, dtype=bool)
         remembering[[signal.joint for signal in observation.memory]] = True
         width = width_of(preprocessing, recording.sampling_rate)
+        cutoff = preprocessing.position_cutoff
+        # A thousandth of a period more, so that rounding does not decide.
+        margin = (0.0 if cutoff is None else _SMEARED / cutoff) + 1e-3 * recording.period
         phases = phases_of(recording)
-        return cls(phases, width, frictional, remembering, phases.free)
+        return cls(phases, width, margin, frictional, remembering, phases.free, starting_joints(observation))
 
     def about(self, frictional: BoolArray) -> RowPhases:
-        """The same where other joints (n,) have friction."""
-        return replace(self, frictional=frictional)
+        """The same where these joints (n,) have friction, and each may have any kind of it."""
+        return replace(self, frictional=frictional, starting=frictional)
+
+    def holds(self, segment: int, t: FloatArray) -> BoolArray:
+        """(m, n): at which samples, at the full rate, the equation of a joint that is looked at where it starts holds.
+
+        At the others it stands: with them set to zero on both sides, the equation may be filtered like any other.
+        """
+        standing = self.phases.at(segment, t, self.margin) == Phase.STANDING
+        return np.asarray(~standing | ~self.starting)
+
+    def partial(self, found: PhaseArray, held: FloatArray | None) -> BoolArray:
+        """(m, n): rows beside a halt that say something of motion.
+
+        Parameters
+        ----------
+        found : (m, n)
+            Phases of the rows.
+        held : (m, n), optional
+            Share of what is under the filter at which the equation held.
+        """
+        if held is None:
+            return np.zeros(found.shape, dtype=bool)
+        return np.asarray((found == Phase.STANDING) & (held > _TOLD) & self.starting)
 
     def at(self, segment: int, t: FloatArray, after: float = 0.0) -> PhaseArray:
         """(m, n): phases at times t (m,) of a segment; `after`: seconds that a halt is felt beside the filters."""
@@ -70,20 +106,56 @@ def joints_with_friction(observation: Observation, first: int | None = None) -> 
     return np.array([name in names for name in observation.robot.joint_names])
 
 
+def starting_joints(observation: Observation) -> BoolArray:
+    """(n,): joints with friction that shows where they start."""
+    return np.asarray(lives_at_starts(observation).any(axis=0))
+
+
+def lives_at_starts(observation: Observation) -> BoolArray:
+    """(columns, n): columns of friction at low speed, or shortly after a halt: they show where their joint starts."""
+    names = observation.robot.joint_names
+    found = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
+    for k, column in enumerate(observation.columns):
+        specs = effect_by_id(column.effect).shapes if column.effect else ()
+        if column.link in names and any(spec.resolved_by in ("speed", "travel") for spec in specs):
+            found[k, names.index(column.link)] = True
+    return found
+
+
 def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
     """W's columns of friction where each joint is at the point of moving: (2 n, columns), forward, then backward.
 
-    Row j is about joint j alone: it has no speed but a direction, and its path lies all in that direction. Entries of
-    columns that are no friction are zero: those are the same at rest.
+    Row j is about joint j alone: it has no speed but a direction, and its path lies all in that direction. Of friction
+    are also columns with predicted Coulomb friction in them, which jumps with noise about a speed of zero. No
+    other column has an entry: those are the same at rest.
     """
-    friction = [c.effect != "" and effect_by_id(c.effect).is_friction for c in columns]
+    jumps = signals.predicted.drive("Fc")
+    friction = [
+        (c.effect != "" and effect_by_id(c.effect).is_friction) or ca.depends_on(c.torque, jumps) for c in columns
+    ]
     rows = []
     memory = {signal: signals.memory(signal) for signal in signals.memory_signals}
     for direction in (1.0, -1.0):
         for j in range(robot.n):
-            whole = ca.horzcat(*(c.torque[j] if f else ca.SX(1, 1) for c, f in zip(columns, friction, strict=True)))
             states = [symbol for signal, symbol in memory.items() if signal.joint == j]
-            known = ca.vertcat(signals.dq[j], *states)
-            still = ca.vertcat(direction * _TOUCH, *([direction] * len(states)))
-            rows.append(ca.substitute(whole, known, still))
-    return Observation.of_matrix(robot, columns, ca.sparsify(ca.vertcat(*rows)), signals)
+            known = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
+            still = ca.vertcat(direction * _TOUCH, 0.0, *([direction] * len(states)))
+            # What becomes zero at rest is an entry still, so that it is known to have changed.
+            rows.append(
+                ca.horzcat(
+                    *(
+                        ca.densify(ca.substitute(c.torque[j], known, still))
+                        if f and not c.torque[j].is_zero()
+                        else ca.SX(1, 1)
+                        for c, f in zip(columns, friction, strict=True)
+                    )
+                )
+            )
+    return Observation.of_matrix(robot, columns, ca.vertcat(*rows), signals)
+
+
+def changed_at_rest(at_rest: Observation) -> BoolArray:
+    """(columns,): columns of which something is different where a joint is at the point of moving."""
+    found = np.zeros(at_rest.n_columns, dtype=bool)
+    found[at_rest.entry_columns] = True
+    return found

@@ -12,6 +12,7 @@ from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
+from dynident.regressors.row_phases import RowPhases, starting_joints
 from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
 from dynident.robot.model import FloatArray
 
@@ -90,17 +91,25 @@ def _samples(
 ) -> Iterator[FilteredSamples]:
     observation = model.observation
     head = None if known is None else known.of(recording, preprocessing)
+    phases = RowPhases.of(observation, recording, preprocessing)
     if head is None or observation.parts is None:
-        yield from filtered_samples(observation, recording, preprocessing, reference, model.at_rest)
+        yield from filtered_samples(observation, recording, preprocessing, reference, model.at_rest, phases)
         return
     # The filter cuts a recording into the same pieces whatever the columns.
-    tail = filtered_samples(observation.parts[1], recording, preprocessing, reference, model.at_rest)
+    tail = filtered_samples(observation.parts[1], recording, preprocessing, reference, model.at_rest, phases)
     for before, behind in zip(head, tail, strict=True):
-        yield replace(behind, values=np.hstack([before.values, behind.values]))
+        whole = tuple(
+            None if one is None or more is None else np.hstack([one[:, :-1], more])
+            for one, more in zip(before.whole, behind.whole, strict=True)
+        )
+        yield replace(behind, values=np.hstack([before.values, behind.values]), whole=whole)
 
 
 def _extends(observation: Observation, reference: FloatArray, known: KeptRows) -> bool:
     if observation.parts is None or observation.parts[0] is not known.observation:
+        return False
+    # Halts are taken out of the equations of other joints.
+    if not np.array_equal(starting_joints(observation), starting_joints(known.observation)):
         return False
     return known.reference is None or np.array_equal(reference, known.reference)
 

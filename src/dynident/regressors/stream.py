@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.effects import RunSignal, effect_by_id
+from dynident.effects import RunSignal
 from dynident.effects.memory import MemoryStates
 from dynident.estimation import BesideAccumulator, FactorAccumulator, Reduction, concatenate
 from dynident.progress import Progress, silent
@@ -15,7 +15,7 @@ from dynident.recordings import ParallelFilter, Preprocessing, Recording, Sample
 from dynident.recordings.phases import Phase, PhaseArray
 from dynident.recordings.types import BoolArray
 from dynident.regressors.observation import IntArray, Observation
-from dynident.regressors.row_phases import RowPhases
+from dynident.regressors.row_phases import RowPhases, changed_at_rest
 from dynident.robot.model import FloatArray
 
 _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
@@ -25,7 +25,9 @@ _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 class FilteredSamples:
     """Decimated rows of one segment: t (m,), `values` (m, k) what was asked for, tau (m, n).
 
-    `at_rest` (m, r): the entries of friction at the point of moving, where they were asked for.
+    `at_rest` (m, r): the entries of friction at the point of moving, where they were asked for. Where halts were taken
+    out before the filter, `held` (m, n) is the share of what is under it at which each equation held, and `whole`
+    [W | Y] (m, p_j + 1) of every joint with its halts, beside `at_rest`; None for joints without any taken out.
     """
 
     t: FloatArray
@@ -33,6 +35,12 @@ class FilteredSamples:
     tau: FloatArray
     segment: int
     at_rest: FloatArray | None = None
+    held: FloatArray | None = None
+    whole: tuple[FloatArray | None, ...] = ()
+
+    def rows(self, layout: Sequence[tuple[IntArray, IntArray]]) -> list[FloatArray]:
+        """[W | Y] (m, p_j + 1) of every joint, from the places and columns of its entries."""
+        return [np.hstack([self.values[:, places], self.tau[:, j : j + 1]]) for j, (places, _) in enumerate(layout)]
 
 
 _BlockFunction = Callable[[SampleBlock], FloatArray]
@@ -91,25 +99,67 @@ def filtered_samples(
     preprocessing: Preprocessing,
     reference: FloatArray,
     at_rest: Observation | None = None,
+    phases: RowPhases | None = None,
 ) -> Iterator[FilteredSamples]:
     """Stream the entries of W, and Y beside them, through the parallel filter; only rows that are used come out.
 
-    `at_rest`: friction at the point of moving, whose entries are to come with them.
+    A joint's equation holds at every instant at which it moves. With halts set to zero on both sides it holds at all,
+    and the filter leaves it true: rows beside a halt then tell of the motion in them, where the friction at rest, which
+    nobody knows, would have been smeared over them.
+
+    Parameters
+    ----------
+    at_rest : Observation, optional
+        Friction at the point of moving, whose entries are to come with them.
+    phases : RowPhases, optional
+        Takes halts out of the equations of joints that are looked at where they start.
     """
     parts = [SampleFunction(one, reference, recording) for one in (observation, at_rest) if one is not None]
     first = len(observation.entry_rows)
     second = first + (0 if at_rest is None else len(at_rest.entry_rows))
+    third = second + recording.n
+    starting = np.zeros(recording.n, dtype=bool) if phases is None else phases.starting
+    # What is filtered a second time, with the halts in it: entries of joints that have some, and their torque.
+    again = np.flatnonzero(starting[observation.entry_rows]) if at_rest is not None else np.zeros(0, dtype=np.intp)
+    torque = np.flatnonzero(starting) if at_rest is not None else np.zeros(0, dtype=np.intp)
+
+    fourth = third + (recording.n if starting.any() else 0)
+    fifth = fourth + len(again)
+    layout = [observation.joint_entries(joint) for joint in range(recording.n)]
 
     def values(block: SampleBlock) -> FloatArray:
-        rows = np.empty((len(block.t), second + recording.n))
+        rows = np.empty((len(block.t), fifth + len(torque)))
         for entries, places in zip(parts, (slice(0, first), slice(first, second)), strict=False):
             entries.fill(block, rows[:, places])
-        rows[:, second:] = block.tau
+        rows[:, second:third] = block.tau
+        if phases is None or fourth == third:
+            return rows
+        rows[:, fourth:fifth] = rows[:, again]
+        rows[:, fifth:] = rows[:, second + torque]
+        held = phases.holds(block.segment, block.t)
+        rows[:, third:fourth] = held
+        for joint in np.flatnonzero(~held.all(axis=0)):
+            still = np.flatnonzero(~held[:, joint])
+            rows[np.ix_(still, layout[joint][0])] = 0.0
+            rows[still, second + joint] = 0.0
         return rows
 
     for segment, t, rows in parallel_filtered(recording, preprocessing, values):
         resting = None if at_rest is None else rows[:, first:second]
-        yield FilteredSamples(t, rows[:, :first], rows[:, second:], segment, resting)
+        held = rows[:, third:fourth] if fourth > third else None
+        whole = _whole(rows[:, fourth:], again, torque, layout)
+        yield FilteredSamples(t, rows[:, :first], rows[:, second:third], segment, resting, held, whole)
+
+
+def _whole(
+    rows: FloatArray, entries: IntArray, joints: IntArray, layout: Sequence[tuple[IntArray, IntArray]]
+) -> tuple[FloatArray | None, ...]:
+    """[W | Y] of every joint from chosen entries and joints side by side; None for the others."""
+    found: list[FloatArray | None] = [None] * len(layout)
+    for number, joint in enumerate(joints):
+        places = np.searchsorted(entries, layout[joint][0])
+        found[joint] = np.hstack([rows[:, places], rows[:, [len(entries) + number]]])
+    return tuple(found)
 
 
 def parallel_filtered(
@@ -207,24 +257,21 @@ def reduce_recordings(
     resting = None if at_rest is None else AtRest(observation, at_rest)
 
     def rows_of(recording: Recording) -> Iterator[EquationRows]:
+        phases = RowPhases.of(observation, recording, preprocessing)
         if samples_of is None:
             given: Iterable[FilteredSamples] = filtered_samples(
-                observation, recording, preprocessing, reference, at_rest
+                observation, recording, preprocessing, reference, at_rest, phases
             )
         else:
             given = samples_of(recording)
-        phases = RowPhases.of(observation, recording, preprocessing)
         for samples in given:
-            rows = [
-                np.hstack([samples.values[:, positions], samples.tau[:, joint : joint + 1]])
-                for joint, (positions, _) in enumerate(layout)
-            ]
-            used = phases.used(samples.segment, samples.t)
+            rows = samples.rows(layout)
+            phase = phases.at(samples.segment, samples.t)
+            partial = phases.partial(phase, samples.held)
             beside = None
             if resting is not None and samples.at_rest is not None:
-                phase = phases.at(samples.segment, samples.t)
-                beside = [resting.rows(joint, rows[joint], samples.at_rest, phase[:, joint]) for joint in range(n)]
-            yield EquationRows(samples.t, rows, samples.segment, used, beside)
+                beside = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in range(n)]
+            yield EquationRows(samples.t, rows, samples.segment, (phase != Phase.STANDING) | partial, beside)
 
     columns = [columns for _, columns in layout]
     return folded(rows_of, columns, observation.n_columns, recordings, progress, resting is not None)
@@ -235,28 +282,35 @@ class AtRest:
 
     def __init__(self, observation: Observation, at_rest: Observation) -> None:
         n = observation.robot.n
-        friction = [c.effect != "" and effect_by_id(c.effect).is_friction for c in observation.columns]
-        self._friction = [np.array(friction)[observation.joint_entries(j)[1]] for j in range(n)]
+        changed = changed_at_rest(at_rest)
+        self._changed = [changed[observation.joint_entries(j)[1]] for j in range(n)]
         self._columns = [observation.joint_entries(j)[1] for j in range(n)]
         self._entries = [[at_rest.joint_entries(row) for row in (j, n + j)] for j in range(n)]
 
-    def rows(self, joint: int, rows: FloatArray, at_rest: FloatArray, phase: PhaseArray) -> BesideRows:
-        """What is beside one joint's equation, of its rows [W | Y] (m, p + 1)."""
-        standing = phase == Phase.STANDING
+    def rows(
+        self, joint: int, rows: FloatArray, samples: FilteredSamples, phase: PhaseArray, partial: BoolArray
+    ) -> BesideRows:
+        """What is beside one joint's equation, of its rows [W | Y] (m, p + 1); phase and partial (m, n)."""
+        standing = phase[:, joint] == Phase.STANDING
+        kept = samples.whole[joint] if samples.whole else None
+        whole = rows if kept is None else kept
         either = []
         for positions, columns in self._entries[joint]:
-            w = rows[standing, :-1].copy()
-            w[:, self._friction[joint]] = 0.0
-            w[:, np.searchsorted(self._columns[joint], columns)] = at_rest[standing][:, positions]
+            w = whole[standing, :-1].copy()
+            w[:, self._changed[joint]] = 0.0
+            if samples.at_rest is not None:
+                w[:, np.searchsorted(self._columns[joint], columns)] = samples.at_rest[standing][:, positions]
             either.append(w)
-        return BesideRows(rows[phase == Phase.REVERSING], either[0], either[1], rows[standing, -1])
+        turning = rows[phase[:, joint] == Phase.REVERSING]
+        return BesideRows(turning, rows[partial[:, joint]], either[0], either[1], whole[standing, -1])
 
 
 @dataclass(frozen=True, eq=False)
 class BesideRows:
-    """[W | Y] (m, p + 1) where a joint turns round; W (k, p) for either direction and Y (k,) where it stands."""
+    """[W | Y] where a joint turns round, of motion beside a halt; W (k, p) either way and Y (k,) where it stands."""
 
     turning: FloatArray
+    partial: FloatArray
     upper: FloatArray
     lower: FloatArray
     y: FloatArray
@@ -310,6 +364,7 @@ def folded(
             accumulator.push(part.t, part.rows, part.used)
             for one, rows in zip(kept, part.beside or (), strict=False):
                 one.push_turning(rows.turning)
+                one.push_partial(rows.partial)
                 one.push_standing(rows.upper, rows.lower, rows.y)
             progress(min(1.0, (done + part.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += recording.n_samples / recording.sampling_rate

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynident.diagnosis.candidates.products import IntArray, Products
-from dynident.effects import Signals, effect_by_id
+from dynident.effects import Signals
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.phases import Phase, width_of
 from dynident.recordings.types import BoolArray
 from dynident.regressors.observation import Observation
-from dynident.regressors.row_phases import RowPhases, joints_with_friction
+from dynident.regressors.row_phases import RowPhases, joints_with_friction, lives_at_starts
 from dynident.regressors.stream import FilteredSamples, filtered_samples, stretch_length
 from dynident.robot.model import FloatArray
 
@@ -22,45 +22,66 @@ _FINER = 0.25
 """Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
 most of them, as long as they are long against the filters' memory."""
 
+_KINDS = 3
+"""Of rows: moving, turning, partial."""
+
 _LONG = 4.0
 """Times the width that the filters smear to either side: what is in one stretch is then hardly in the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """Rows that are shown only to what lives there: `grams`, one (s, p_j + 1, p_j + 1) a joint; `counts` (s, n).
+
+    `shown` (columns, n): for which columns they are equations of which joint.
+    """
+
+    grams: tuple[FloatArray, ...]
+    counts: FloatArray
+    shown: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
 class PhasedProducts:
     """What all scores are computed from: `moving` of rows where the equation's joint moves.
 
-    `turning`, one (s, p_j + 1, p_j + 1) a joint, and `turning_counts` (s, n), of rows where it turns round without
-    sticking, shown to what lives there alone: `remembers` (columns, n) are the columns with friction that remembers a
-    joint's path, or is about low speeds and sits on a joint that never sticks.
+    `turning`: where it turns round without sticking, shown to friction that remembers its path, or is about low speeds
+    where it never sticks; `partial`: of the motion beside a halt, shown to friction that lives where a joint starts.
     """
 
     moving: Products
-    turning: tuple[FloatArray, ...]
-    turning_counts: FloatArray
-    remembers: BoolArray
-    _whole: dict[int, FloatArray] = field(default_factory=dict)
+    turning: Elsewhere
+    partial: Elsewhere
+    _known: dict[tuple[int, bool, bool], FloatArray] = field(default_factory=dict)
 
     def of(self, columns: Sequence[int] | IntArray) -> Products:
         """The rows that are equations for a model with these columns."""
-        joints = self.remembered(columns)
-        if not joints.any():
+        return self.rows(self.shown(columns))
+
+    def beside(self, columns: Sequence[int] | IntArray, kinds: BoolArray) -> Products:
+        """Those, and on all joints those of some kinds (2,): turning and partial rows, for candidates on any joint."""
+        return self.rows(self.shown(columns) | kinds[:, None])
+
+    def rows(self, used: BoolArray) -> Products:
+        """Rows in which each joint moves, and those of `used` (2, n): where it turns, and of motion beside a halt."""
+        if not used.any():
             return self.moving
-        grams = tuple(
-            self._together(j) if use else gram
-            for j, (use, gram) in enumerate(zip(joints, self.moving.grams, strict=True))
-        )
-        counts = self.moving.counts + np.where(joints, self.turning_counts, 0.0)
+        grams = tuple(self._gram(j, bool(turns), bool(starts)) for j, (turns, starts) in enumerate(used.T))
+        counts = self.moving.counts + used[0] * self.turning.counts + used[1] * self.partial.counts
         return Products(grams, self.moving.position, counts, self.moving.run)
 
-    def remembered(self, columns: Sequence[int] | IntArray) -> BoolArray:
-        """(n,): joints whose path some of these columns remember."""
-        return np.asarray(self.remembers[np.asarray(columns, dtype=np.intp)].any(axis=0))
+    def shown(self, columns: Sequence[int] | IntArray) -> BoolArray:
+        """(2, n): joints whose turning, and whose partial rows are equations for a model with these columns."""
+        own = np.asarray(columns, dtype=np.intp)
+        return np.array([rows.shown[own].any(axis=0) for rows in (self.turning, self.partial)])
 
-    def _together(self, joint: int) -> FloatArray:
-        if joint not in self._whole:
-            self._whole[joint] = self.moving.grams[joint] + self.turning[joint]
-        return self._whole[joint]
+    def _gram(self, joint: int, turns: bool, starts: bool) -> FloatArray:
+        if (joint, turns, starts) not in self._known:
+            gram = self.moving.grams[joint]
+            for use, rows in ((turns, self.turning), (starts, self.partial)):
+                gram = gram + rows.grams[joint] if use else gram
+            self._known[joint, turns, starts] = gram
+        return self._known[joint, turns, starts]
 
 
 def gather(
@@ -95,7 +116,9 @@ def gather(
         phases = RowPhases.of(observation, recording, preprocessing).about(frictional)
         free &= phases.free
         if samples_of is None:
-            given: Iterable[FilteredSamples] = filtered_samples(observation, recording, preprocessing, reference)
+            given: Iterable[FilteredSamples] = filtered_samples(
+                observation, recording, preprocessing, reference, phases=phases
+            )
         else:
             given = samples_of(recording)
         segment = -1
@@ -104,14 +127,13 @@ def gather(
                 segment = samples.segment
                 sums.begin_run(recording.run_label(segment))
             phase = phases.at(segment, samples.t)
-            rows = [
-                np.hstack([samples.values[:, places], samples.tau[:, j : j + 1]])
-                for j, (places, _) in enumerate(layout)
-            ]
-            sums.push(samples.t, rows, phase == Phase.MOVING, phase == Phase.REVERSING)
+            partial = phases.partial(phase, samples.held)
+            sums.push(samples.t, samples.rows(layout), phase == Phase.MOVING, phase == Phase.REVERSING, partial)
             progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += recording.n_samples / recording.sampling_rate
-    return sums.finished([columns for _, columns in layout], _living_at_turns(observation, signals, free))
+    starts = lives_at_starts(observation)
+    turns = _remembering(observation, signals) | (starts & free)
+    return sums.finished([columns for _, columns in layout], turns, starts)
 
 
 class _Sums:
@@ -120,8 +142,8 @@ class _Sums:
     def __init__(self, widths: Sequence[int], length: float) -> None:
         self._length = length
         self._shapes = [(width + 1, width + 1) for width in widths]
-        self._grams: list[list[list[FloatArray]]] = [[[] for _ in widths] for _ in range(2)]
-        self._counts: list[list[FloatArray]] = [[], []]
+        self._grams: list[list[list[FloatArray]]] = [[[] for _ in widths] for _ in range(_KINDS)]
+        self._counts: list[list[FloatArray]] = [[] for _ in range(_KINDS)]
         self._spans: list[tuple[float, float]] = []
         self._runs: list[str] = []
         self._run = ""
@@ -133,7 +155,7 @@ class _Sums:
         self._is_open = False
 
     def push(self, t: FloatArray, rows: Sequence[FloatArray], *used: BoolArray) -> None:
-        """Add [W | Y] (m, p + 1) of every joint; `used` (m, n) of either kind."""
+        """Add [W | Y] (m, p + 1) of every joint; `used` (m, n) of every kind."""
         first = 0
         while first < len(t):
             if not self._is_open:
@@ -155,13 +177,13 @@ class _Sums:
         self._is_open = True
         self._spans.append((start, start))
         self._runs.append(self._run)
-        for kind in range(2):
+        for kind in range(_KINDS):
             self._counts[kind].append(np.zeros(len(self._shapes)))
             for j, shape in enumerate(self._shapes):
                 self._grams[kind][j].append(np.zeros(shape))
 
-    def finished(self, columns: Sequence[IntArray], remembers: BoolArray) -> PhasedProducts:
-        """All of them, with the places of the columns."""
+    def finished(self, columns: Sequence[IntArray], turns: BoolArray, starts: BoolArray) -> PhasedProducts:
+        """All of them, with the places of the columns, and (columns, n) to which the rarer rows are shown."""
         grams = [
             tuple(np.array(g).reshape(-1, *shape) for g, shape in zip(kind, self._shapes, strict=True))
             for kind in self._grams
@@ -169,25 +191,19 @@ class _Sums:
         counts = [np.array(kind).reshape(-1, len(self._shapes)) for kind in self._counts]
         position = []
         for own in columns:
-            where = np.full(len(remembers), -1, dtype=np.intp)
+            where = np.full(len(turns), -1, dtype=np.intp)
             where[own] = np.arange(len(own))
             position.append(where)
         labels = list(dict.fromkeys(self._runs))
         run = np.array([labels.index(label) for label in self._runs], dtype=np.intp)
         moving = Products(grams[0], tuple(position), counts[0], run)
-        return PhasedProducts(moving, grams[1], counts[1], remembers)
+        return PhasedProducts(moving, Elsewhere(grams[1], counts[1], turns), Elsewhere(grams[2], counts[2], starts))
 
 
-def _living_at_turns(observation: Observation, signals: Signals, free: BoolArray) -> BoolArray:
-    """(columns, n): which columns are functions of a joint's path, or of its low speeds where it is `free` (n,)."""
-    names = observation.robot.joint_names
+def _remembering(observation: Observation, signals: Signals) -> BoolArray:
+    """(columns, n): which columns are functions of a joint's path."""
     found = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     if observation.memory:
         for k, column in enumerate(observation.columns):
             found[k, [signal.joint for signal in signals.memory_in(column.torque)]] = True
-    for k, column in enumerate(observation.columns):
-        slow = column.effect and any(spec.resolved_by == "speed" for spec in effect_by_id(column.effect).shapes)
-        if slow and column.link in names:
-            joint = names.index(column.link)
-            found[k, joint] |= free[joint]
     return found

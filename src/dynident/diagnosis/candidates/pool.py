@@ -15,6 +15,9 @@ from dynident.robot.model import Robot
 # s: within less, nothing warms up, and what drifts is something else.
 _SHORTEST_SESSION = 120.0
 
+# Grids of speeds and distances go by factors of two.
+_HALF_A_STEP = 2.0**0.5
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -138,11 +141,12 @@ def width_shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> boo
     """The same for constants that are a speed, or a travel since a halt, alone.
 
     A slip distance at the limit of resolution is still hysteresis, only sharper than the data can tell; a friction
-    peak narrower than the limit is nothing that was seen.
+    peak narrower than the limit is nothing that was seen. A refined constant may be half a step of the grid below.
     """
     joints = [robot.joint_names.index(name) for name in choice.joints]
     specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by in ("speed", "travel")]
-    return all(resolved.shows(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
+    values = [choice.shape_values.get(spec.name, spec.default) for spec in specs]
+    return all(resolved.shows(s, v, joints, _HALF_A_STEP) for s, v in zip(specs, values, strict=True))
 
 
 def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:

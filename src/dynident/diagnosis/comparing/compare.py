@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, distance_to_band
 from dynident.estimation.statistics import NORMAL_95
@@ -19,7 +18,7 @@ from dynident.progress import Progress, silent
 from dynident.recordings import Recording, SampleBlock
 from dynident.recordings.phases import Phase, PhaseArray
 from dynident.recordings.types import BoolArray
-from dynident.regressors.row_phases import RowPhases
+from dynident.regressors.row_phases import RowPhases, changed_at_rest
 from dynident.regressors.stream import SampleFunction, parallel_filtered
 from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
@@ -53,6 +52,7 @@ class Comparison:
 
     t, segment (m,); measured, predicted, lower, upper, deviation, q, dq, ddq, load, phase (m, n). Where a joint stands
     its prediction is a band, from `lower` to `upper`: what static friction may hold; elsewhere both are `predicted`.
+    `off_halts` (m, n): instants at which the joint moves, also those nearer to a halt than the filter's width.
     `deviation` is the standard deviation of the prediction that the parameters' uncertainty causes; `load` the
     rigid-body part of the prediction. `noise` (n,) is the standard deviation of the model's residual; `remembering`
     (n,) the joints whose friction remembers the path in this model, `free` (n,) those that never stick where they turn
@@ -75,6 +75,7 @@ class Comparison:
     load: FloatArray
     noise: FloatArray
     phase: PhaseArray
+    off_halts: BoolArray
     remembering: BoolArray
     free: BoolArray
     temperature: FloatArray | None = None
@@ -197,7 +198,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
             title="Too few samples",
         )
     t, segment, signals = (np.concatenate(items) for items in zip(*parts, strict=True))
-    measured, predicted, lower, upper, deviation, q, dq, ddq, load, phase, *more = (
+    measured, predicted, lower, upper, deviation, q, dq, ddq, load, phase, off_halts, *more = (
         signals[:, k * n : (k + 1) * n] for k in range(signals.shape[1] // n)
     )
     phases = RowPhases.of(identification.model.observation, recording, identification.preprocessing)
@@ -217,6 +218,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
         load=load,
         noise=identification.noise,
         phase=phase.astype(np.int8),
+        off_halts=off_halts > 0,
         remembering=phases.remembering,
         free=phases.free,
         temperature=more[0] if more else None,
@@ -231,10 +233,10 @@ def _parts(
     entries = SampleFunction(observation, identification.reference, recording)
     resting = SampleFunction(at_rest, identification.reference, recording)
     phases = RowPhases.of(observation, recording, identification.preprocessing)
+    looked_at = phases.about(phases.frictional)
     rigid = np.array([column.effect in ("rigid_body",) for column in observation.columns])
     load_values = np.where(rigid, identification.values, 0.0)
-    friction = np.array([effect_by_id(column.effect).is_friction for column in observation.columns])
-    without_friction = np.where(friction, 0.0, identification.values)
+    unchanged = np.where(changed_at_rest(at_rest), 0.0, identification.values)
     covariance = identification.statistics.covariance
     n_entries, n = len(observation.entry_rows), observation.robot.n
     first = n_entries + len(at_rest.entry_rows)
@@ -251,8 +253,9 @@ def _parts(
         load = observation.torque(w, load_values)
         deviation = prediction_deviation(observation, w, covariance)
         phase = phases.at(int(segment), t)
+        off_halts = looked_at.holds(int(segment), t)
         base, either = (
-            observation.torque(w, without_friction),
+            observation.torque(w, unchanged),
             at_rest.torque(rows[:, n_entries:first], identification.values),
         )
         band = [np.where(phase == Phase.STANDING, base + way, predicted) for way in (either[:, n:], either[:, :n])]
@@ -263,5 +266,5 @@ def _parts(
         yield (
             t,
             np.full(len(t), float(segment)),
-            np.hstack([measured, predicted, lower, upper, deviation, motion, load, phase, more]),
+            np.hstack([measured, predicted, lower, upper, deviation, motion, load, phase, off_halts, more]),
         )

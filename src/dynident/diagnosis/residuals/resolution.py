@@ -45,14 +45,14 @@ class Resolution:
     speed: FloatArray
     fastest: FloatArray
 
-    def shows(self, spec: ShapeSpec, value: float, joints: Sequence[int]) -> bool:
-        """Whether a shape constant is large enough to be seen on these joints."""
+    def shows(self, spec: ShapeSpec, value: float, joints: Sequence[int], within: float = 1.0) -> bool:
+        """Whether a shape constant is large enough to be seen on these joints, known to within a factor."""
         if spec.resolved_by is None or not len(joints):
             return True
         limit = {"displacement": self.displacement, "travel": self.travel, "speed": self.speed}[spec.resolved_by]
         if spec.resolved_by == "speed" and value > _WIDEST * float(np.max(self.fastest[list(joints)])):
             return False
-        return value >= float(np.max(limit[list(joints)]))
+        return within * value >= float(np.max(limit[list(joints)]))
 
 
 def resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> Resolution:
@@ -93,7 +93,7 @@ def _travelled(comparisons: Sequence[Comparison], joint: int) -> float:
 
 
 def _slowest(comparisons: Sequence[Comparison], joint: int) -> float:
-    """Speed that a small share of a joint's moving rows are below; beyond all where it never moves."""
-    shown = [c.moving[:, joint] | ((c.phase[:, joint] == Phase.REVERSING) & c.free[joint]) for c in comparisons]
+    """Speed that a small share of the rows in which a joint moves are below; beyond all where it never moves."""
+    shown = [c.off_halts[:, joint] & (c.free[joint] | (c.phase[:, joint] != Phase.REVERSING)) for c in comparisons]
     values = np.concatenate([np.abs(c.dq[rows, joint]) for c, rows in zip(comparisons, shown, strict=True)])
     return float(np.quantile(values, _SLOWEST_SHARE)) if len(values) else np.inf

@@ -25,6 +25,13 @@ _LEAST_OF_RUNS = 0.5
 The motions of two runs differ, too: what a model lacks shows differently in each, and parameters of one run alone make
 up for some of it."""
 
+_SHADOW = 0.02
+"""Share of what an effect of a rough formula explains that anything beside it has to: a curve that is off by a seventh
+of itself, as such formulas are at the ends of the range, leaves so much, and it looks like many things."""
+
+# Share of the error itself that serves where the torque has no noise.
+_QUIET = 1e-4
+
 JOINT_DROP = 0.03
 """Share of its own squared error that each joint of a group has to gain."""
 JOINT_T = 2.0
@@ -42,7 +49,22 @@ def acceptable(state: State, data: PhasedProducts, item: Judged) -> bool:
         return False
     if effect.first_order and item.separability < _BLURRED and item.drop < _DROP_OF_BLURRED:
         return False
+    if any(shadowed(item, finding.judged, state.floor) for finding in state.picks):
+        return False
     return not item.candidate.runs or item.drop >= _LEAST_OF_RUNS
+
+
+def shadowed(item: Judged, finding: Judged, floor: FloatArray) -> bool:
+    """Whether a candidate is so small beside an effect of a rough formula that it may be what that one leaves."""
+    rough = effect_by_id(finding.candidate.effect).is_rough
+    return rough and explained(item, floor) < _SHADOW * explained(finding, floor)
+
+
+def explained(item: Judged, floor: FloatArray) -> float:
+    """Squared error that a candidate removes, in units of the sensors' noise (n,)."""
+    removed = (item.before - item.after).sum(axis=0)
+    unit = np.maximum(floor**2, _QUIET * item.before.mean(axis=0))
+    return float((removed / np.maximum(unit, np.finfo(float).tiny)).sum())
 
 
 def least_gain(effect: Effect) -> float:

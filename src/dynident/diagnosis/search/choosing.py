@@ -36,11 +36,18 @@ _NEARLY, _DECIDED = 0.97, 1.5
 def choose(
     data: PhasedProducts, pool: Pool, state: State, judged: Sequence[Judged]
 ) -> tuple[Judged, tuple[Judged, ...]] | None:
-    """The next effect to add and its equals on this data; None where nothing passes."""
+    """The next effect to add and its equals on this data; None where nothing passes.
+
+    What nature does not allow is never named, but stays a rival: an effect that says less of the same than a torque
+    before its cause, or friction that gives energy, is the shadow of something that nobody has a name for.
+    """
     passing = [item for item in judged if acceptable(state, data, item)]
+    unnatural: list[Judged] = []
     while passing:
         chosen, equal = simplest(_each_its_own(passing))
-        if _stable(data, pool, state, chosen, passing) and plausible(data, pool, state.base, state.noise, chosen):
+        if not plausible(data, pool, state.base, state.noise, chosen):
+            unnatural.append(chosen)
+        elif _stable(data, pool, state, chosen, [*passing, *unnatural]):
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1

@@ -14,6 +14,7 @@ from dynident.diagnosis.search.acceptance import (
     LARGE_DROP,
     gain_over_floor,
     least_gain,
+    shadowed,
 )
 from dynident.diagnosis.search.state import Finding, State, judge_all
 from dynident.diagnosis.search.transients import CONTACT
@@ -35,7 +36,12 @@ def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
     )
     while len(state.picks) > 1:
         judged = [(_again(data, pool, state, finding), finding) for finding in state.picks if _can_be_held_out(finding)]
-        weak = [(item, finding) for item, finding in judged if not item.lasts(_PRUNE_DROP, _PRUNE_T)]
+        weak = [
+            (item, finding)
+            for item, finding in judged
+            if not item.lasts(_PRUNE_DROP, _PRUNE_T)
+            or any(shadowed(item, other, state.floor) for other, pick in judged if pick is not finding)
+        ]
         if not weak:
             break
         _, superfluous = min(weak, key=lambda pair: pair[0].total_gain)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Candidate, Pool, width_shows
 from dynident.diagnosis.residuals.resolution import Resolution
+from dynident.diagnosis.search.acceptance import explained
 from dynident.diagnosis.search.pruning import pruned, trimmed
 from dynident.diagnosis.search.rungs import helpful
 from dynident.diagnosis.search.state import Finding, State, noise_left
@@ -24,7 +23,6 @@ from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray
 
-_QUIET = 1e-4
 # Solutions until first-order columns are about the model that they are part of.
 _PASSES = 2
 
@@ -61,16 +59,8 @@ def refined(
     if not choices:
         return (), ()
     seen = [i for i in _lasting(model, choices) if width_shows(choices[i], model.robot, resolved)]
-    lasting = lean.helpful(sorted(seen, key=lambda i: -_explained(kept[i], floor)))
+    lasting = lean.helpful(sorted(seen, key=lambda i: -explained(kept[i].judged, floor)))
     return tuple(kept[i] for i in lasting), tuple(choices[i] for i in lasting)
-
-
-def _explained(finding: Finding, floor: FloatArray) -> float:
-    """Squared error that a pick removed, in units of the sensors' noise: the larger first."""
-    removed = (finding.judged.before - finding.judged.after).sum(axis=0)
-    # Torque without noise: what is left of the error serves.
-    unit = np.maximum(floor**2, _QUIET * finding.judged.before.mean(axis=0))
-    return float((removed / np.maximum(unit, np.finfo(float).tiny)).sum())
 
 
 def improved(

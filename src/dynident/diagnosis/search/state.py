@@ -58,14 +58,16 @@ def judge_all(
     """Judge every candidate beside the model whose columns are `base`, in both kinds of folds.
 
     Each on the rows that are equations for the model with it in: with friction that remembers the path also those
-    where its joints turn round.
+    where joints turn round, with friction that shows where a joint starts also those beside a halt; of all joints, so
+    that candidates on different ones have the same rows.
     """
-    sets: dict[bytes, list[int]] = {}
+    sets: dict[tuple[bool, bool], list[int]] = {}
     for k, candidate in enumerate(candidates):
-        sets.setdefault(data.remembered(base + candidate.columns).tobytes(), []).append(k)
+        turns, starts = data.shown(candidate.columns)
+        sets.setdefault((bool(turns.any()), bool(starts.any())), []).append(k)
     found: list[Judged | None] = [None] * len(candidates)
-    for members in sets.values():
-        rows = data.of(base + candidates[members[0]].columns)
+    for kinds, members in sets.items():
+        rows = data.beside(base, np.array(kinds))
         own = [candidates[k] for k in members]
         for k, item in zip(members, _judged(rows, pool, base, own, noise), strict=True):
             found[k] = item

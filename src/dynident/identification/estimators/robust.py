@@ -169,7 +169,10 @@ class _Passes:
             yield from kept
             return
         data = self.data
-        yield from filtered_samples(self.model.observation, recording, data.preprocessing, data.reference)
+        phases = RowPhases.of(self.model.observation, recording, data.preprocessing)
+        yield from filtered_samples(
+            self.model.observation, recording, data.preprocessing, data.reference, phases=phases
+        )
 
     def _residual(self, samples: FilteredSamples, values: FloatArray) -> FloatArray:
         return np.asarray(samples.tau - self.model.observation.torque(samples.values, values))
