@@ -114,17 +114,26 @@ def refine_shapes(
 ) -> tuple[EffectChoice, ...]:
     """Search around shape constants that came from a coarse grid, one constant of every effect after another.
 
+    Constants that are one of a few kinds, an exponent, a law, are chosen anew with the first: a coarse grid may have
+    picked one for want of a value between.
+
     `kept` names the constants of every choice that stay as they are; none where it is empty.
     """
     refined = tuple(added)
-    moving = [_refinable(choice, names) for choice, names in zip(refined, kept or [()] * len(refined), strict=True)]
+    fixed = kept or [()] * len(refined)
+    moving = [_refinable(choice, names) for choice, names in zip(refined, fixed, strict=True)]
     rounds = max((len(specs) for specs in moving), default=0)
     for number in range(rounds):
         specs = [of_choice[number] if number < len(of_choice) else None for of_choice in moving]
-        options = [_finer(choice, spec) for choice, spec in zip(refined, specs, strict=True)]
+        kinds = [
+            _kinds(choice, names, model.robot) if number == 0 and spec is not None else [choice]
+            for choice, names, spec in zip(refined, fixed, specs, strict=True)
+        ]
+        lines = [[_finer(kind, spec) for kind in of_choice] for of_choice, spec in zip(kinds, specs, strict=True)]
+        options = [[choice for line in of_choice for choice in line] for of_choice in lines]
         here = part(progress, number / rounds, (number + 1) / rounds)
         picked, errors = _tabulate(model, options, recordings, preprocessing, reference, here).search()
-        refined = tuple(_vertex(*found) for found in zip(options, picked, errors, specs, strict=True))
+        refined = tuple(_vertex(*found) for found in zip(lines, picked, errors, specs, strict=True))
     return refined
 
 
@@ -141,6 +150,19 @@ def _refinable(choice: EffectChoice, kept: Collection[str]) -> list[ShapeSpec]:
     specs = effect_by_id(choice.effect).shapes
     present = choice.shape_values
     return [spec for spec in specs if spec.refined is not None and spec.name in present and spec.name not in kept]
+
+
+def _kinds(choice: EffectChoice, kept: Collection[str], robot: Robot) -> list[EffectChoice]:
+    """The choice with every value that its effect's grid has for constants that are not refined."""
+    effect = effect_by_id(choice.effect)
+    open_ = [spec.name for spec in effect.shapes if spec.refined is None and spec.name not in kept]
+    present = [name for name in open_ if name in choice.shape_values]
+    if not present or any(spec.proposal != "grid" for spec in effect.shapes):
+        return [choice]
+    grid = effect.grid(robot, joints_of(choice, robot)[0])
+    others = {_key({name: shape[name] for name in present if name in shape}) for shape in grid}
+    mine = _key({name: choice.shape_values[name] for name in present})
+    return [choice, *(replace(choice, shape=_key({**choice.shape_values, **dict(o)})) for o in sorted(others - {mine}))]
 
 
 def _finer(choice: EffectChoice, spec: ShapeSpec | None) -> list[EffectChoice]:
@@ -224,8 +246,14 @@ def _tabulate(
     return _Table(factor, model.n_parameters, numbers)
 
 
-def _vertex(group: Sequence[EffectChoice], picked: int, errors: FloatArray, spec: ShapeSpec | None) -> EffectChoice:
-    """The choice at the minimum of the parabola through the best step and its neighbours."""
+def _vertex(
+    lines: Sequence[Sequence[EffectChoice]], picked: int, errors: FloatArray, spec: ShapeSpec | None
+) -> EffectChoice:
+    """The choice at the minimum of the parabola through the best step and its neighbours, among those of its kind."""
+    first = 0
+    while picked - first >= len(lines[0]):
+        first, lines = first + len(lines[0]), lines[1:]
+    group, picked, errors = lines[0], picked - first, errors[first : first + len(lines[0])]
     choice = group[picked]
     if spec is None or not 0 < picked < len(group) - 1:
         return choice

@@ -38,8 +38,8 @@ def choose(
 ) -> tuple[Judged, tuple[Judged, ...]] | None:
     """The next effect to add and its equals on this data; None where nothing passes.
 
-    What nature does not allow is never named, but stays a rival: an effect that says less of the same than a torque
-    before its cause, or friction that gives energy, is the shadow of something that nobody has a name for.
+    What nature does not allow is never named. Of sensitivities of the predicted torque it stays a rival: play that says
+    less of the same than a torque before its cause is the shadow of something that has no name here.
     """
     passing = [item for item in judged if acceptable(state, data, item)]
     unnatural: list[Judged] = []
@@ -47,7 +47,7 @@ def choose(
         chosen, equal = simplest(_each_its_own(passing))
         if not plausible(data, pool, state.base, state.noise, chosen):
             unnatural.append(chosen)
-        elif _stable(data, pool, state, chosen, [*passing, *unnatural]):
+        elif _stable(data, pool, state, chosen, [*passing, *_of_its_kind(chosen, unnatural)]):
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
@@ -55,6 +55,13 @@ def choose(
                 return replace(slim, p=chosen.p), equal + _rivals(slim, judged, equal)
         passing = [item for item in passing if item is not chosen]
     return None
+
+
+def _of_its_kind(chosen: Judged, others: Sequence[Judged]) -> list[Judged]:
+    """Those that are sensitivities of the predicted torque as well."""
+    if not effect_by_id(chosen.candidate.effect).first_order:
+        return []
+    return [item for item in others if effect_by_id(item.candidate.effect).first_order]
 
 
 def _stable(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, passing: Sequence[Judged]) -> bool:
