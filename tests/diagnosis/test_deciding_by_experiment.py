@@ -52,7 +52,6 @@ def simulated(motion: Motion | Design, hidden: TrueEffect, seed: int, name: str)
     return recording_from_arrays(run.t, run.q, run.tau, joint_names=NAMES, name=name)
 
 
-@pytest.mark.xfail(reason="ten seconds of one run are too few stretches for a name at one in a hundred")
 def test_the_virtual_robot_makes_the_proposed_motion_and_of_the_two_the_right_one_stands_first():
     bend = TrueEffect("viscous_nonlinear", JOINT, (("Fvn", 0.03 * ROBOT.joints[0].limits.effort),), (("p", 0.5),))
     motion = fourier_motion(ROBOT, 10.0, 200.0, 7, harmonics=2, fastest=0.9, base_frequency=0.2)
@@ -64,7 +63,6 @@ def test_the_virtual_robot_makes_the_proposed_motion_and_of_the_two_the_right_on
     assert dict(first.shape)["p"] == pytest.approx(0.5, abs=0.1)
 
 
-@pytest.mark.xfail(reason="the fast run alone names the peak by now, no pair is left open")
 def test_an_effect_that_took_another_ones_name_gets_its_own():
     peak = on_joint(0, lambda q, v, load: 6.0 * np.exp(-np.abs(v / 0.25)) * np.sign(v))
     fast = recorded(fourier_motion(ROBOT, 20.0, 200.0, 7, harmonics=3, fastest=0.9), peak, 3, "fast")

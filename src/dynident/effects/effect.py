@@ -148,8 +148,8 @@ class Effect(ABC):
 
     `is_inertia`: the links' and rotors' own, which are the robot itself. `of_position`: a function of positions and the
     direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of the
-    session. `is_rough`: its formula only resembles what it stands for. `in_some_runs`: it is the same function as the
-    model itself unless it is in some of the runs only. `confused_with` names effects that leave much the same
+    session. `is_rough`: its formula only resembles what it stands for. `in_some_runs`: it is the same function as
+    the model itself unless it is in some of the runs only. `confused_with` names effects that leave much the same
     residual, `same_function` those that are the same function of the motion, so that no data can tell them apart,
     `covers` those that it is general enough to say as well.
     """
@@ -191,6 +191,10 @@ class Effect(ABC):
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Shape constants worth trying on a joint, most plausible first."""
         return [{spec.name: spec.default for spec in self.shapes}]
+
+    def at_starts(self, shape: Mapping[str, float]) -> bool:
+        """Whether this is friction that shows where its joint starts and stops: at low speed, or after a halt."""
+        return False
 
     def natural(self, estimates: Mapping[str, Estimate]) -> bool:
         """Whether nature makes an effect on one joint with these parameters, by name, and anybody would notice it.

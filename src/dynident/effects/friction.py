@@ -144,6 +144,10 @@ class Stribeck(_OneColumnFriction):
         power = ratio * ratio if delta == 2.0 else ca.fabs(ratio) ** delta
         return ca.exp(-power) * signals.sign[joint]
 
+    def at_starts(self, shape: Mapping[str, float]) -> bool:
+        """It is friction at low speed."""
+        return True
+
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Stribeck velocities from 0.4 % to 13 % of the joint's velocity limit, bell-shaped and pointed."""
         speeds = geometric_grid(0.004 * velocity_scale(robot, joint), 0.13 * velocity_scale(robot, joint), 2.0)
@@ -166,6 +170,10 @@ class ViscousNonlinear(_OneColumnFriction):
         """|q̇|^p sign(q̇)."""
         magnitude = ca.fabs(signals.dq[joint])
         return magnitude ** shape["p"] * signals.sign[joint]
+
+    def at_starts(self, shape: Mapping[str, float]) -> bool:
+        """A power below one is steepest where the joint starts."""
+        return shape["p"] < 1.0
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Exponents below and above one."""

@@ -88,6 +88,10 @@ class BreakAway(Effect):
             made.append(self._column(signals, self.parameters[0], j, (1 - travelled) * signals.sign[j], constants))
         return made
 
+    def at_starts(self, shape: Mapping[str, float]) -> bool:
+        """It begins with every start."""
+        return True
+
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Distances from 2 to 32 mrad (or mm) in factors of two."""
         return [{"db": d} for d in geometric_grid(2e-3, 32e-3, 2.0)]

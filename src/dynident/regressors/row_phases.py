@@ -112,12 +112,11 @@ def starting_joints(observation: Observation) -> BoolArray:
 
 
 def lives_at_starts(observation: Observation) -> BoolArray:
-    """(columns, n): columns of friction at low speed, or shortly after a halt: they show where their joint starts."""
+    """(columns, n): columns of friction that shows where its joint starts: at low speed, or shortly after a halt."""
     names = observation.robot.joint_names
     found = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     for k, column in enumerate(observation.columns):
-        specs = effect_by_id(column.effect).shapes if column.effect else ()
-        if column.link in names and any(spec.resolved_by in ("speed", "travel") for spec in specs):
+        if column.effect and column.link in names and effect_by_id(column.effect).at_starts(dict(column.shape)):
             found[k, names.index(column.link)] = True
     return found
 
