@@ -55,9 +55,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("readme")
     (folder / "arm.urdf").write_text(urdf_from_robot(robot_from_library("ur10")), encoding="utf-8")
     run_commands(folder, blocks("Use it on my robot", "sh")[0])
-    # The robot that the reader has at hand: it plays the designed motion, then another.
+    # The robot that the reader has at hand: it plays the designed motion twice, then another.
     hidden = "--effects stribeck@elbow_joint --rate 200"
-    run_commands(folder, f"dynident simulate arm.urdf --trajectory trajectory.csv {hidden} --out run1.csv")
+    run_commands(folder, f"dynident simulate arm.urdf --trajectory trajectory.csv {hidden} --runs 2 --out run1.csv")
     run_commands(folder, f"dynident simulate arm.urdf {hidden} --seed 1 --out run2.csv")
     return folder
 
