@@ -1,6 +1,11 @@
 """How slow is standing, and how long is sticking? The constants of `dynident.recordings.phases`, calibrated.
 
-    python benchmarks/standing_rows.py [--seed 1 | --seed new] [--arms ur10,six-1] [--rates 1000,60] [--only fits]
+    python benchmarks/standing_rows.py [--seed 1 | --seed new] [--arms ur10,six-1] [--rates 1000,60] [--only starts]
+
+Starts: the same clean arms with Stribeck friction in the model, which they have not, for several margins by which halts
+are longer in filtered positions (`_SMEARED` of `dynident.regressors.row_phases`, as a share of 1 / cut-off). `rows
+beside` is the residual on the rows next to halts over the noise, `Fst` the friction that is found, as a share of
+Coulomb friction: nought would be right; `its 2 σ` what it is uncertain by.
 
 Fits: clean arms of the benchmark's engine (rigid dry friction; Fourier motions and moves with pauses, soft and stiff
 controllers, several rates) are identified with other slow speeds, and with all rows. `own rows` is the residual on the
@@ -51,8 +56,10 @@ from hiding.manners import Manners, draw_manner
 from placebos.subjects import REAL_ARMS, imported
 
 from dynident.diagnosis import compare
-from dynident.identification import Identification, identify
+from dynident.effects import EffectChoice
+from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Recording, low_pass, phases, recording_from_arrays
+from dynident.regressors import row_phases
 from dynident.robot import Robot
 
 MANNERS: tuple[tuple[MotionKind, Firmness], ...] = tuple(
@@ -65,6 +72,8 @@ DURATION = 9.0
 SPEEDS = (0.0025, 0.005, 0.01, 0.02, 0.04)
 LINGERS = (1.2, 1.5, 2.0, 3.0, 5.0)
 FASTER = (3.0, 5.0, 8.0)
+SMEARED = (0.0, 0.0625, 0.125, 0.25, 0.5, 1.0)
+PEAK = 0.06
 
 STUCK = 1e-4
 """rad/s or m/s below which a joint of the engine sticks; one that turns freely is as slow for half a ms."""
@@ -124,9 +133,11 @@ def main() -> None:
     start = time.perf_counter()
     rigid = [made(arm, manner, seed + k) for k, arm in enumerate(arms) for manner in MANNERS]
     print(f"{len(rigid)} rigid arms simulated, {time.perf_counter() - start:.0f} s", flush=True)
-    if arguments.only != "halts":
+    if arguments.only in (None, "fits"):
         _show_fits(rigid, rates)
-    if arguments.only != "fits":
+    if arguments.only in (None, "starts"):
+        _show_starts(rigid, rates)
+    if arguments.only in (None, "halts"):
         soft = [
             made(arm, ("fourier", firmness), seed + k, presliding=True)
             for k, arm in enumerate(arms)
@@ -184,7 +195,7 @@ def _set(values: Constants) -> None:
 @contextmanager
 def no_phases(recording: Recording) -> Iterator[None]:
     """All rows of a recording move."""
-    nothing = phases.Halts(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
+    nothing = phases.Halts(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0, dtype=bool))
     phases._known[recording] = phases.Phases(tuple((nothing,) * recording.n for _ in recording.segments))
     try:
         yield
@@ -223,6 +234,66 @@ def fits(one: Made, rate: float) -> dict[str, Fit]:
         )
         for title, (identification, residual, moving) in found.items()
     }
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """What rows next to halts make of Stribeck friction that is not there: each (n,)."""
+
+    beside: FloatArray
+    count: FloatArray
+    found: FloatArray
+    deviation: FloatArray
+
+
+def starts(one: Made, rate: float, smeared: float) -> Starts:
+    """Identify a clean recording with Stribeck friction on every turning joint."""
+    recording, noise = one.seen(rate)
+    robot = as_described(one.arm.robot, one.seed)
+    names = tuple(joint.name for joint in robot.joints if joint.kind == "revolute")
+    effects = (*IdentificationChoices().effects, EffectChoice("stribeck", names, (("delta", 2.0), ("vs", PEAK))))
+    before = row_phases._SMEARED
+    try:
+        row_phases._SMEARED = smeared
+        found = identify(robot, [recording], (), IdentificationChoices(effects))
+    finally:
+        row_phases._SMEARED = before
+    floor = noise * float(np.sqrt((low_pass(recording.sampling_rate, found.preprocessing.torque_cutoff) ** 2).sum()))
+    beside = [equation.beside for equation in found.training.equations]
+    partial = [(0.0, 0) if b is None else (b.partial.squares(found.values[e.columns]), b.partial.count)
+               for b, e in zip(beside, found.training.equations, strict=True)]  # fmt: skip
+    squares, count = (np.array(column, dtype=np.float64) for column in zip(*partial, strict=True))
+    peaks = {p.link: p for p in found.parameters if p.effect == "stribeck"}
+    coulomb = one.arm.drives.coulomb
+    values, deviations = (
+        np.array([getattr(peaks[name], what) if name in peaks else np.nan for name in robot.joint_names]) / coulomb
+        for what in ("value", "standard_deviation")
+    )
+    rms = np.sqrt(np.divide(squares, count, out=np.full(len(count), np.nan), where=count > 0)) / floor
+    return Starts(rms, count, np.abs(values), 2.0 * deviations)
+
+
+def _show_starts(rigid: Sequence[Made], rates: Sequence[float]) -> None:
+    rows = []
+    for smeared in SMEARED:
+        found = [starts(one, rates[(k + k // len(MANNERS)) % len(rates)], smeared) for k, one in enumerate(rigid)]
+        beside, count, values, doubt = (
+            np.concatenate([getattr(one, what) for one in found]) for what in ("beside", "count", "found", "deviation")
+        )
+        usual = " (usual)" if smeared == row_phases._SMEARED else ""
+        rows.append(
+            (
+                f"{smeared:g}{usual}",
+                f"{np.nanmedian(beside):.2f}",
+                f"{np.nanquantile(beside, 0.9):.2f}",
+                f"{count.sum():.0f}",
+                f"{np.nanmedian(values):.2%}",
+                f"{np.nanquantile(values, 0.9):.2%}",
+                f"{np.nanmedian(doubt):.2%}",
+            )
+        )
+    head = ("1 / cut-off times", "rows beside", "90 %", "rows", "Fst / Fc", "90 %", "its 2 σ")
+    show(f"Stribeck friction at {PEAK:g} rad/s that is not there, on all joints", [head, *rows])
 
 
 def _rms(residual: FloatArray, rows: np.ndarray) -> FloatArray:
@@ -413,7 +484,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seed", default="1", help='a number, or "new"')
     parser.add_argument("--arms", default="", help="franka_panda, ur10, ur5, six-<number>, sliding-<number>, …")
     parser.add_argument("--rates", default="", help="Hz, with commas between")
-    parser.add_argument("--only", choices=("fits", "halts"))
+    parser.add_argument("--only", choices=("fits", "starts", "halts"))
     return parser.parse_args()
 
 
