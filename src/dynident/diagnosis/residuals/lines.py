@@ -50,16 +50,7 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[i
         found += [] if slow is None else [slow]
         # A wave beside each, so that what a line is off by is not taken for something else.
         lines += [(j, line + beside / span) for line in found for beside in (0.0, -_BESIDE, _BESIDE)]
-        lines += [(j, float(k)) for k in _whole_waves(span)]
     return lines
-
-
-def _whole_waves(span: float) -> range:
-    """Whole numbers of waves a turn of which so few are in a range (rad) that nothing else of them shows in a residual.
-
-    What else is missing, and the model itself, bend such a wave until the spectrum has it elsewhere.
-    """
-    return range(round(_LOWEST_LINE), int(4 * np.pi / span) + 1)
 
 
 def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> float | None:

@@ -41,17 +41,17 @@ def choose(
     What nature does not allow is never named. Of sensitivities of the predicted torque it stays a rival: play that says
     less of the same than a torque before its cause is the shadow of something that has no name here.
     """
-    whole = [item for item in judged if acceptable(state, data, item)]
-    natural = {id(item) for item in whole if plausible(data, pool, state.base, state.noise, item)}
-    passing = [item for item in whole if id(item) in natural]
-    unnatural = [item for item in whole if id(item) not in natural]
+    large = [item for item in judged if acceptable(state, data, item)]
+    natural = {id(item) for item in large if plausible(data, pool, state.base, state.noise, item)}
+    passing = [item for item in large if id(item) in natural]
+    unnatural = [item for item in large if id(item) not in natural]
     while passing:
         chosen, equal = simplest(_each_its_own(passing))
         if _stable(data, pool, state, chosen, [*passing, *_of_its_kind(chosen, unnatural)]):
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
-            together = slim is chosen or len(slim.candidate.joints) > 1
-            if together or acceptable(state, data, replace(slim, p=chosen.p)):
+            whole = slim is chosen or len(slim.candidate.joints) > 1
+            if whole or acceptable(state, data, replace(slim, p=chosen.p)):
                 return replace(slim, p=chosen.p), equal + _rivals(slim, judged, equal)
         passing = [item for item in passing if item is not chosen]
     return None
