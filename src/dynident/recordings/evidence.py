@@ -18,6 +18,7 @@ from dynident.errors import DynidentError
 from dynident.recordings.choosing import choose_preprocessing
 from dynident.recordings.filtering import filtered_blocks
 from dynident.recordings.parallel import FilteredRows, ParallelFilter
+from dynident.recordings.phases import Phase, Phases, phases_of
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.types import BoolArray, FloatArray, IntArray, Recording, SampleBlock, Segment
 
@@ -35,6 +36,9 @@ SPAN = 0.2
 EXPLAINED = 0.9
 """Share of a torque's variance that the motion has to explain before its alignment says anything."""
 
+_HELD = 0.02
+"""Share of what is under the filter at which a joint stands, from which on its friction is not known."""
+
 _RANK = 1e-10
 
 
@@ -47,10 +51,11 @@ class Shiftable(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Decimated rows in order: smooth (r, k), friction (r, n, 3), tau (r, n), steady (r, n), block (r,), moving (n,).
+    """Decimated rows in order: smooth (r, k), friction (r, n, 3), tau (r, n), steady, held (r, n), block (r,).
 
     `smooth` holds 1, sines and cosines of q, products of neighbours', those of the sum of three, and last q̈ (n
-    columns); `friction` the velocity, a rounded sign of it and the sign; `steady` is true clear of a joint's reversals;
+    columns); `friction` the velocity, a rounded sign of it and the sign; `steady` is true clear of a joint's reversals,
+    `held` where it stands, so that friction has no sign; `moving` (n,) are joints that move at all;
     `series` gives the same rows' torque at other times, `resolution` the step in s that tells such shifts apart.
     """
 
@@ -58,6 +63,7 @@ class Evidence:
     friction: FloatArray
     tau: FloatArray
     steady: BoolArray
+    held: BoolArray
     block: IntArray
     moving: BoolArray
     series: tuple[Shiftable, ...]
@@ -97,7 +103,7 @@ def gather(recording: Recording) -> Evidence | None:
     moving: BoolArray = speed > 1e-3 * speed.max()
     if not moving.any():
         return None
-    runs = _filtered(blocks, np.maximum(0.1 * speed, 1e-12), recording.sampling_rate, choice)
+    runs = _filtered(blocks, np.maximum(0.1 * speed, 1e-12), phases_of(stretch), recording.sampling_rate, choice)
     evidence = _arranged(runs, recording.n, moving, 0.06 / (choice.torque_cutoff or 5.0)) if runs else None
     if evidence is None or len(evidence.tau) < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
         return None
@@ -105,14 +111,17 @@ def gather(recording: Recording) -> Evidence | None:
 
 
 def direction(evidence: Evidence, joint: int) -> Direction:
-    """Tell whether a joint's torque goes with its motion or against it."""
+    """Tell whether a joint's torque goes with its motion or against it; (0, 0) where it moves too little to tell."""
     n = evidence.tau.shape[1]
+    told = ~evidence.held[:, joint]
+    if told.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
+        return Direction(0.0, 0.0)
     own = evidence.smooth.shape[1] - n + joint
-    friction = evidence.friction[:, joint]
-    others = orthonormal(np.delete(evidence.smooth, own, axis=1))
-    columns = np.column_stack([others, evidence.smooth[:, own], friction])
+    friction, smooth = evidence.friction[told, joint], evidence.smooth[told]
+    others = orthonormal(np.delete(smooth, own, axis=1))
+    columns = np.column_stack([others, smooth[:, own], friction])
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    weights = [w / scale for w in _jackknife(columns / scale, evidence.tau[:, joint], evidence.block)]
+    weights = [w / scale for w in _jackknife(columns / scale, evidence.tau[told, joint], _blocks(told))]
     power = [float(np.mean(friction[:, 0] * (friction @ w[-3:]))) for w in weights]
     inertia = [float(w[-4]) for w in weights]
     return Direction(_over_error(power), _over_error(inertia))
@@ -213,8 +222,8 @@ def _rms_speed(blocks: list[SampleBlock]) -> FloatArray:
     return speed
 
 
-def _columns(block: SampleBlock, rounding: FloatArray) -> FloatArray:
-    """Give the unfiltered columns: smooth functions of q, q̈, q̇, rounded signs, marks of reversals, τ."""
+def _columns(block: SampleBlock, rounding: FloatArray, phases: Phases) -> FloatArray:
+    """Give the unfiltered columns: smooth functions of q, q̈, q̇, rounded signs, marks of reversals and rest, τ."""
     n = block.q.shape[1]
     shapes = np.sin(block.q), np.cos(block.q)
     neighbours = [a[:, i] * b[:, i + 1] for i in range(n - 1) for a, b in product(shapes, shapes)]
@@ -224,11 +233,12 @@ def _columns(block: SampleBlock, rounding: FloatArray) -> FloatArray:
     reversal[1:] = np.diff(np.sign(block.dq), axis=0) != 0
     signs = np.tanh(block.dq / rounding), np.sign(block.dq)
     smooth = [np.ones(len(block.t)), *shapes, *neighbours, np.sin(level), np.cos(level)]
-    return np.column_stack([*smooth, block.ddq, block.dq, *signs, reversal, block.tau])
+    rests = phases.at(block.segment, block.t, 0.0) == Phase.STANDING
+    return np.column_stack([*smooth, block.ddq, block.dq, *signs, reversal, rests, block.tau])
 
 
 def _filtered(
-    blocks: list[SampleBlock], rounding: FloatArray, rate: float, choice: Preprocessing
+    blocks: list[SampleBlock], rounding: FloatArray, phases: Phases, rate: float, choice: Preprocessing
 ) -> list[FilteredRows]:
     """Filter and decimate; one result for each contiguous run of blocks."""
     parallel = ParallelFilter(rate, choice.torque_cutoff, choice.decimation)
@@ -246,7 +256,7 @@ def _filtered(
     for block in blocks:
         if previous is not None and (block.segment != previous.segment or block.t[0] > previous.t[-1] + 1.5 / rate):
             close()
-        parts.append(parallel.push(_columns(block, rounding), block.t, block.used))
+        parts.append(parallel.push(_columns(block, rounding, phases), block.t, block.used))
         previous = block
     close()
     return runs
@@ -256,19 +266,26 @@ def _arranged(runs: list[FilteredRows], n: int, moving: BoolArray, resolution: f
     kept = [run.used & (run.t >= run.t[0] + SPAN) & (run.t <= run.t[-1] - SPAN) for run in runs]
     values = np.concatenate([run.values[keep] for run, keep in zip(runs, kept, strict=True)])
     series = [Shiftable(CubicSpline(r.t, r.values[:, -n:]), r.t[keep]) for r, keep in zip(runs, kept, strict=True)]
-    borders = values.shape[1] - n * np.array([5, 4, 3, 2, 1])
-    smooth, speed, rounded, sign, reversal, tau = np.split(values, borders, axis=1)
+    borders = values.shape[1] - n * np.array([6, 5, 4, 3, 2, 1])
+    smooth, speed, rounded, sign, reversal, rests, tau = np.split(values, borders, axis=1)
     return Evidence(
         smooth=smooth,
         friction=np.stack([speed, rounded, sign], axis=2),
         tau=tau,
         # The low-passed mark of a reversal is far from 0 only within about a period of the cut-off around it.
         steady=np.abs(reversal) < 1e-3,
-        block=np.arange(len(values)) * BLOCKS // max(len(values), 1),
+        held=np.abs(rests) > _HELD,
+        block=_blocks(np.ones(len(values), dtype=bool)),
         moving=moving,
         series=tuple(series),
         resolution=resolution,
     )
+
+
+def _blocks(rows: BoolArray) -> IntArray:
+    """Blocks of time of those of some rows (r,) that are true, equally many each."""
+    count = int(rows.sum())
+    return np.arange(count) * BLOCKS // max(count, 1)
 
 
 def _at_shifts(evidence: Evidence, joint: int, shifts: FloatArray) -> FloatArray:

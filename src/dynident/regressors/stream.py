@@ -115,50 +115,59 @@ def filtered_samples(
         Takes halts out of the equations of joints that are looked at where they start.
     """
     parts = [SampleFunction(one, reference, recording) for one in (observation, at_rest) if one is not None]
-    first = len(observation.entry_rows)
-    second = first + (0 if at_rest is None else len(at_rest.entry_rows))
-    third = second + recording.n
+    layout = [observation.joint_entries(joint) for joint in range(recording.n)]
     starting = np.zeros(recording.n, dtype=bool) if phases is None else phases.starting
     # What is filtered a second time, with the halts in it: entries of joints that have some, and their torque.
-    again = np.flatnonzero(starting[observation.entry_rows]) if at_rest is not None else np.zeros(0, dtype=np.intp)
-    torque = np.flatnonzero(starting) if at_rest is not None else np.zeros(0, dtype=np.intp)
-
-    fourth = third + (recording.n if starting.any() else 0)
-    fifth = fourth + len(again)
-    layout = [observation.joint_entries(joint) for joint in range(recording.n)]
+    joints = np.flatnonzero(starting) if at_rest is not None else np.zeros(0, dtype=np.intp)
+    again = np.flatnonzero(np.isin(observation.entry_rows, joints))
+    entries, resting, tau, held, whole, torque = _side_by_side(
+        len(observation.entry_rows),
+        0 if at_rest is None else len(at_rest.entry_rows),
+        recording.n,
+        recording.n if starting.any() else 0,
+        len(again),
+        len(joints),
+    )
 
     def values(block: SampleBlock) -> FloatArray:
-        rows = np.empty((len(block.t), fifth + len(torque)))
-        for entries, places in zip(parts, (slice(0, first), slice(first, second)), strict=False):
-            entries.fill(block, rows[:, places])
-        rows[:, second:third] = block.tau
-        if phases is None or fourth == third:
-            return rows
-        rows[:, fourth:fifth] = rows[:, again]
-        rows[:, fifth:] = rows[:, second + torque]
-        held = phases.holds(block.segment, block.t)
-        rows[:, third:fourth] = held
-        for joint in np.flatnonzero(~held.all(axis=0)):
-            still = np.flatnonzero(~held[:, joint])
-            rows[np.ix_(still, layout[joint][0])] = 0.0
-            rows[still, second + joint] = 0.0
+        rows = np.empty((len(block.t), torque.stop))
+        for part, places in zip(parts, (entries, resting), strict=False):
+            part.fill(block, rows[:, places])
+        rows[:, tau] = block.tau
+        rows[:, whole], rows[:, torque] = rows[:, again], block.tau[:, joints]
+        if phases is not None and starting.any():
+            holds = phases.holds(block.segment, block.t)
+            rows[:, held] = holds
+            for joint in np.flatnonzero(~holds.all(axis=0)):
+                halted = np.flatnonzero(~holds[:, joint])
+                rows[np.ix_(halted, [*layout[joint][0], tau.start + joint])] = 0.0
         return rows
 
     for segment, t, rows in parallel_filtered(recording, preprocessing, values):
-        resting = None if at_rest is None else rows[:, first:second]
-        held = rows[:, third:fourth] if fourth > third else None
-        whole = _whole(rows[:, fourth:], again, torque, layout)
-        yield FilteredSamples(t, rows[:, :first], rows[:, second:third], segment, resting, held, whole)
+        yield FilteredSamples(
+            t,
+            rows[:, entries],
+            rows[:, tau],
+            segment,
+            at_rest=None if at_rest is None else rows[:, resting],
+            held=rows[:, held] if starting.any() else None,
+            whole=_whole(rows[:, whole], rows[:, torque], again, joints, layout),
+        )
+
+
+def _side_by_side(*widths: int) -> list[slice]:
+    """Places of so many columns each."""
+    ends = np.cumsum(widths)
+    return [slice(int(end) - width, int(end)) for end, width in zip(ends, widths, strict=True)]
 
 
 def _whole(
-    rows: FloatArray, entries: IntArray, joints: IntArray, layout: Sequence[tuple[IntArray, IntArray]]
+    rows: FloatArray, tau: FloatArray, entries: IntArray, joints: IntArray, layout: Sequence[tuple[IntArray, IntArray]]
 ) -> tuple[FloatArray | None, ...]:
-    """[W | Y] of every joint from chosen entries and joints side by side; None for the others."""
+    """[W | Y] of every joint from values of chosen `entries` and the torque of chosen `joints`; None for the others."""
     found: list[FloatArray | None] = [None] * len(layout)
     for number, joint in enumerate(joints):
-        places = np.searchsorted(entries, layout[joint][0])
-        found[joint] = np.hstack([rows[:, places], rows[:, [len(entries) + number]]])
+        found[joint] = np.hstack([rows[:, np.searchsorted(entries, layout[joint][0])], tau[:, [number]]])
     return tuple(found)
 
 
