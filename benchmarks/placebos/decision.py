@@ -6,7 +6,7 @@ has to follow; all else of the placebo stays.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ from dynident.diagnosis.search.transients import CONTACT, find_contacts
 from dynident.identification import Identification
 from dynident.progress import silent
 from dynident.recordings import Recording
+from dynident.recordings.phases import Phase
 from dynident.regressors.row_phases import RowPhases, joints_with_friction
 from dynident.regressors.stream import FilteredSamples, filtered_samples
 from dynident.robot.model import FloatArray
@@ -32,6 +33,9 @@ from placebos.shifting import IntArray, SamplesOf, remembered
 
 Change = Callable[[SamplesOf], SamplesOf]
 """What is done to the rows before they are judged."""
+
+# Beside the phases: rows of the motion next to a halt.
+_PARTIAL = len(Phase)
 
 # Hz, where the torque is not filtered.
 _BAND = 20.0
@@ -87,11 +91,10 @@ class Question:
         return tuple(_told(pick) for pick in picks)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IntArray:
-        """(m, n): whether a joint moves, turns round or stands: rows of each are equations of another kind."""
-        observation = self.pool.observation
-        phases = RowPhases.of(observation, recording, self.identification.preprocessing)
-        found = phases.about(joints_with_friction(observation, self.pool.n_base)).at(samples.segment, samples.t)
-        return np.asarray(found, dtype=np.intp)
+        """(m, n): whether a joint moves, turns round, stands, or moves beside a halt: each another kind of equation."""
+        phases = _phases(self.identification, self.pool, recording)
+        found = phases.at(samples.segment, samples.t)
+        return np.where(phases.partial(found, samples.held), _PARTIAL, found).astype(np.intp)
 
     def _start(self, data: PhasedProducts) -> State:
         base, noise = tuple(range(self.pool.n_base)), self.identification.noise
@@ -103,7 +106,18 @@ class Question:
 
 
 def _rows(identification: Identification, pool: Pool, reference: FloatArray) -> SamplesOf:
-    return lambda recording: filtered_samples(pool.observation, recording, identification.preprocessing, reference)
+    preprocessing = identification.preprocessing
+
+    def samples_of(recording: Recording) -> Iterable[FilteredSamples]:
+        phases = _phases(identification, pool, recording)
+        return filtered_samples(pool.observation, recording, preprocessing, reference, phases=phases)
+
+    return samples_of
+
+
+def _phases(identification: Identification, pool: Pool, recording: Recording) -> RowPhases:
+    phases = RowPhases.of(pool.observation, recording, identification.preprocessing)
+    return phases.about(joints_with_friction(pool.observation, pool.n_base))
 
 
 def _told(pick: Finding) -> str:

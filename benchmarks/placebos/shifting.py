@@ -117,7 +117,8 @@ def whole_runs(parts: Iterable[FilteredSamples]) -> Iterator[FilteredSamples]:
 
 def _joined(segment: int, parts: Sequence[FilteredSamples]) -> FilteredSamples:
     t, values, tau = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "values", "tau"))
-    return FilteredSamples(t, values, tau, segment)
+    held = [part.held for part in parts if part.held is not None]
+    return FilteredSamples(t, values, tau, segment, held=np.concatenate(held) if held else None)
 
 
 def remembered(samples_of: SamplesOf) -> SamplesOf:

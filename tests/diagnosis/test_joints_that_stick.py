@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from hidden_effects import experiment
 from oracles import arm, record
 from resting import resting_motion, resting_torque
 from test_scoring_and_gate import judged
 
 from dynident.diagnosis import diagnose
+from dynident.diagnosis.search import choosing
 from dynident.diagnosis.search.acceptance import shadowed
+from dynident.diagnosis.search.state import State
 from dynident.identification import identify
 from dynident.recordings import Recording
 
@@ -42,15 +45,25 @@ def test_nothing_is_named_on_an_arm_that_only_rests_between_its_moves():
     assert diagnose(identify(SCARA, [run], [resting(2, 0.0, 0.06)]), [run]).recommended == ()
 
 
-def early(motion, load):
-    """Torque 3 ms before its cause, as a log has it whose positions come late."""
-    rate = 1.0 / (motion.t[1] - motion.t[0])
-    return 3e-3 * np.gradient(load, axis=0) * rate
-
-
-def test_a_torque_before_its_cause_is_given_no_name():
-    run = experiment(early)
-    assert diagnose(run.identification, [run.training]).recommended == ()
+@pytest.mark.parametrize(
+    ("rival", "name", "named"),
+    [
+        # Torque before its cause: play is its shadow. Friction that gives energy is only a bad fit of other friction.
+        ("torque_delay", "backlash", None),
+        ("stribeck", "viscous_nonlinear", "viscous_nonlinear"),
+    ],
+)
+def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch, rival, name, named):
+    gains = np.linspace(1.0, 2.0, 40)
+    larger, smaller = judged(2.0 * gains, name=rival), judged(gains, columns=(6,), name=name)
+    state = State((), np.ones(1), np.ones(1), ())
+    monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: item is not larger)
+    # Beside the one, nothing of the other is left.
+    monkeypatch.setattr(choosing, "judge_all", lambda *_: [judged(0.0 * gains, name=rival)])
+    data = SimpleNamespace(moving=SimpleNamespace(run=np.zeros(40, dtype=int)))
+    found = choosing.choose(data, None, state, [larger, smaller])
+    assert (found and found[0].candidate.effect) == named
 
 
 def test_what_is_small_beside_a_rough_formula_is_taken_for_what_it_leaves():

@@ -32,7 +32,8 @@ RNG = np.random.default_rng(3)
 
 def _run(number: int, length: int) -> FilteredSamples:
     values, tau = (RNG.standard_normal((length, width)) for width in (len(OBSERVATION.entry_rows), ROBOT.n))
-    return FilteredSamples(np.arange(length) / 20.0, values, tau, number)
+    held = RNG.uniform(size=(length, ROBOT.n))
+    return FilteredSamples(np.arange(length) / 20.0, values, tau, number, held=held)
 
 
 ROWS = [_run(0, 80), _run(1, 50)]
@@ -49,7 +50,7 @@ RECORDING = recording_from_arrays(
 def _in_blocks(recording: Recording) -> Iterator[FilteredSamples]:
     for run in ROWS:
         for part in np.array_split(np.arange(len(run.t)), 3):
-            yield FilteredSamples(run.t[part], run.values[part], run.tau[part], run.segment)
+            yield FilteredSamples(run.t[part], run.values[part], run.tau[part], run.segment, held=run.held[part])
 
 
 def _alike(recording: Recording, samples: FilteredSamples) -> IntArray:
@@ -71,6 +72,7 @@ def test_columns_of_the_model_and_torque_stay_in_their_place() -> None:
     for shifted, run in zip(_shifted(Shifts(np.random.default_rng(1))), ROWS, strict=True):
         assert np.array_equal(shifted.values[:, mine], run.values[:, mine])
         assert np.array_equal(shifted.tau, run.tau)
+        assert np.array_equal(shifted.held, run.held)
 
 
 def test_columns_of_candidates_come_later_by_the_share_that_was_drawn() -> None:

@@ -250,10 +250,9 @@ def _vertex(
     lines: Sequence[Sequence[EffectChoice]], picked: int, errors: FloatArray, spec: ShapeSpec | None
 ) -> EffectChoice:
     """The choice at the minimum of the parabola through the best step and its neighbours, among those of its kind."""
-    first = 0
-    while picked - first >= len(lines[0]):
-        first, lines = first + len(lines[0]), lines[1:]
-    group, picked, errors = lines[0], picked - first, errors[first : first + len(lines[0])]
+    # Every kind has the same steps.
+    kind, picked = divmod(picked, len(lines[0]))
+    group, errors = lines[kind], errors.reshape(len(lines), -1)[kind]
     choice = group[picked]
     if spec is None or not 0 < picked < len(group) - 1:
         return choice

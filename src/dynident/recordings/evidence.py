@@ -121,7 +121,7 @@ def direction(evidence: Evidence, joint: int) -> Direction:
     others = orthonormal(np.delete(smooth, own, axis=1))
     columns = np.column_stack([others, smooth[:, own], friction])
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    weights = [w / scale for w in _jackknife(columns / scale, evidence.tau[told, joint], _blocks(told))]
+    weights = [w / scale for w in _jackknife(columns / scale, evidence.tau[told, joint], _blocks(int(told.sum())))]
     power = [float(np.mean(friction[:, 0] * (friction @ w[-3:]))) for w in weights]
     inertia = [float(w[-4]) for w in weights]
     return Direction(_over_error(power), _over_error(inertia))
@@ -275,16 +275,15 @@ def _arranged(runs: list[FilteredRows], n: int, moving: BoolArray, resolution: f
         # The low-passed mark of a reversal is far from 0 only within about a period of the cut-off around it.
         steady=np.abs(reversal) < 1e-3,
         held=np.abs(rests) > _HELD,
-        block=_blocks(np.ones(len(values), dtype=bool)),
+        block=_blocks(len(values)),
         moving=moving,
         series=tuple(series),
         resolution=resolution,
     )
 
 
-def _blocks(rows: BoolArray) -> IntArray:
-    """Blocks of time of those of some rows (r,) that are true, equally many each."""
-    count = int(rows.sum())
+def _blocks(count: int) -> IntArray:
+    """(count,): blocks of time of so many rows, equally many each."""
     return np.arange(count) * BLOCKS // max(count, 1)
 
 

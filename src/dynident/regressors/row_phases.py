@@ -20,7 +20,8 @@ _TOUCH = 1e-9
 
 _SMEARED = 0.125
 """Share of 1 / cut-off of the position filter by which a halt is longer, at either end, as far as it hides what the
-joint does beside it: on clean arms nothing is found there down to nought (`benchmarks/standing_rows.py`)."""
+joint does beside it. On clean arms no more is found there than is uncertain, at any margin; the rows are quietest from
+here on (`benchmarks/standing_rows.py --only starts`)."""
 
 _TOLD = 0.02
 """Share of what is under a filter that has to be motion for a row to say anything of it."""
