@@ -25,6 +25,18 @@ export function get(path, query = {}, signal = undefined) {
   return ask("GET", path + search(query), { signal });
 }
 
+/** Of several questions only the last is answered: each call ends what it gave before and gives a new signal. */
+export function lastAsked(until) {
+  let asked = new AbortController();
+  until.addEventListener("abort", () => asked.abort());
+  return () => {
+    asked.abort();
+    asked = new AbortController();
+    if (until.aborted) asked.abort();
+    return asked.signal;
+  };
+}
+
 /** Post a body; with a key, asking again gives the same resource. */
 export function post(path, body, { key = "", signal = undefined } = {}) {
   const headers = { "content-type": "application/json" };

@@ -1,6 +1,6 @@
 // The figure behind a ranked effect: the residual over what the effect depends on, and the fitted effect over it.
 
-import { get } from "./api.js";
+import { get, lastAsked } from "./api.js";
 import { h, put } from "./dom.js";
 import { number, percent } from "./format.js";
 import { axis, colour, onColours, plot } from "./plots.js";
@@ -9,13 +9,10 @@ import { axis, colour, onColours, plot } from "./plots.js";
 export async function drawEvidence(target, diagnosis, rank, until) {
   const figure = h("div", { class: "chart" });
   const choices = h("div", { class: "choices", role: "group", "aria-label": "Joint of the figure" });
-  let drawing = new AbortController();
-  until.addEventListener("abort", () => drawing.abort());
+  const drawing = lastAsked(until);
 
   const show = async (joint) => {
-    drawing.abort();
-    drawing = new AbortController();
-    const mine = drawing.signal;
+    const mine = drawing();
     const found = await get(`/diagnoses/${diagnosis.id}/evidence`, joint ? { rank, joint } : { rank }, mine);
     if (mine.aborted) return;
     put(choices, found.joints.length > 1 ? found.joints.map((one) => h("button", { type: "button", class: "small", "aria-pressed": String(one === found.joint), onclick: () => show(one) }, one)) : null);

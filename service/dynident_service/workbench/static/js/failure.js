@@ -1,6 +1,6 @@
 // Where a model fails: its residual over velocity, position and load; over any two signals; the diagnosis's map.
 
-import { get } from "./api.js";
+import { get, lastAsked } from "./api.js";
 import { field, h, numeric, put, row, select, table } from "./dom.js";
 import { number, span } from "./format.js";
 import { heatMap } from "./heat_map.js";
@@ -16,15 +16,12 @@ export function failureSection(model, signal) {
   const profiles = h("div", { class: "profiles" });
   const map = h("div");
   const spots = h("div");
-  let drawing = new AbortController();
-  signal.addEventListener("abort", () => drawing.abort());
+  const drawing = lastAsked(signal);
 
   const draw = async () => {
-    drawing.abort();
-    drawing = new AbortController();
+    const until = drawing();
     const { comparison, joint } = model;
     if (!comparison) return;
-    const until = drawing.signal;
     const before = await earlier(model, until);
     if (until.aborted) return;
     const targets = OVER.map(() => h("div", { class: "chart" }));
@@ -58,12 +55,14 @@ function mapOfTwo(model, signal) {
   const { comparison, joint } = model;
   const chosen = { x: `q_${joint}`, y: `dq_${joint}` };
   const figure = h("div");
+  const drawing = lastAsked(signal);
   const draw = async () => {
+    const mine = drawing();
     try {
-      const found = await get(`/comparisons/${comparison.id}/residual_map`, { joint, ...chosen, bins: 28 }, signal);
-      put(figure, heatMap(found, model));
+      const found = await get(`/comparisons/${comparison.id}/residual_map`, { joint, ...chosen, bins: 28 }, mine);
+      if (!mine.aborted) put(figure, heatMap(found, model));
     } catch (error) {
-      if (!signal.aborted) put(figure, problemBox(error));
+      if (!mine.aborted) put(figure, problemBox(error));
     }
   };
   const pick = (name) =>

@@ -1,6 +1,6 @@
 // Spectra of a joint's residual, over time and over its own angle, and its autocorrelation.
 
-import { get } from "./api.js";
+import { get, lastAsked } from "./api.js";
 import { h, put } from "./dom.js";
 import { number, quantity } from "./format.js";
 import { axis, colour, onColours, plot } from "./plots.js";
@@ -10,20 +10,18 @@ const LINES = 3;
 /** Follows the joint and the comparison. */
 export function spectraSection(model, signal) {
   const figures = h("div", { class: "profiles", id: "spectra" });
-  let drawing = new AbortController();
-  signal.addEventListener("abort", () => drawing.abort());
+  const drawing = lastAsked(signal);
 
   const draw = () => {
-    drawing.abort();
-    drawing = new AbortController();
+    const mine = drawing();
     const { comparison, joint } = model;
     if (!comparison) return;
     const targets = [0, 1, 2].map(() => h("div", { class: "chart" }));
     put(figures, targets);
-    const below = (path, query) => get(`/comparisons/${comparison.id}/${path}`, { joint, ...query }, drawing.signal);
-    shown(targets[0], below("spectrum", { over: "time" }), paintSpectrum, drawing.signal);
-    shown(targets[1], below("spectrum", { over: "angle" }), paintSpectrum, drawing.signal);
-    shown(targets[2], below("autocorrelation", {}), paintMemory, drawing.signal);
+    const below = (path, query) => get(`/comparisons/${comparison.id}/${path}`, { joint, ...query }, mine);
+    shown(targets[0], below("spectrum", { over: "time" }), paintSpectrum, mine);
+    shown(targets[1], below("spectrum", { over: "angle" }), paintSpectrum, mine);
+    shown(targets[2], below("autocorrelation", {}), paintMemory, mine);
   };
   model.addEventListener("comparison", draw);
   model.addEventListener("joint", draw);

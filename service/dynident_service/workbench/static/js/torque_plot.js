@@ -1,6 +1,6 @@
 // Two linked figures over time: measured against predicted torque, and the residual with its band.
 
-import { get } from "./api.js";
+import { get, lastAsked } from "./api.js";
 import { h, put } from "./dom.js";
 import { number, percent } from "./format.js";
 import { axis, colour, onColours, plot, symmetric } from "./plots.js";
@@ -14,6 +14,7 @@ const STILL = { left: 0, top: 0, width: 0, height: 0 };
 export class TorquePlot {
   constructor(signal) {
     this.signal = signal;
+    this.reading = lastAsked(signal);
     this.above = h("div", { class: "chart", id: "torque-chart" });
     this.below = h("div", { class: "chart", id: "residual-chart" });
     this.said = h("p", { class: "note", id: "zoom-state" });
@@ -97,17 +98,18 @@ export class TorquePlot {
     }
     this.stretch = stretch;
     // Runs set one after another have no time of their own to ask for: what is there is shown larger.
-    if (this.full.shifted || !stretch) this.#set(this.full);
-    else this.#read(stretch);
+    if (this.full.shifted || !stretch) {
+      this.reading();
+      this.#set(this.full);
+    } else this.#read(stretch);
   }
 
   async #read(stretch) {
-    this.reading?.abort();
-    const mine = (this.reading = new AbortController());
+    const mine = this.reading();
     const query = { joint: this.joint, points: POINTS, ...(stretch ?? {}) };
     try {
-      const series = await get(`/comparisons/${this.comparison.id}/series`, query, mine.signal);
-      if (this.signal.aborted) return;
+      const series = await get(`/comparisons/${this.comparison.id}/series`, query, mine);
+      if (mine.aborted) return;
       const line = timeline(series, SIGNALS);
       line.unit = series.effort_unit;
       line.samples = series.n_samples;
@@ -115,7 +117,7 @@ export class TorquePlot {
       put(this.trouble);
       this.#set(line);
     } catch (error) {
-      if (!mine.signal.aborted && !this.signal.aborted) put(this.trouble, problemBox(error));
+      if (!mine.aborted) put(this.trouble, problemBox(error));
     }
   }
 

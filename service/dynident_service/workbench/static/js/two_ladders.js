@@ -1,6 +1,6 @@
 // The ladders of two models of one robot beside each other: a figure of both, and their difference rung by rung.
 
-import { get } from "./api.js";
+import { get, lastAsked } from "./api.js";
 import { choiceInWords } from "./catalogue.js";
 import { field, h, numeric, put, row, select, svg, table } from "./dom.js";
 import { moment, number, percent } from "./format.js";
@@ -29,11 +29,14 @@ export function twoLadders(model, signal) {
 function chooser(model, others, signal) {
   if (!others.length) return h("p", { class: "note" }, "There is no other model of this robot.");
   const figure = h("div");
+  const drawing = lastAsked(signal);
   const show = async (against) => {
+    const mine = drawing();
     try {
-      put(figure, shown(model, await get(`/identifications/${model.id}/lineage`, { against }, signal)));
+      const found = await get(`/identifications/${model.id}/lineage`, { against }, mine);
+      if (!mine.aborted) put(figure, shown(model, found));
     } catch (error) {
-      if (!signal.aborted) put(figure, problemBox(error));
+      if (!mine.aborted) put(figure, problemBox(error));
     }
   };
   const options = others.map((one) => [one.id, `${one.name || model.robot.name}, ${changeOf(model, one)}, ${moment(one.created_at)}`]);
