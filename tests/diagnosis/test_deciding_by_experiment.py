@@ -54,7 +54,7 @@ def simulated(motion: Motion | Design, hidden: TrueEffect, seed: int, name: str)
 
 def test_the_virtual_robot_makes_the_proposed_motion_and_of_the_two_the_right_one_stands_first():
     bend = TrueEffect("viscous_nonlinear", JOINT, (("Fvn", 0.03 * ROBOT.joints[0].limits.effort),), (("p", 0.5),))
-    motion = fourier_motion(ROBOT, 10.0, 200.0, 7, harmonics=2, fastest=0.9, base_frequency=0.2)
+    motion = fourier_motion(ROBOT, 20.0, 200.0, 7, harmonics=4, fastest=0.9, base_frequency=0.1)
     fast = simulated(motion, bend, 1, "fast")
     second = simulated(made(fast), bend, 2, "proposed")
     first, *others = significant(diagnosed(fast, second))

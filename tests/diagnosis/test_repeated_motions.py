@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import BAND, NAMES, NOISE, ROBOT, experiment, nothing, on_joint, recorded
+from hidden_effects import BAND, NAMES, NOISE, ROBOT, WITH_OFFSET, experiment, nothing, on_joint, recorded
 from oracles import Motion, fourier_motion
 
-from dynident.diagnosis import compare, judge
+from dynident.diagnosis import compare, diagnose, judge
 from dynident.diagnosis.comparing.noise import floor_of, from_repetitions
-from dynident.diagnosis.comparing.repetition import own_repeats, share_repeated, tracks, tracks_of
-from dynident.recordings import low_pass
+from dynident.diagnosis.comparing.repetition import own_repeats, periods_of, share_repeated, tracks, tracks_of
+from dynident.identification import IdentificationChoices, identify
+from dynident.recordings import low_pass, recording_from_arrays
 
 IN_BAND = NOISE * np.sqrt(np.sum(low_pass(200.0, BAND.torque_cutoff) ** 2))
 
@@ -129,6 +130,34 @@ def test_tracks_of_a_recording_lie_in_its_windows(run):
     expected = fourier_motion(ROBOT, 40.0, 200.0, 100)
     for track in found:
         np.testing.assert_allclose(track.q[:, 0], np.interp(track.t, expected.t, expected.q[:, 0]), atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_driving_the_same_again_is_no_evidence_for_a_name(seed):
+    """What no effect of the catalogue says comes again in every period: whatever resembles it there gains each time."""
+
+    def law(motion: Motion, load):
+        tau = np.zeros_like(load)
+        tau[:, 1] = 14.0 * np.sin(1.5 * motion.q[:, 4]) * np.cos(2.0 * motion.q[:, 3])
+        return tau
+
+    run = recorded(fourier_motion(ROBOT, 32.5, 200.0, seed, base_frequency=1 / 6.5), law, seed, "five periods")
+    lacking = identify(ROBOT, [run], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    found = diagnose(lacking, [run])
+    assert found.recommended == ()
+    assert (found.unknown[0].joint, found.unknown[0].variable) == (NAMES[1], "other_joints")
+
+
+def test_periods_of_one_segment_are_none_of_another_that_has_the_same_times():
+    again = fourier_motion(ROBOT, 20.0, 200.0, 5)
+    once = fourier_motion(ROBOT, 20.0, 200.0, 6, base_frequency=0.05, harmonics=10)
+    t, q = (np.concatenate([getattr(motion, name) for motion in (once, again)]) for name in ("t", "q"))
+    segment = np.repeat([0, 1], len(once.t))
+    both = recording_from_arrays(t, q, np.zeros_like(q), joint_names=NAMES, segment=segment)
+    first, second = periods_of(both)
+    assert first == ()
+    assert [(repeat.a, repeat.b) for repeat in second] == [(0, 0)]
+    assert second[0].lag == pytest.approx(10.0, abs=0.01)
 
 
 def test_a_clean_comparison_is_at_the_noise_floor_and_a_lacking_one_above_it(run):

@@ -1,4 +1,9 @@
-"""Inner products straight from filtered rows, apart for rows where a joint moves and where it turns round."""
+"""Inner products straight from filtered rows, apart for rows where a joint moves and where it turns round.
+
+A motion that is repeated shows the same again: whatever differs from the truth does so at the same place of every
+period, and a function that is wrong but flexible predicts it in one period as well as in the next. So all that is at
+one place of the period is one stretch, however often it was driven, and what is left out is other motion.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynident.diagnosis.candidates.products import IntArray, Products
+from dynident.diagnosis.comparing.repetition import Repeat, periods_of
 from dynident.effects import Signals
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
@@ -109,11 +115,12 @@ def gather(
     layout = [observation.joint_entries(joint) for joint in range(n)]
     frictional = joints_with_friction(observation, n_base)
     width = width_of(preprocessing, recordings[0].sampling_rate)
-    sums = _Sums([len(columns) for _, columns in layout], max(_FINER * stretch_length(recordings), _LONG * width))
+    sums = _Sums([len(columns) for _, columns in layout], _FINER * stretch_length(recordings), _LONG * width)
     total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
     done, free = 0.0, np.ones(n, dtype=bool)
     for recording in recordings:
         phases = RowPhases.of(observation, recording, preprocessing).about(frictional)
+        periods = periods_of(recording)
         free &= phases.free
         if samples_of is None:
             given: Iterable[FilteredSamples] = filtered_samples(
@@ -125,7 +132,7 @@ def gather(
         for samples in given:
             if samples.segment != segment:
                 segment = samples.segment
-                sums.begin_run(recording.run_label(segment))
+                sums.begin_run(recording.run_label(segment), periods[segment])
             phase = phases.at(segment, samples.t)
             partial = phases.partial(phase, samples.held)
             sums.push(samples.t, samples.rows(layout), phase == Phase.MOVING, phase == Phase.REVERSING, partial)
@@ -139,43 +146,55 @@ def gather(
 class _Sums:
     """Inner products of the stretches of time, as rows come."""
 
-    def __init__(self, widths: Sequence[int], length: float) -> None:
-        self._length = length
+    def __init__(self, widths: Sequence[int], usual: float, shortest: float) -> None:
+        self._usual, self._shortest = max(usual, shortest), shortest
         self._shapes = [(width + 1, width + 1) for width in widths]
         self._grams: list[list[list[FloatArray]]] = [[[] for _ in widths] for _ in range(_KINDS)]
         self._counts: list[list[FloatArray]] = [[] for _ in range(_KINDS)]
-        self._spans: list[tuple[float, float]] = []
+        self._now = 0
         self._runs: list[str] = []
         self._run = ""
-        self._is_open = False
+        self._periods: Sequence[Repeat] = ()
+        self._begun: dict[tuple[int, int], int] = {}
+        self._end = -np.inf
 
-    def begin_run(self, label: str) -> None:
-        """The next rows are of this run; stretches end with it."""
-        self._run = label
-        self._is_open = False
+    def begin_run(self, label: str, periods: Sequence[Repeat]) -> None:
+        """The next rows are of this run, which repeats itself where `periods` say; stretches end with it."""
+        self._run, self._periods = label, periods
+        self._begun = {}
+        self._end = -np.inf
 
     def push(self, t: FloatArray, rows: Sequence[FloatArray], *used: BoolArray) -> None:
         """Add [W | Y] (m, p + 1) of every joint; `used` (m, n) of every kind."""
         first = 0
         while first < len(t):
-            if not self._is_open:
+            if t[first] >= self._end:
                 self._begin(float(t[first]))
-            last = first + int(np.searchsorted(t[first:], self._spans[-1][0] + self._length))
+            last = first + max(1, int(np.searchsorted(t[first:], self._end)))
             for kind, mask in enumerate(used):
                 for j, block in enumerate(rows):
                     part = block[first:last][mask[first:last, j]]
                     if len(part):
-                        self._grams[kind][j][-1] += part.T @ part
-                        self._counts[kind][-1][j] += len(part)
-            if last > first:
-                self._spans[-1] = (self._spans[-1][0], float(t[last - 1]))
-            if last < len(t):
-                self._is_open = False
+                        self._grams[kind][j][self._now] += part.T @ part
+                        self._counts[kind][self._now][j] += len(part)
             first = last
 
     def _begin(self, start: float) -> None:
-        self._is_open = True
-        self._spans.append((start, start))
+        """Open the stretch that begins at a time or, where the motion has been here before, that of then."""
+        for number, period in enumerate(self._periods):
+            if period.start <= start < period.end + period.lag:
+                length = period.lag / max(1, int(period.lag / self._shortest))
+                since = (start - period.start) % period.lag
+                place = int(since / length)
+                self._end = start - since + (place + 1) * length
+                self._now = self._begun.setdefault((number, place), len(self._runs))
+                break
+        else:
+            self._end, self._now = start + self._usual, len(self._runs)
+        if self._now == len(self._runs):
+            self._add()
+
+    def _add(self) -> None:
         self._runs.append(self._run)
         for kind in range(_KINDS):
             self._counts[kind].append(np.zeros(len(self._shapes)))

@@ -96,15 +96,27 @@ def tracks(t: FloatArray, segment: FloatArray, q: FloatArray) -> tuple[Track, ..
 
 def tracks_of(recording: Recording) -> tuple[Track, ...]:
     """The positions of a recording inside its windows, thinned to what a motion needs."""
+    return tuple(track for own in _tracks_by_segment(recording) for track in own)
+
+
+def periods_of(recording: Recording) -> tuple[tuple[Repeat, ...], ...]:
+    """Where the motion of each segment comes by again within the segment."""
+    every = (own_repeats(own) for own in _tracks_by_segment(recording))
+    return tuple(tuple(one for one in repeats if one.a == one.b) for repeats in every)
+
+
+def _tracks_by_segment(recording: Recording) -> list[list[Track]]:
     stride = max(1, int(recording.sampling_rate / _TRACK_RATE), -(-recording.n_samples // _TRACK_ROWS))
-    found: list[Track] = []
+    found: list[list[Track]] = [[] for _ in recording.segments]
     for first, length in used_runs(recording):
         parts = [rows.q for rows in recording.source.rows(first, length, 65_536)]
         q = np.concatenate(parts)[::stride]
-        (segment,) = (s for s in recording.segments if s.first_row <= first < s.first_row + s.length)
+        ((number, segment),) = (
+            (k, s) for k, s in enumerate(recording.segments) if s.first_row <= first < s.first_row + s.length
+        )
         row = first - segment.first_row + stride * np.arange(len(q), dtype=np.float64)
-        found += tracks(segment.start_time + row * recording.period, np.zeros(len(q)), q)
-    return tuple(found)
+        found[number] += tracks(segment.start_time + row * recording.period, np.zeros(len(q)), q)
+    return found
 
 
 def own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
