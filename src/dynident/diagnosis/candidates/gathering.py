@@ -8,7 +8,7 @@ one place of the period is one stretch, however often it was driven, and what is
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,12 +21,18 @@ from dynident.recordings.phases import Phase, width_of
 from dynident.recordings.types import BoolArray
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, joints_with_friction, lives_at_starts
-from dynident.regressors.stream import FilteredSamples, filtered_samples, stretch_length
+from dynident.regressors.stream import FilteredSamples, filtered_samples, stretch_length, used_duration
 from dynident.robot.model import FloatArray
 
 _FINER = 0.25
 """Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
 most of them, as long as they are long against the filters' memory."""
+
+_MANY = 80
+"""Stretches of a period, as of a short recording as a whole, where they are then long enough."""
+
+_MOST = 160
+"""Stretches in all: more make the test no sharper, and each holds products of all columns with each other."""
 
 _KINDS = 3
 """Of rows: moving, turning, partial."""
@@ -58,36 +64,56 @@ class PhasedProducts:
     moving: Products
     turning: Elsewhere
     partial: Elsewhere
-    _known: dict[tuple[int, bool, bool], FloatArray] = field(default_factory=dict)
 
     def of(self, columns: Sequence[int] | IntArray) -> Products:
-        """The rows that are equations for a model with these columns."""
-        return self.rows(self.shown(columns))
+        """The rows that are equations for a model with these columns, products of these columns alone."""
+        return self._rows(self.shown(columns), columns)
 
-    def beside(self, columns: Sequence[int] | IntArray, kinds: BoolArray) -> Products:
-        """Those, and on all joints those of some kinds (2,): turning and partial rows, for candidates on any joint."""
-        return self.rows(self.shown(columns) | kinds[:, None])
+    def beside(self, columns: Sequence[int] | IntArray, kinds: BoolArray, others: Sequence[int] | IntArray) -> Products:
+        """Those, and on all joints those of some kinds (2,): turning and partial rows, for candidates on any joint.
 
-    def rows(self, used: BoolArray) -> Products:
-        """Rows in which each joint moves, and those of `used` (2, n): where it turns, and of motion beside a halt."""
-        if not used.any():
-            return self.moving
-        grams = tuple(self._gram(j, bool(turns), bool(starts)) for j, (turns, starts) in enumerate(used.T))
-        counts = self.moving.counts + used[0] * self.turning.counts + used[1] * self.partial.counts
-        return Products(grams, self.moving.position, counts, self.moving.run)
+        Of these columns and of `others`, the candidates'.
+        """
+        return self._rows(self.shown(columns) | kinds[:, None], (*columns, *others))
+
+    def counts(self, columns: Sequence[int] | IntArray) -> FloatArray:
+        """(s, n): how many rows are equations for a model with these columns."""
+        turns, starts = self.shown(columns)
+        return np.asarray(self.moving.counts + turns * self.turning.counts + starts * self.partial.counts)
 
     def shown(self, columns: Sequence[int] | IntArray) -> BoolArray:
         """(2, n): joints whose turning, and whose partial rows are equations for a model with these columns."""
         own = np.asarray(columns, dtype=np.intp)
         return np.array([rows.shown[own].any(axis=0) for rows in (self.turning, self.partial)])
 
-    def _gram(self, joint: int, turns: bool, starts: bool) -> FloatArray:
-        if (joint, turns, starts) not in self._known:
-            gram = self.moving.grams[joint]
-            for use, rows in ((turns, self.turning), (starts, self.partial)):
-                gram = gram + rows.grams[joint] if use else gram
-            self._known[joint, turns, starts] = gram
-        return self._known[joint, turns, starts]
+    def _rows(self, used: BoolArray, columns: Sequence[int] | IntArray) -> Products:
+        """Rows in which each joint moves, and those of `used` (2, n): where it turns, and of motion beside a halt.
+
+        Of all columns there may be gigabytes, and where other rows join them they have to be added up.
+        """
+        more = [
+            [
+                rows
+                for rows, use in zip((self.turning, self.partial), own, strict=True)
+                if use and rows.counts[:, j].any()
+            ]
+            for j, own in enumerate(used.T)
+        ]
+        if not any(more):
+            return self.moving
+        wanted = np.unique(np.asarray(columns, dtype=np.intp))
+        grams, position, counts = [], [], self.moving.counts.copy()
+        for j, (gram, where) in enumerate(zip(self.moving.grams, self.moving.position, strict=True)):
+            have = wanted[where[wanted] >= 0]
+            places = np.append(where[have], gram.shape[1] - 1)
+            part = gram[:, places[:, None], places]
+            for rows in more[j]:
+                part += rows.grams[j][:, places[:, None], places]
+                counts[:, j] += rows.counts[:, j]
+            grams.append(part)
+            position.append(np.full_like(where, -1))
+            position[j][have] = np.arange(len(have))
+        return Products(tuple(grams), tuple(position), counts, self.moving.run)
 
 
 def gather(
@@ -115,8 +141,9 @@ def gather(
     layout = [observation.joint_entries(joint) for joint in range(n)]
     frictional = joints_with_friction(observation, n_base)
     width = width_of(preprocessing, recordings[0].sampling_rate)
-    sums = _Sums([len(columns) for _, columns in layout], _FINER * stretch_length(recordings), _LONG * width)
-    total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
+    total = sum(used_duration(recording) for recording in recordings)
+    usual = max(_FINER * stretch_length(recordings), total / _MOST)
+    sums = _Sums([len(columns) for _, columns in layout], usual, _LONG * width)
     done, free = 0.0, np.ones(n, dtype=bool)
     for recording in recordings:
         phases = RowPhases.of(observation, recording, preprocessing).about(frictional)
@@ -137,7 +164,7 @@ def gather(
             partial = phases.partial(phase, samples.held)
             sums.push(samples.t, samples.rows(layout), phase == Phase.MOVING, phase == Phase.REVERSING, partial)
             progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
-        done += recording.n_samples / recording.sampling_rate
+        done += used_duration(recording)
     starts = lives_at_starts(observation)
     turns = _remembering(observation, signals) | (starts & free)
     return sums.finished([columns for _, columns in layout], turns, starts)
@@ -149,7 +176,7 @@ class _Sums:
     def __init__(self, widths: Sequence[int], usual: float, shortest: float) -> None:
         self._usual, self._shortest = max(usual, shortest), shortest
         self._shapes = [(width + 1, width + 1) for width in widths]
-        self._grams: list[list[list[FloatArray]]] = [[[] for _ in widths] for _ in range(_KINDS)]
+        self._grams: list[list[FloatArray]] = [[np.zeros((0, *s)) for s in self._shapes] for _ in range(_KINDS)]
         self._counts: list[list[FloatArray]] = [[] for _ in range(_KINDS)]
         self._now = 0
         self._runs: list[str] = []
@@ -175,7 +202,7 @@ class _Sums:
                 for j, block in enumerate(rows):
                     part = block[first:last][mask[first:last, j]]
                     if len(part):
-                        self._grams[kind][j][self._now] += part.T @ part
+                        self._gram(kind, j)[...] += part.T @ part
                         self._counts[kind][self._now][j] += len(part)
             first = last
 
@@ -183,7 +210,8 @@ class _Sums:
         """Open the stretch that begins at a time or, where the motion has been here before, that of then."""
         for number, period in enumerate(self._periods):
             if period.start <= start < period.end + period.lag:
-                length = period.lag / max(1, int(period.lag / self._shortest))
+                length = max(self._shortest, min(self._usual, period.lag / _MANY))
+                length = period.lag / max(1, int(period.lag / length))
                 since = (start - period.start) % period.lag
                 place = int(since / length)
                 self._end = start - since + (place + 1) * length
@@ -196,17 +224,20 @@ class _Sums:
 
     def _add(self) -> None:
         self._runs.append(self._run)
-        for kind in range(_KINDS):
-            self._counts[kind].append(np.zeros(len(self._shapes)))
-            for j, shape in enumerate(self._shapes):
-                self._grams[kind][j].append(np.zeros(shape))
+        for counts in self._counts:
+            counts.append(np.zeros(len(self._shapes)))
+
+    def _gram(self, kind: int, joint: int) -> FloatArray:
+        """Products of the open stretch: room is made for those of many at once, and only where there are rows."""
+        room = self._grams[kind][joint]
+        if len(room) <= self._now:
+            self._grams[kind][joint] = _longer(room, max(2 * len(room), self._now + 1))
+        return np.asarray(self._grams[kind][joint][self._now])
 
     def finished(self, columns: Sequence[IntArray], turns: BoolArray, starts: BoolArray) -> PhasedProducts:
         """All of them, with the places of the columns, and (columns, n) to which the rarer rows are shown."""
-        grams = [
-            tuple(np.array(g).reshape(-1, *shape) for g, shape in zip(kind, self._shapes, strict=True))
-            for kind in self._grams
-        ]
+        n_stretches = len(self._runs)
+        grams = [tuple(_longer(gram[:n_stretches], n_stretches) for gram in kind) for kind in self._grams]
         counts = [np.array(kind).reshape(-1, len(self._shapes)) for kind in self._counts]
         position = []
         for own in columns:
@@ -217,6 +248,15 @@ class _Sums:
         run = np.array([labels.index(label) for label in self._runs], dtype=np.intp)
         moving = Products(grams[0], tuple(position), counts[0], run)
         return PhasedProducts(moving, Elsewhere(grams[1], counts[1], turns), Elsewhere(grams[2], counts[2], starts))
+
+
+def _longer(stack: FloatArray, length: int) -> FloatArray:
+    """(length, ...): a stack with zeros behind it."""
+    if len(stack) == length:
+        return stack
+    longer = np.zeros((length, *stack.shape[1:]))
+    longer[: len(stack)] = stack
+    return longer
 
 
 def _remembering(observation: Observation, signals: Signals) -> BoolArray:

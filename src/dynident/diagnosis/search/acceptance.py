@@ -76,6 +76,6 @@ def least_gain(effect: Effect) -> float:
 def gain_over_floor(item: Judged, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
     """Squared error that a candidate removes on a joint, over that of the sensor's noise."""
     removed = float((item.before - item.after)[:, joint].sum()) / max(
-        float(data.of(item.candidate.columns).counts[:, joint].sum()), 1.0
+        float(data.counts(item.candidate.columns)[:, joint].sum()), 1.0
     )
     return removed / max(float(floor[joint]) ** 2, np.finfo(float).tiny)

@@ -13,7 +13,7 @@ from dynident.diagnosis.candidates.gate import Judged, judge
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
-from dynident.diagnosis.candidates.scoring import held_out_errors, score_candidates
+from dynident.diagnosis.candidates.scoring import extra_columns, held_out_errors, score_candidates
 from dynident.estimation.least_squares import floored
 from dynident.robot.model import FloatArray
 
@@ -67,8 +67,8 @@ def judge_all(
         sets.setdefault((bool(turns.any()), bool(starts.any())), []).append(k)
     found: list[Judged | None] = [None] * len(candidates)
     for kinds, members in sets.items():
-        rows = data.beside(base, np.array(kinds))
         own = [candidates[k] for k in members]
+        rows = data.beside(base, np.array(kinds), extra_columns(own))
         for k, item in zip(members, _judged(rows, pool, base, own, noise), strict=True):
             found[k] = item
     whole = [item for item in found if item is not None]

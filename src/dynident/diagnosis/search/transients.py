@@ -38,7 +38,8 @@ def find_contacts(
     columns = base
     for candidate in tried:
         window = dict(candidate.shape)
-        judged, p = _tried(data.of(columns), columns, candidate, noise, 2 * band * (window["t1"] - window["t0"]))
+        rows = data.beside(columns, np.zeros(2, dtype=bool), candidate.columns)
+        judged, p = _tried(rows, columns, candidate, noise, 2 * band * (window["t1"] - window["t0"]))
         if judged.drop >= _EXPLAINED and p * len(tried) <= _LARGEST_P:
             found.append(Finding(judged, (), p * len(tried)))
             columns = columns + candidate.columns
