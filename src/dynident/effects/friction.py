@@ -51,7 +51,7 @@ class Coulomb(_OneColumnFriction):
     id = "coulomb"
     title = "Coulomb friction"
     formula = r"F_c\,\mathrm{sign}(\dot q)"
-    parameters = (ParameterSpec("Fc", "N m", "Coulomb friction", prismatic_unit="N"),)
+    parameters = (ParameterSpec("Fc", "N m", "Coulomb friction", "N", positive=True),)
     signature = "a step wherever the velocity changes sign"
     sources = (_KHALIL,)
 
@@ -92,7 +92,7 @@ class Viscous(_OneColumnFriction):
     id = "viscous"
     title = "Viscous friction"
     formula = r"F_v\,\dot q"
-    parameters = (ParameterSpec("Fv", "N m s/rad", "viscous friction", prismatic_unit="N s/m"),)
+    parameters = (ParameterSpec("Fv", "N m s/rad", "viscous friction", "N s/m", positive=True),)
     signature = "a straight line over velocity"
     sources = (_KHALIL,)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dynident.diagnosis.candidates.gate import Judged
@@ -23,12 +25,33 @@ def plausible(data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: Fl
     values, deviations = _fit(rows, columns, noise)
     if effect_by_id(item.candidate.effect).is_friction and not _passive(rows, pool, columns, values, item):
         return False
-    own = slice(len(base), None)
+    estimates = [
+        Estimate(float(value), float(_DEVIATIONS * deviation))
+        for value, deviation in zip(values, deviations, strict=True)
+    ]
+    if effect_by_id(item.candidate.effect).is_friction and not _friction_left(pool, base, estimates, item):
+        return False
     found: dict[str, dict[str, Estimate]] = {}
-    for k, value, deviation in zip(columns[own], values[own], deviations[own], strict=True):
+    for k, estimate in zip(item.candidate.columns, estimates[len(base) :], strict=True):
         column = pool.observation.columns[k]
-        found.setdefault(column.link, {})[column.parameter] = Estimate(float(value), float(_DEVIATIONS * deviation))
-    return all(effect_by_id(item.candidate.effect).natural(estimates) for estimates in found.values())
+        found.setdefault(column.link, {})[column.parameter] = estimate
+    return all(effect_by_id(item.candidate.effect).natural(known) for known in found.values())
+
+
+def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], item: Judged) -> bool:
+    """Whether the friction that the model has on a candidate's joints keeps its sign beside it.
+
+    A large power of the velocity less a large multiple of the velocity fits a bend, and says nothing of other speeds.
+    """
+    joints = {pool.observation.robot.joint_names[j] for j in item.joints}
+    for k, estimate in zip(base, estimates, strict=False):
+        column = pool.observation.columns[k]
+        effect = effect_by_id(column.effect)
+        if effect.is_friction and column.link in joints:
+            spec = next(spec for spec in effect.parameters if spec.name == column.parameter)
+            if not spec.admits(estimate):
+                return False
+    return True
 
 
 def _passive(data: Products, pool: Pool, columns: IntArray, values: FloatArray, item: Judged) -> bool:

@@ -174,13 +174,14 @@ def _not_negative(model: Model) -> IntArray:
     Beside other friction effects Coulomb and viscous friction are only parts of a sum, which alone has a sign.
     """
     others = any(effect_by_id(c.effect).is_friction and c.effect not in _PLAIN_FRICTION for c in model.effects)
-    always = ("rotor_inertia",) if others else ("rotor_inertia", *_PLAIN_FRICTION)
+    free = _PLAIN_FRICTION if others else ()
     return np.array(
         [
             k
             for k, column in enumerate(model.columns)
             # Friction of some runs alone is a difference from the others': it may have any sign.
-            if (column.effect in always or _positive(column)) and not (column.runs and column.effect in _PLAIN_FRICTION)
+            if (column.effect == "rotor_inertia" or _positive(column))
+            and not (column.effect in _PLAIN_FRICTION and (column.runs or column.effect in free))
         ],
         dtype=np.intp,
     )

@@ -1,0 +1,42 @@
+"""No friction of a negative size, neither in what is named nor in what it stands beside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_effects import BAND, NAMES, experiment, on_joint
+
+from dynident.diagnosis.candidates.gathering import gather
+from dynident.diagnosis.candidates.plausible import plausible
+from dynident.diagnosis.candidates.pool import build_pool
+from dynident.diagnosis.search.state import judge_all
+
+LAWS = {
+    "bend": lambda q, v, load: 9.0 * np.sqrt(np.abs(v)) * np.sign(v) - 15.0 * v,
+    "square": lambda q, v, load: 9.0 * v * np.abs(v),
+}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "effect", "shape", "possible"),
+    [
+        # A root less a large multiple of the velocity bends like a Stribeck peak, and would drive a fast joint.
+        ("bend", "viscous_nonlinear", {"p": 0.5}, False),
+        ("square", "viscous_nonlinear", {"p": 2.0}, True),
+    ],
+)
+def test_a_bend_that_needs_negative_viscous_friction_beside_it_is_not_possible(hidden, effect, shape, possible):
+    run = experiment(on_joint(0, LAWS[hidden]))
+    found = run.identification
+    pool = build_pool(found.model, [effect])
+    reference = found.next_reference()
+    data = gather(pool.observation, found.model.signals, [run.training], BAND, reference, pool.n_base)
+    base = tuple(range(pool.n_base))
+    own = [
+        candidate
+        for candidate in pool.candidates
+        if candidate.joints == (NAMES[0],) and shape.items() <= dict(candidate.shape).items()
+    ]
+    best = max(judge_all(data, pool, base, own, found.noise), key=lambda item: item.drop)
+    assert best.drop > 0.1
+    assert plausible(data, pool, base, found.noise, best) == possible
