@@ -7,6 +7,7 @@ import pytest
 
 from dynident.diagnosis.candidates.gathering import Elsewhere, PhasedProducts
 from dynident.diagnosis.candidates.products import products
+from dynident.diagnosis.search import rungs
 from dynident.diagnosis.search.rungs import helpful
 from dynident.effects import Estimate, effect_by_id
 from dynident.estimation import FactorAccumulator
@@ -78,3 +79,11 @@ def test_what_one_run_alone_determines_is_not_judged_without_that_run(column):
 def test_signs_and_sizes_that_nature_does_not_make_are_refused(effect, values, natural):
     found = {name: Estimate(value, 1e-8) for name, value in values.items()}
     assert effect_by_id(effect).natural(found) is natural
+
+
+def test_what_hurts_at_first_is_tried_again_beside_what_was_added_since(monkeypatch):
+    """Friction hurts as long as the torque that it is judged on is late."""
+    monkeypatch.setattr(rungs, "_helps", lambda data, base, own, noise: own != (2,) or 3 in base)
+    assert helpful(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,), (4,)], NOISE) == [1, 0, 2]
+    monkeypatch.setattr(rungs, "_helps", lambda data, base, own, noise: own != (2,))
+    assert helpful(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,)], NOISE) == [1]

@@ -30,27 +30,34 @@ def helpful(
     columns: Sequence[tuple[int, ...]],
     noise: FloatArray,
 ) -> list[int]:
-    """Numbers of those findings that, added in their order, make the prediction worse nowhere.
+    """Numbers of those findings that make the prediction worse nowhere, in the order in which they are to be added.
 
-    Whole runs are left out of the fit where the others determine the model without them, else a tenth of one in a row.
+    One that hurts waits for the next that does not, and is tried again beside it: friction judged on torque that is
+    late is not what it is once the delay is known. Whole runs are left out of the fit where the others determine the
+    model without them, else a tenth of one in a row.
 
     Parameters
     ----------
     base : columns of the model
-    columns : those of each finding, in the order in which they would be added
+    columns : those of each finding, the most important first
     noise : (n,)
     """
     kept: list[int] = []
-    for number, own in enumerate(columns):
-        rows = data.of(base + own)
-        plain, grown = (np.array(model, dtype=np.intp) for model in (base, base + own))
-        kind = "runs" if runs_can_be_left_out(rows, grown) else "parts"
-        before, after = (held_out_errors(rows, model, noise, kind) for model in (plain, grown))
-        # As in scoring, no loss counts for more than there was: a part left out may be what decides.
-        if not _hurts(before / noise**2, np.minimum(after, 2.0 * before) / noise**2):
-            kept.append(number)
-            base += own
+    waiting = list(range(len(columns)))
+    while (found := next((k for k in waiting if _helps(data, base, columns[k], noise)), None)) is not None:
+        kept.append(found)
+        waiting.remove(found)
+        base += columns[found]
     return kept
+
+
+def _helps(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ...], noise: FloatArray) -> bool:
+    rows = data.of(base + own)
+    plain, grown = (np.array(model, dtype=np.intp) for model in (base, base + own))
+    kind = "runs" if runs_can_be_left_out(rows, grown) else "parts"
+    before, after = (held_out_errors(rows, model, noise, kind) for model in (plain, grown))
+    # As in scoring, no loss counts for more than there was: a part left out may be what decides.
+    return not _hurts(before / noise**2, np.minimum(after, 2.0 * before) / noise**2)
 
 
 def _hurts(before: FloatArray, after: FloatArray) -> bool:
