@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from dynident.diagnosis.candidates.family import evenness
 from dynident.diagnosis.candidates.pool import Candidate
@@ -97,8 +98,12 @@ class Judged:
 
     @property
     def passes(self) -> bool:
-        """Whether the improvement is large enough to matter, and no chance among all that was tried."""
-        return self.drop >= SMALLEST_DROP and self.error_drop >= SMALLEST_ERROR_DROP and self.p <= ALPHA
+        """Whether the improvement is large enough to matter, and no chance: among all that was tried, and by itself.
+
+        By itself, what it gains where it was not fitted has to be above zero: scores alone are of the data that it was.
+        """
+        matters = self.drop >= SMALLEST_DROP and self.error_drop >= SMALLEST_ERROR_DROP
+        return matters and self.p <= ALPHA and self.t >= float(stdtrit(len(self.gains) - 1, 1.0 - ALPHA))
 
     def lasts(self, least_drop: float, least_t: float) -> bool:
         """Whether it still improves the prediction beside all that was found."""

@@ -37,7 +37,7 @@ _MOST = 160
 _KINDS = 3
 """Of rows: moving, turning, partial."""
 
-_LONG = 4.0
+_LONG = 2.0
 """Times the width that the filters smear to either side: what is in one stretch is then hardly in the next."""
 
 

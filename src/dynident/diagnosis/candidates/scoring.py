@@ -114,6 +114,32 @@ def score_candidates(
     ]
 
 
+def contributions(
+    data: Products, base: IntArray, candidates: Sequence[Candidate], noise: FloatArray
+) -> list[FloatArray]:
+    """(s, k) of every candidate with k columns: what each stretch adds to the scores of its parameters (Rao's test).
+
+    That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
+    left of the columns beside it. Their sum over the stretches is zero but for noise where the candidate explains
+    nothing, and its square is what the candidate removes where it does.
+    """
+    extra = extra_columns(candidates)
+    fit = Fit(weighted_sums(data, base, extra, noise, None))
+    found = np.zeros((data.n_stretches, len(extra)))
+    for gram, where, sigma in zip(data.grams, data.position, noise, strict=True):
+        wi, wp = present(where, base)
+        xi, xp = present(where, extra)
+        chi = fit.chi[wi]
+        w_rest = gram[:, wp, -1] - gram[:, wp[:, None], wp] @ chi
+        found -= w_rest @ fit.projection[wi] / sigma**2
+        found[:, xi] += (gram[:, xp, -1] - chi @ gram[:, wp[:, None], xp]) / sigma**2
+    scores = [np.zeros((0, 0))] * len(candidates)
+    for portion in batches(candidates, extra):
+        for member, columns, unit in zip(portion.members, portion.columns, fit.units(portion), strict=True):
+            scores[member] = found[:, columns] @ unit
+    return scores
+
+
 def fitted_errors(
     data: Products, base: IntArray, candidate: Candidate, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
@@ -160,6 +186,16 @@ class Fit:
             return np.asarray(right / np.maximum(normal[:, :, 0], np.finfo(float).tiny) / scale)
         inverse = np.linalg.pinv(normal, rcond=_RANK, hermitian=True)
         return np.asarray((inverse @ right[:, :, None])[:, :, 0] / scale)
+
+    def units(self, portion: Batch) -> FloatArray:
+        """(g, k, k): directions among a candidate's columns in which what is left of them beside the model is one."""
+        columns = portion.columns
+        scale = np.sqrt(self._whole[columns])
+        normal = self._rest[columns[:, :, None], columns[:, None, :]] / (scale[:, :, None] * scale[:, None, :])
+        values, vectors = np.linalg.eigh(normal)
+        kept = values > np.maximum(_RANK * values[:, -1:], _OWN_RIDGE)
+        root = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
+        return np.asarray(vectors * root[:, None, :] / scale[:, :, None])
 
     def separability(self, portion: Batch) -> FloatArray:
         """(g,): share of a candidate's column that is left beside the model, the largest of its columns."""

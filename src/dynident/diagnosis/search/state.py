@@ -13,7 +13,7 @@ from dynident.diagnosis.candidates.gate import Judged, judge
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
-from dynident.diagnosis.candidates.scoring import extra_columns, held_out_errors, score_candidates
+from dynident.diagnosis.candidates.scoring import contributions, extra_columns, held_out_errors, score_candidates
 from dynident.estimation.least_squares import floored
 from dynident.robot.model import FloatArray
 
@@ -66,15 +66,18 @@ def judge_all(
         turns, starts = data.shown(candidate.columns)
         sets.setdefault((bool(turns.any()), bool(starts.any())), []).append(k)
     found: list[Judged | None] = [None] * len(candidates)
+    scores: list[FloatArray] = [np.zeros((0, 1))] * len(candidates)
     for kinds, members in sets.items():
         own = [candidates[k] for k in members]
         rows = data.beside(base, np.array(kinds), extra_columns(own))
         for k, item in zip(members, _judged(rows, pool, base, own, noise), strict=True):
             found[k] = item
+        for k, each in zip(members, contributions(rows, np.array(base, dtype=np.intp), own, noise), strict=True):
+            scores[k] = each
     whole = [item for item in found if item is not None]
     if not whole:
         return []
-    p = family_wise_p(np.array([item.gains for item in whole]))
+    p = family_wise_p(np.array([item.gains for item in whole]), scores)
     return [replace(item, p=float(value)) for item, value in zip(whole, p, strict=True)]
 
 
