@@ -75,6 +75,12 @@ class Judged:
         return each * max(1, len(self.candidate.joints))
 
     @property
+    def freedom(self) -> int:
+        """The same with the shape constants that the data chose: the best of forty springs is no plain offset."""
+        effect = CATALOGUE.get(self.candidate.effect)
+        return self.complexity + (sum(spec.refined is not None for spec in effect.shapes) if effect else 0)
+
+    @property
     def total_gain(self) -> float:
         """What the candidate removes in all, in units of the noise."""
         return float(self.gains.sum())
@@ -174,15 +180,19 @@ def simplest(judged: Sequence[Judged]) -> tuple[Judged, tuple[Judged, ...]]:
     plain = [item for item in ordered if item is best or not _beats(best, item)]
     slimmest = min(item.complexity for item in plain)
     slim = [item for item in plain if item.complexity == slimmest]
-    # Of those that gain as much, the one whose gain is most even: the same effect on the wrong joint gains by chance.
-    chosen = max((item for item in slim if item is slim[0] or indistinguishable(slim[0], item)), key=lambda i: i.t)
+    # Of those on other joints that gain as much, the one whose gain is most even: on a wrong joint gains are by chance.
+    elsewhere = [item for item in slim if item.candidate.joints != slim[0].candidate.joints]
+    chosen = max([slim[0], *(item for item in elsewhere if indistinguishable(slim[0], item))], key=lambda i: i.t)
     return chosen, tuple(item for item in ordered if item is not chosen and indistinguishable(chosen, item))
 
 
 def _beats(best: Judged, simpler: Judged) -> bool:
     """Whether the more complex candidate removes enough more of the error, often enough."""
-    if simpler.complexity >= best.complexity:
-        return True
+    return simpler.complexity >= best.complexity or gains_more(best, simpler)
+
+
+def gains_more(best: Judged, simpler: Judged) -> bool:
+    """Whether a candidate removes so much more of the error than another that it may be more complex."""
     difference = best.gains - simpler.gains
     left = float(simpler.after_weighted.sum())
     more = float(difference.sum())

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.diagnosis.candidates.gate import Judged, simplest
+from dynident.diagnosis.candidates.gate import ALPHA, Judged, gains_more, simplest
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.plausible import plausible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
@@ -46,15 +46,35 @@ def choose(
     passing = [item for item in large if id(item) in natural]
     unnatural = [item for item in large if id(item) not in natural]
     while passing:
-        chosen, equal = simplest(_each_its_own(passing))
+        best, equal = simplest(_each_its_own(passing))
+        plainer = _plainer(data, pool, state, best, judged)
+        chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
         if _stable(data, pool, state, chosen, [*passing, *_of_its_kind(chosen, unnatural)]):
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
             if whole or acceptable(state, data, replace(slim, p=chosen.p)):
                 return replace(slim, p=chosen.p), equal + _rivals(slim, judged, equal)
-        passing = [item for item in passing if item is not chosen]
+        passing = [item for item in passing if item is not best]
     return None
+
+
+def _plainer(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]) -> Judged | None:
+    """What says as much of the same joints with fewer parameters, though it alone would just have missed the level.
+
+    That something is there is what the test says; what it is called is another question.
+    """
+    found = [
+        item
+        for item in judged
+        if item.candidate.joints == chosen.candidate.joints
+        and item.freedom < chosen.freedom
+        and item.p > ALPHA
+        and not gains_more(chosen, item)
+        and acceptable(state, data, replace(item, p=chosen.p))
+        and plausible(data, pool, state.base, state.noise, item)
+    ]
+    return max((replace(item, p=chosen.p) for item in found), key=lambda item: item.total_gain, default=None)
 
 
 def _of_its_kind(chosen: Judged, others: Sequence[Judged]) -> list[Judged]:

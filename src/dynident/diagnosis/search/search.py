@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,9 +36,10 @@ def search(
 
     After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
     torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
+    Where neither the model nor that with its first finding predicts parts of the motion from the others, nothing is
+    found.
     """
-    if not generalises(data.of(state.base), state):
-        return state.picks
+    firm = generalises(data.of(state.base), state)
     judged = first
     remaining = [item.candidate for item in first]
     while len(state.picks) < most:
@@ -50,6 +52,10 @@ def search(
         base = state.base + finding.columns
         if effect_by_id(chosen.candidate.effect).first_order:
             data = relearn((*state.picks, finding))
+        # What one run has and the others have not keeps the plain model from predicting a part of it, too.
+        firm = firm or generalises(data.of(base), replace(state, base=base, noise=noise_left(data, base)))
+        if not firm:
+            return state.picks
         state = State(base, noise_left(data, base), state.floor, (*state.picks, finding))
         reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
         remaining = [c for c in remaining if not _superseded(c, chosen.candidate, reached)]
