@@ -5,7 +5,7 @@
 Three joints with ten columns of a model and a hundred candidates of one to seven columns, all smooth noise; the torque
 is white noise after a low-pass filter. Stretches of time are two or four times as long as the filter smears (its width
 is the inverse of its cut-off). `p <= 0.01` and `p <= 0.05` are the shares of draws in which the family-wise test says
-so of any candidate, and should be no more than that; `named`: in which one of them would also predict what was left out.
+so of any candidate, and should be no more; `named`: in which one of them would predict what was left out, too.
 """
 
 from __future__ import annotations

@@ -70,5 +70,5 @@ def test_an_effect_that_took_another_ones_name_gets_its_own():
     design = made(fast)
     second = recorded(Motion(design.t, design.q, design.dq, design.ddq), peak, 4, "proposed")
     first = significant(diagnosed(fast, second))[0]
-    assert (first.effect, first.joints, first.equivalent) == ("stribeck", (JOINT,), ())
+    assert (first.effect, first.joints) == ("stribeck", (JOINT,))
     assert dict(first.shape)["vs"] == pytest.approx(0.15, rel=0.2)
