@@ -74,14 +74,22 @@ def judge_all(
         for k, item in zip(members, _judged(rows, pool, base, own, noise), strict=True):
             found[k] = item
         for k, each in zip(members, contributions(rows, np.array(base, dtype=np.intp), own, noise), strict=True):
-            # Filters, clocks and halts leave in every row a little of what looks like a delay or a soft joint: the
-            # scores of sensitivities find it on any arm.
-            scores[k] = np.zeros_like(each) if effect_by_id(candidates[k].effect).first_order else each
+            scores[k] = each if _told_by_scores(candidates[k]) else np.zeros_like(each)
     whole = [item for item in found if item is not None]
     if not whole:
         return []
     p = family_wise_p(np.array([item.gains for item in whole]), scores)
     return [replace(item, p=float(value)) for item, value in zip(whole, p, strict=True)]
+
+
+def _told_by_scores(candidate: Candidate) -> bool:
+    """Whether scores may speak for a candidate; else its gains alone do.
+
+    Filters, clocks and halts leave in every row a little of what looks like a delay or a soft joint, and at reversals
+    of what looks like presliding: scores find it on any arm.
+    """
+    effect = effect_by_id(candidate.effect)
+    return not effect.first_order and all(spec.resolved_by != "displacement" for spec in effect.shapes)
 
 
 def _judged(
