@@ -92,7 +92,7 @@ def test_what_is_left_open_is_chosen(request_):
 def test_any_subset_of_the_choices_may_be_given():
     recording = recorded()
     given = preprocessing_from_request({"position_cutoff": 4.0}, [recording])
-    assert (given.position_cutoff, given.torque_cutoff, given.decimation) == (4.0, pytest.approx(4.0 / 1.5), 18)
+    assert (given.position_cutoff, given.torque_cutoff, given.decimation) == (4.0, 4.0, 12)
     given = preprocessing_from_request({"torque_cutoff": 3.0, "decimation": 7, "filter_order": 6}, [recording])
     assert (given.torque_cutoff, given.decimation, given.filter_order) == (3.0, 7, 6)
     assert given.position_cutoff == choose_preprocessing([recording]).position_cutoff

@@ -139,4 +139,4 @@ def test_degrees_beside_radians_are_refused(kind, tmp_path):
 )
 def test_the_filter_that_is_chosen_suits_the_robot(name, low, high, tmp_path):
     recording, _ = imported(DATA / f"{name}.parquet", tmp_path / "stored")
-    assert low <= choose_preprocessing([recording]).torque_cutoff <= high
+    assert low <= choose_preprocessing([recording]).position_cutoff <= high

@@ -24,10 +24,6 @@ NOISE_SHARE = 0.05
 LEAST_HARMONICS = 4.0
 """However large the noise, so many harmonics of the motion are kept."""
 
-POSITION_OVER_TORQUE = 1.5
-"""Position cut-off over torque cut-off: at 1 the filtered positions' torque is half of the measured one at the cut-off,
-and of clean arms a negative delay or a stiff joint explains up to 6 % of the error; at 1.5 it is 96 % of it."""
-
 NYQUIST_SHARE = 0.7
 """A cut-off nearer to the Nyquist frequency filters nothing."""
 
@@ -50,12 +46,11 @@ class _Bands:
 def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     """Choose cut-off frequencies and decimation for recordings that are identified together ("auto").
 
-    The torque cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
+    The position cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
     move, the widest of the recordings), but no more than the frequency up to which differentiating the position noise
-    (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration: torque above it cannot be
-    explained by positions. The position cut-off is half as high again, so that its filter is flat where torques are
-    compared; the parallel filter takes the noise between the two. Rows are decimated to no less than 4 times the torque
-    cut-off.
+    (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration. The torque cut-off is the
+    same: what is above it can not be explained by filtered positions. Rows are decimated to no less than 4
+    times it.
 
     Raises
     ------
@@ -70,8 +65,8 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     noisiest = min(found, key=lambda bands: bands.noise)
     wanted, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
     cutoff = min(wanted, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling)
-    torque = _rounded(cutoff)
-    because = f"Torque cut-off {torque:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
+    cutoff = _rounded(cutoff)
+    because = f"Position cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
     if wanted <= min(noisiest.noise, ceiling):
         because += f", and {HARMONICS:g} times that keeps its products and the corners of friction."
     elif noisiest.noise < ceiling:
@@ -81,9 +76,7 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
         )
     else:
         because += f"; the sampling rate of {rate:.4g} Hz carries nothing useful above {ceiling:.3g} Hz."
-    position = _rounded(min(POSITION_OVER_TORQUE * torque, ceiling))
-    reasons = (because, _about_position(position))
-    return _with_decimation(Preprocessing(position, torque, 1, 4, reasons), rate)
+    return _with_decimation(Preprocessing(cutoff, cutoff, 1, 4, (because, _about_torque(cutoff))), rate)
 
 
 def motion_band(recordings: Sequence[Recording]) -> float:
@@ -124,8 +117,7 @@ def preprocessing_from_request(
             torque = _cutoff(given, "torque_cutoff")
         else:
             # Torque is worth no more than the positions that have to explain it.
-            ceiling = NYQUIST_SHARE * 0.5 * rate
-            torque = chosen.torque_cutoff if position is None else min(position / POSITION_OVER_TORQUE, ceiling)
+            torque = chosen.torque_cutoff if position is None else min(position, NYQUIST_SHARE * 0.5 * rate)
         reasons = chosen.reasons if position == chosen.position_cutoff else (_about_torque(torque),)
         asked = Preprocessing(position, torque, reasons=reasons)
     asked = replace(asked, filter_order=int(given.get("filter_order", asked.filter_order) or 0))
@@ -159,11 +151,7 @@ def _with_decimation(chosen: Preprocessing, rate: float) -> Preprocessing:
 def _about_torque(cutoff: float | None) -> str:
     if cutoff is None:
         return "No parallel filter, as asked."
-    return f"Torque cut-off {cutoff:g} Hz: torque above it cannot be explained by the positions."
-
-
-def _about_position(cutoff: float) -> str:
-    return f"Position cut-off {cutoff:g} Hz: flat up to the torque cut-off."
+    return f"Torque cut-off {cutoff:g} Hz, as for the positions: torque above it cannot be explained by them."
 
 
 def _bands(found: Spectra) -> _Bands:
