@@ -29,9 +29,6 @@ SWAPPED = 4.0
 LATE_CERTAIN = 0.02
 """A misalignment of more s spoils every estimate."""
 
-AGREE = 2.0
-"""Times that the lateness of all rows and of those away from reversals may differ and still be the same."""
-
 
 def torque_checks(
     recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
@@ -192,11 +189,8 @@ def _alignment(recording: Recording, evidence: Evidence, layout: Layout, sample:
     steady = against_motion.lag(evidence, steady_only=True)
     if whole is None or steady is None:
         return Check("torque_alignment", "ok", "How torque and position are aligned cannot be told without a model.")
-    low, high = sorted((whole.seconds, steady.seconds), key=abs)
     certain = (
         whole.seconds * steady.seconds > 0.0
-        # A log that is late is so in all rows: where reversals ask for a multiple, it is they that are not understood.
-        and abs(high) <= AGREE * abs(low)
         and abs(whole.seconds) > 4.0 * whole.error
         and abs(steady.seconds) > 3.0 * steady.error
         and min(whole.gain, steady.gain) > 0.01
@@ -208,6 +202,7 @@ def _alignment(recording: Recording, evidence: Evidence, layout: Layout, sample:
             "ok",
             f"No shift of torque against position beyond what this data can show (about {1e3 * spread:.0f} ms).",
         )
+    low, high = sorted((whole.seconds, steady.seconds), key=abs)
     least = abs(low) - 3.0 * max(whole.error, steady.error)
     word = "late" if low > 0 else "early"
     first = int(np.flatnonzero(sample.used)[0])
