@@ -75,3 +75,17 @@ def test_what_is_small_beside_a_rough_formula_is_taken_for_what_it_leaves():
     assert shadowed(small, cable, floor)
     assert not shadowed(large, cable, floor)
     assert not shadowed(small, spring, floor)
+
+
+def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_missed_the_level(monkeypatch):
+    gains = np.linspace(1.0, 2.0, 40)
+    spring = judged(1.01 * gains, name="gravity_compensator", p=0.008)
+    offset = judged(gains, columns=(6,), name="offset", p=0.012)
+    poor = judged(0.5 * gains, columns=(7,), name="offset", p=0.012)
+    monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: item.p <= 0.01)
+    monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
+    data = SimpleNamespace(moving=SimpleNamespace(run=np.zeros(40, dtype=int)))
+    state = State((), np.ones(1), np.ones(1), ())
+    for rival, name in ((offset, "offset"), (poor, "gravity_compensator")):
+        found = choosing.choose(data, None, state, [spring, rival])
+        assert (found and found[0].candidate.effect, found and found[0].p) == (name, 0.008)
