@@ -73,30 +73,29 @@ def folds(n_stretches: int, kind: str) -> list[IntArray]:
     return [np.asarray(part, dtype=np.intp) for part in np.array_split(order, count)]
 
 
-def folds_of(data: Products, base: IntArray, kind: str) -> list[IntArray]:
+def folds_of(data: Products, kind: str) -> list[IntArray]:
     """The folds of some data: whole `runs`, `parts` of each (a tenth in a row), or as `folds`.
 
-    A fifth in a row is one of every run, where a run that is left out takes a parameter with it.
-
-    A fast motion of all joints beside a long test of a single one would be a fold of its own, and the model of most
-    joints unknown without it.
+    A fifth in a row is one of every run: a fast motion of all joints beside a long test of a single one would else be
+    left out as a whole, and the model of most joints unknown without it. Runs too short for that count as one.
     """
+    each = [np.flatnonzero(data.run == run) for run in np.unique(data.run)]
     if kind == "runs":
-        return [np.flatnonzero(data.run == run) for run in np.unique(data.run)]
+        return each
     if kind == "parts":
-        return [part for run in np.unique(data.run) for part in _parts(np.flatnonzero(data.run == run))]
-    usual = folds(data.n_stretches, kind)
-    if kind == "interleaved" or not any(_takes_all(data, base, part) for part in usual):
-        return usual
-    count = min(N_FOLDS, data.n_stretches)
-    by_run = [np.array_split(np.flatnonzero(data.run == run), count) for run in np.unique(data.run)]
-    parts = [np.concatenate([run[k] for run in by_run]) for k in range(count)]
-    return [part for part in parts if len(part)]
+        return [part for own in each for part in _parts(own)]
+    if kind == "interleaved":
+        return folds(data.n_stretches, kind)
+    long = [own for own in each if len(own) >= N_FOLDS]
+    short = [own for own in each if len(own) < N_FOLDS]
+    together = [np.concatenate(short)] if short else []
+    parts = zip(*(np.array_split(own, N_FOLDS) for own in long + together), strict=True)
+    return [fold for fold in map(np.concatenate, parts) if len(fold)]
 
 
 def runs_can_be_left_out(data: Products, base: IntArray) -> bool:
     """Whether there are several runs, and the columns of a model are known without any one of them."""
-    runs = folds_of(data, base, "runs")
+    runs = folds_of(data, "runs")
     return len(runs) > 1 and not any(_takes_all(data, base, run) for run in runs)
 
 

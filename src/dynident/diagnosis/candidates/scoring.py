@@ -93,7 +93,7 @@ def score_candidates(
     s, n = data.n_stretches, data.n_joints
     before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
     total = weighted_sums(data, base, extra, noise, None)
-    for left_out in folds_of(data, base, kind):
+    for left_out in folds_of(data, kind):
         fit = Fit(total.minus(weighted_sums(data, base, extra, noise, left_out)))
         amplitudes = [fit.amplitudes(portion) for portion in portions]
         for j in range(n):
