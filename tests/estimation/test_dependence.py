@@ -20,7 +20,7 @@ def found(w: np.ndarray, **more) -> Dependence:
     accumulator.push(np.arange(M) / 50.0, [np.column_stack([w, y])])
     reduction = accumulator.finish()
     solution = ordinary(reduction)
-    return dependence(solution, statistics(reduction, solution), **more)
+    return dependence(solution, statistics(reduction, solution, "by_joint"), **more)
 
 
 def columns(share: float, seed: int = 0) -> np.ndarray:

@@ -63,7 +63,7 @@ def made_up(
         equations=reduction,
         training=reduction,
         solution=Solution(np.asarray(values), np.ones(robot.n), np.eye(count)),
-        statistics=Statistics(1e-6 * np.eye(count), np.ones(robot.n), np.ones(robot.n)),
+        statistics=Statistics(1e-6 * np.eye(count), np.ones(robot.n), np.ones(robot.n), np.full(count, np.inf)),
     )
 
 

@@ -81,7 +81,8 @@ def test_a_payload_whose_centre_is_known_tells_more():
     unloaded, loaded = currents()
     by_mass = gains_of(unloaded, loaded)
     by_centre = gains_of(unloaded, replace(loaded, payload={"mass": MASS, "centre": list(CENTRE)}))
-    assert (by_centre.standard_deviations < 1.001 * by_mass.standard_deviations).all()
+    # To within what twenty stretches of time tell of a standard deviation.
+    assert (by_centre.standard_deviations < 1.1 * by_mass.standard_deviations).all()
     assert (by_centre.standard_deviations[3:] < 0.8 * by_mass.standard_deviations[3:]).any()
 
 

@@ -78,8 +78,7 @@ def test_a_ratio_that_cannot_be_is_refused(identified):
     assert caught.value.pointer == "/ratio"
 
 
-def test_intervals_are_those_of_students_distribution_with_the_independent_samples(identified):
-    freedom = identified.effective_rows.sum() - identified.model.n_parameters
-    for parameter in identified.parameters:
+def test_intervals_are_those_of_students_distribution_with_each_parameters_own_freedom(identified):
+    for parameter, freedom in zip(identified.parameters, identified.statistics.freedom, strict=True):
         low, high = stats.t.interval(0.95, freedom, parameter.value, parameter.standard_deviation)
         assert parameter.interval == pytest.approx((low, high))

@@ -175,7 +175,7 @@ def test_with_a_command_the_noise_of_encoders_does_not_reach_what_output_error_f
     runs = [commanded_run(0.01, encoder, 0.1) for encoder in (0.0, 2e-3)]
     quiet, noisy = (identify(SMALL.robot, [run], [], choices("didim")) for run in runs)
     # Along the measured positions it changes by ten standard deviations.
-    assert np.abs((noisy.values - quiet.values) / quiet.statistics.standard_deviations).max() < 1.0
+    assert np.abs((noisy.values - quiet.values) / quiet.statistics.standard_deviations).max() < 2.0
 
 
 def test_a_command_that_the_robot_did_not_follow_is_left_out_with_a_warning():

@@ -104,11 +104,22 @@ def test_an_identification_knows_what_it_was_made_from(identified):
         assert parameter.standard_deviation > 0
 
 
-def test_parameters_are_flagged_by_ten_times_the_smallest_relative_deviation(identified):
-    relative = np.array([p.relative_standard_deviation for p in identified.parameters])
-    good = np.array([p.well_identified for p in identified.parameters])
-    np.testing.assert_array_equal(good, (relative <= 10 * relative.min()) & (relative <= 0.5))
-    assert any("poorly identified" in warning for warning in identified.warnings) == (not good.all())
+def test_parameters_are_judged_by_their_own_intervals_and_not_by_the_surest_one(identified):
+    smallest = min(p.relative_standard_deviation for p in identified.parameters)
+    for p in identified.parameters:
+        low, high = p.interval
+        if low <= 0 <= high:
+            assert p.judgement == "zero_in_interval"
+        else:
+            assert p.judgement == ("determined" if p.standard_deviation <= 0.1 * abs(p.value) else "uncertain")
+        assert p.well_identified == (p.judgement == "determined")
+        assert p.times_smallest == pytest.approx(p.relative_standard_deviation / smallest)
+    unsure = [p.name for p in identified.parameters if p.judgement == "uncertain"]
+    told = [warning for warning in identified.warnings if "are uncertain" in warning]
+    assert len(told) == bool(unsure)
+    assert all(name in told[0] for name in unsure[:12])
+    # Known to a percent or two, and far more than ten times the surest one's.
+    assert any(p.judgement == "determined" and p.times_smallest > 10 for p in identified.parameters)
 
 
 def test_a_fit_that_leaves_much_unexplained_points_at_the_columns_and_the_description(identified):

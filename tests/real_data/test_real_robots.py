@@ -155,7 +155,7 @@ def test_an_airbot_play_is_predicted_and_its_poor_motion_is_warned_of(read):
     plain = identify(arm, [training], [validation], CHOICES)
     assert held_out(plain) < 0.092
     assert any("condition number" in warning for warning in plain.warnings)
-    assert any("poorly identified" in warning for warning in plain.warnings)
+    assert any("are uncertain" in warning for warning in plain.warnings)
     found = diagnose(plain, [training])
     assert held_out(extend(plain, found.recommended, [training], [validation])) < 0.95 * held_out(plain)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TypeVar, get_args
 
 from dynident.errors import DynidentError
+from dynident.estimation import CovarianceName
 from dynident.identification.choices import EstimatorName, ModelName, PriorName, StepsName, StrategyName
 from dynident.validation import Method
 
@@ -26,6 +27,17 @@ def method_of(model: str, strategy: str, steps: str, estimator: str, prior: str)
         prior=_word(prior, get_args(PriorName), "prior") if prior else None,
         steps=_word(steps, get_args(StepsName), "steps"),
     )
+
+
+def covariance_of(covariance: str) -> CovarianceName:
+    """What of the residuals is correlated, by the option of that name.
+
+    Raises
+    ------
+    DynidentError
+        Where it holds no such word.
+    """
+    return _word(covariance, get_args(CovarianceName), "covariance")
 
 
 def methods_of(given: list[str]) -> tuple[Method, ...] | None:

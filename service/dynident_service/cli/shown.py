@@ -15,7 +15,7 @@ from dynident.identification.essential import EssentialPath
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports.numbers import estimate, number, percent
-from dynident.reports.words import place_text, standing_text
+from dynident.reports.words import JUDGED, place_text, standing_text
 from dynident.robot import Robot
 from dynident_service.cli.inputs import Loaded
 from dynident_service.cli.terminal import table
@@ -204,7 +204,7 @@ def _parameters_table(found: Identification) -> object:
         value, deviation = estimate(one.value, one.standard_deviation)
         interval = " to ".join(estimate(end, one.standard_deviation)[0] for end in one.interval)
         relative = percent(one.relative_standard_deviation, 2)
-        judged = "✓" if one.well_identified else "! poorly"
+        judged = JUDGED[one.judgement].words
         rows.append([one.name, one.link, value, deviation, interval, one.unit, relative, judged])
-    columns = ("parameter", "joint", "value", "standard deviation", "95 % interval", "unit", "relative", "identified")
+    columns = ("parameter", "joint", "value", "standard deviation", "95 % interval", "unit", "relative", "determined")
     return table(f"{len(rows)} base parameters", columns, rows, right_from=2)

@@ -12,6 +12,8 @@ MODELS = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
 STRATEGIES = Literal["global", "sequential", "separate_friction"]
 PRIORS = Literal["description", "description_entropic"]
 ESTIMATORS = Literal["ols", "wls", "irls", "feasible", "iv", "didim", "ekf"]
+COVARIANCES = Literal["by_time_and_joints", "by_joint", "independent"]
+JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
 STEPS = Literal["link_by_link", "wrist_then_shoulder"]
 DEFAULT_EFFECTS = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 
@@ -51,6 +53,11 @@ class IdentificationRequest(Asked):
     )
     prior_error: float = Field(
         default=0.2, gt=0, le=10, description="Share by which the description's inertias are usually off"
+    )
+    covariance: COVARIANCES = Field(
+        default="by_time_and_joints",
+        description="What of the residuals is taken to be correlated: all joints' over stretches of time, each joint's "
+        "over time, or nothing",
     )
     pole: float | None = Field(
         default=None, gt=0, description="a of the filtered model's F(s) = a²/(s + a)² in rad/s; null: from the data"
@@ -92,7 +99,16 @@ class ParameterView(Shown):
     unit: str
     standard_deviation: float | None
     relative_standard_deviation: float | None = Field(description="A fraction")
-    well_identified: bool
+    well_identified: bool = Field(description="Whether the data determine it: its judgement")
+    judgement: JUDGEMENTS | None = Field(
+        default=None,
+        description="By its 95 % interval: determined (standard deviation within a tenth of the value, and owed to the "
+        "data), uncertain, or not told from zero",
+    )
+    times_smallest: float | None = Field(
+        default=None,
+        description="Relative standard deviation over the smallest of all: above ten, poorly identified by §12.7",
+    )
     effect: str
     link: str
     grouping: str = Field(description="Written out in standard parameters")
@@ -145,6 +161,7 @@ class IdentificationResult(Shown):
     parameters: list[ParameterView]
     residual: ErrorsView
     validation: ErrorsView | None
+    converged: bool = Field(default=True, description="Whether the rounds that the estimator takes have settled")
     condition_number: float | None
     n_equations: int
     equations_per_parameter: float

@@ -21,12 +21,13 @@ from dynident.estimation.least_squares import (
     weighted,
     weighted_factor,
 )
-from dynident.estimation.statistics import Statistics, statistics
+from dynident.estimation.statistics import CovarianceName, Statistics, freedom_of_rows, statistics
 
 __all__ = [
     "Apart",
     "Beside",
     "BesideAccumulator",
+    "CovarianceName",
     "Elimination",
     "EliminationPath",
     "EquationFactors",
@@ -46,6 +47,7 @@ __all__ = [
     "eliminate",
     "equilibrated_condition_number",
     "errors",
+    "freedom_of_rows",
     "instrumental",
     "known_values",
     "moving_errors",

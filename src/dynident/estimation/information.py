@@ -59,8 +59,13 @@ def known_values(values: FloatArray, covariance: FloatArray, columns: IntArray, 
 
 def covariance_of(factor: FloatArray) -> FloatArray:
     """(c, c): (RᵀR)⁻¹ of a triangular factor."""
-    inverse = solve_triangular(factor, np.eye(len(factor)))
-    return np.asarray(inverse @ inverse.T)
+    root = root_of(factor)
+    return np.asarray(root @ root.T)
+
+
+def root_of(factor: FloatArray) -> FloatArray:
+    """(c, c): R⁻¹ of a triangular factor."""
+    return np.asarray(solve_triangular(factor, np.eye(len(factor))))
 
 
 def deviations_of(covariance: FloatArray) -> FloatArray:

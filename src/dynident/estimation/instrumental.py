@@ -12,21 +12,23 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from dynident.estimation.clusters import FEWEST_CLUSTERS, spread_over_stretches
 from dynident.estimation.correlation import overstatement
 from dynident.estimation.factors import Reduction
 from dynident.estimation.information import Information
 from dynident.estimation.least_squares import (
+    MOST_ROUNDS,
     EstimationError,
     Solution,
     check_rank,
     check_rows,
     noise_levels,
     weighted_factor,
+    weights_settled,
 )
-from dynident.estimation.statistics import Statistics
+from dynident.estimation.statistics import CovarianceName, Statistics, freedom_of_rows
 from dynident.estimation.triangles import FloatArray, triangular
 
-_ROUNDS = 3
 _SINGULAR = 1e-10
 WEAKEST = 0.1
 """Instruments that go with the observations by less than this correlation in some direction determine nothing."""
@@ -44,7 +46,9 @@ class InstrumentalSolution:
     strength: float
 
 
-def instrumental(both: Reduction, known: Information | None = None) -> InstrumentalSolution:
+def instrumental(
+    both: Reduction, known: Information | None = None, covariance: CovarianceName = "by_time_and_joints"
+) -> InstrumentalSolution:
     """Instrumental variables with every equation weighted by 1 / standard deviation of its residual.
 
     Parameters
@@ -53,6 +57,7 @@ def instrumental(both: Reduction, known: Information | None = None) -> Instrumen
         Rows [Z | W | Y]: columns 0 … c - 1 are the instruments, c … 2 c - 1 those of W that they stand for.
     known : Information, optional
         About the c parameters, beside the data.
+    covariance : what of the residuals is taken to be correlated, see `statistics`
 
     Raises
     ------
@@ -62,15 +67,19 @@ def instrumental(both: Reduction, known: Information | None = None) -> Instrumen
     c = both.n_columns // 2
     observed = both.select(np.arange(c, 2 * c))
     twice = None if known is None else Information(np.hstack([known.factor, known.factor]), known.right)
-    noise = np.ones(len(both.equations))
-    solved = _solved(both, noise, twice)
-    for _ in range(_ROUNDS):
-        noise = noise_levels(observed, solved.values)
-        if known is not None:
-            noise = noise * np.sqrt(_overstated(both, solved.values))
+
+    def levels(values: FloatArray) -> FloatArray:
+        noise = noise_levels(observed, values)
+        return noise if known is None else noise * np.sqrt(_overstated(both, values))
+
+    solved, converged = _solved(both, np.ones(len(both.equations)), twice), False
+    for _ in range(MOST_ROUNDS):
+        noise = levels(solved.values)
         solved = _solved(both, noise, twice)
-    solution = Solution(solved.values, noise, solved.observed, known)
-    return InstrumentalSolution(solution, _statistics(both, observed, solution, solved), solved.strength)
+        if converged := weights_settled(observed, noise, levels(solved.values)):
+            break
+    solution = Solution(solved.values, noise, solved.observed, known, converged=converged)
+    return InstrumentalSolution(solution, _statistics(both, observed, solution, solved, covariance), solved.strength)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,21 +126,42 @@ def _overstated(both: Reduction, values: FloatArray) -> FloatArray:
     return np.array(found)
 
 
-def _statistics(both: Reduction, observed: Reduction, solution: Solution, solved: _Solved) -> Statistics:
+def _statistics(
+    both: Reduction, observed: Reduction, solution: Solution, solved: _Solved, kind: CovarianceName
+) -> Statistics:
     """(ZᵀW)⁻¹ Zᵀ cov(ρ) Z (WᵀZ)⁻¹, the correlation of the residuals accounted for as in `statistics`."""
-    inflation = _overstated(both, solution.values)
+    overstated = _overstated(both, solution.values)
     noise = noise_levels(observed, solution.values)
+    worth = both.row_counts / overstated
+    if kind == "by_time_and_joints" and both.n_stretches >= FEWEST_CLUSTERS:
+        # Of the instruments those combinations whose ZᵀW is WᵀW; their leverage is that of W, which they go with.
+        turned = solve_triangular(solved.instruments, np.linalg.solve(solved.projected.T, solved.observed.T))
+        spread = spread_over_stretches(observed, solution, _scores(both, solution) @ turned)
+        return Statistics(spread.covariance, worth, noise, spread.freedom)
     c = observed.n_columns
+    counted = np.ones(len(overstated)) if kind == "independent" else overstated
     meat = np.zeros((c, c))
     for j, equation in enumerate(both.equations):
         k = len(equation.columns) // 2
         z = equation.joined[:, :k]
         where = equation.columns[:k]
-        meat[np.ix_(where, where)] += (noise[j] ** 2 * inflation[j] / solution.noise[j] ** 4) * (z.T @ z)
+        meat[np.ix_(where, where)] += (noise[j] ** 2 * counted[j] / solution.noise[j] ** 4) * (z.T @ z)
     if solution.known is not None:
         meat += solution.known.factor.T @ solution.known.factor
     whitened = solve_triangular(solved.instruments, meat, trans="T")
     whitened = solve_triangular(solved.instruments, whitened.T, trans="T")
     inverse = np.linalg.inv(solved.projected)
     covariance = inverse @ whitened @ inverse.T
-    return Statistics(0.5 * (covariance + covariance.T), both.row_counts / inflation, noise)
+    freedom = freedom_of_rows(both.row_counts / counted, c)
+    return Statistics(0.5 * (covariance + covariance.T), worth, noise, freedom)
+
+
+def _scores(both: Reduction, solution: Solution) -> FloatArray:
+    """(s, c): Z_sᵀρ_s of every stretch, each equation in units of its noise."""
+    found = np.zeros((both.n_stretches, both.n_columns // 2))
+    for equation, sigma in zip(both.equations, solution.noise, strict=True):
+        k = len(equation.columns) // 2
+        where = equation.columns[:k]
+        rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ solution.values[where]
+        found[:, where] += (rests[:, None, :] @ equation.factors[:, :, :k])[:, 0] / sigma**2
+    return found

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -10,11 +11,15 @@ from scipy.linalg import solve_triangular
 from dynident.errors import DynidentError
 from dynident.estimation.correlation import correlation_factors
 from dynident.estimation.factors import Reduction
-from dynident.estimation.information import Information, covariance_of
+from dynident.estimation.information import Information, root_of
 from dynident.estimation.triangles import FloatArray, triangular
 
-# Rounds of re-estimating the noise of every joint; the third changes no digit that anybody reads.
-_WEIGHT_ROUNDS = 3
+MOST_ROUNDS = 20
+"""Of re-estimating the noise of every equation, at most; on sound data the third changes no digit that is read."""
+
+WEIGHTS_SETTLED = 1e-3
+"""Share by which no equation's noise may change any more: what it changes in the estimates is far below their own."""
+
 _SINGULAR = 1e-12
 _ROUNDING = 1e-10
 
@@ -29,7 +34,7 @@ class Solution:
 
     R is the triangular factor of the weighted W, so that (WᵀW)⁻¹ = R⁻¹R⁻ᵀ; `scales` (c,) are the norms of the
     weighted columns. `known`: what was known beside the data; its rows are part of R. `free` (c, f): the directions
-    that constraints leave free, where they hold some back.
+    that constraints leave free, where they hold some back. `converged`: whether the rounds that it took have settled.
     """
 
     values: FloatArray
@@ -37,6 +42,7 @@ class Solution:
     factor: FloatArray
     known: Information | None = None
     free: FloatArray | None = None
+    converged: bool = True
 
     @property
     def scales(self) -> FloatArray:
@@ -46,10 +52,15 @@ class Solution:
     @property
     def normal_inverse(self) -> FloatArray:
         """(c, c): (WᵀW)⁻¹ of the weighted W; with constraints that hold, its like in the free directions."""
+        root = self.root
+        return np.asarray(root @ root.T)
+
+    @property
+    def root(self) -> FloatArray:
+        """(c, f): a factor of `normal_inverse`, as many columns as there are directions that nothing holds."""
         if self.free is None:
-            return covariance_of(self.factor)
-        inner = covariance_of(triangular(self.factor @ self.free))
-        return np.asarray(self.free @ inner @ self.free.T)
+            return root_of(self.factor)
+        return np.asarray(self.free @ root_of(triangular(self.factor @ self.free)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,13 +230,13 @@ def ordinary(reduction: Reduction, known: Information | None = None) -> Solution
     alike = np.ones(len(reduction.equations))
     if known is None:
         return solve(reduction, alike)
-    solution = solve(reduction, alike, known)
-    for _ in range(_WEIGHT_ROUNDS):
-        doubt = doubtful_noise(reduction, solution.values)
-        counts = reduction.row_counts
-        common = float(np.sqrt(np.sum(counts * doubt**2) / max(float(counts.sum()), 1.0)))
-        solution = solve(reduction, common * alike, known)
-    return solution
+    counts = reduction.row_counts
+
+    def common(values: FloatArray) -> FloatArray:
+        doubt = doubtful_noise(reduction, values)
+        return float(np.sqrt(np.sum(counts * doubt**2) / max(float(counts.sum()), 1.0))) * alike
+
+    return _settled(reduction, solve(reduction, alike, known), common, known)
 
 
 def weighted(reduction: Reduction, known: Information | None = None) -> Solution:
@@ -233,11 +244,29 @@ def weighted(reduction: Reduction, known: Information | None = None) -> Solution
 
     Where something is known beside the data, each row counts for as much as it is worth as an independent sample.
     """
-    solution = ordinary(reduction, known)
-    for _ in range(_WEIGHT_ROUNDS):
-        levels = noise_levels if known is None else doubtful_noise
-        solution = solve(reduction, levels(reduction, solution.values), known)
-    return solution
+    levels = noise_levels if known is None else doubtful_noise
+    first = replace(ordinary(reduction, known), converged=True)
+    return _settled(reduction, first, lambda values: levels(reduction, values), known)
+
+
+def _settled(
+    reduction: Reduction, first: Solution, noise_of: Callable[[FloatArray], FloatArray], known: Information | None
+) -> Solution:
+    """Solve and weigh by the noise that the estimates leave, by turns, until the noise settles."""
+    solution = first
+    for _ in range(MOST_ROUNDS):
+        noise = noise_of(solution.values)
+        solution = solve(reduction, noise, known)
+        if weights_settled(reduction, noise, noise_of(solution.values)):
+            return solution
+    return replace(solution, converged=False)
+
+
+def weights_settled(reduction: Reduction, before: FloatArray, after: FloatArray) -> bool:
+    """Whether noise (n,) to weight by has stopped changing, or is no more than what rounding leaves of exact data."""
+    measured = [float(np.linalg.norm(equation.joined[:, -1])) for equation in reduction.equations]
+    rounding = _ROUNDING * np.array(measured) / np.sqrt(np.maximum(reduction.row_counts, 1.0))
+    return bool(np.all(np.abs(after - before) <= np.maximum(WEIGHTS_SETTLED * before, rounding)))
 
 
 def doubtful_noise(reduction: Reduction, values: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from dynident.estimation.factors import Reduction
 from dynident.estimation.information import Information
 from dynident.estimation.least_squares import weighted_factor
-from dynident.estimation.statistics import Statistics
+from dynident.estimation.statistics import Statistics, freedom_of_rows
 from dynident.estimation.triangles import FloatArray
 
 
@@ -51,4 +51,4 @@ def recursive_statistics(rows: Reduction, values: FloatArray, start: Information
         effective[j] = count * variance / counted if counted > 0 else count
         noise[j] = np.sqrt(variance)
     covariance = inverse @ meat @ inverse.T
-    return Statistics(0.5 * (covariance + covariance.T), effective, noise)
+    return Statistics(0.5 * (covariance + covariance.T), effective, noise, freedom_of_rows(effective, rows.n_columns))

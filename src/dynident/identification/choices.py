@@ -10,6 +10,7 @@ from typing import Literal, get_args
 
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
+from dynident.estimation import CovarianceName
 from dynident.recordings import Preprocessing
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE
 from dynident.robot.usual_errors import USUAL_SHARE
@@ -23,6 +24,7 @@ PriorName = Literal["description", "description_entropic"]
 AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic", "filtered", "energy", "power", "base_wrench")
 AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential", "separate_friction")
 AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls", "irls", "feasible", "iv", "didim", "ekf")
+AVAILABLE_COVARIANCES: tuple[CovarianceName, ...] = ("by_time_and_joints", "by_joint", "independent")
 AVAILABLE_PRIORS: tuple[PriorName, ...] = ("description", "description_entropic")
 PRIOR_WORDS: Mapping[PriorName, str] = MappingProxyType(
     {"description": "description", "description_entropic": "description (entropic)"}
@@ -38,7 +40,8 @@ class IdentificationChoices:
     `prior_error` the share by which the others are usually off (see `usual_errors` and, for description_entropic, whose
     distance is the same in every frame, `entropic`). `pole` is a of [12.29] in rad/s,
     for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model, `preprocessing` the filters:
-    None where the data decide. `tolerance` decides which columns count as dependent.
+    None where the data decide. `tolerance` decides which columns count as dependent. `covariance`: what of the
+    residuals is taken to be correlated (`estimation.statistics`).
     """
 
     effects: tuple[EffectChoice, ...] = DEFAULT_EFFECTS
@@ -53,11 +56,13 @@ class IdentificationChoices:
     interval: float | None = None
     preprocessing: Preprocessing | None = None
     tolerance: float = DEFAULT_TOLERANCE
+    covariance: CovarianceName = "by_time_and_joints"
 
     def __post_init__(self) -> None:
         _known("model", self.model, get_args(ModelName), AVAILABLE_MODELS)
         _known("strategy", self.strategy, get_args(StrategyName), AVAILABLE_STRATEGIES)
         _known("estimator", self.estimator, get_args(EstimatorName), AVAILABLE_ESTIMATORS)
+        _known("covariance", self.covariance, get_args(CovarianceName), AVAILABLE_COVARIANCES)
         _known("steps", self.steps, get_args(StepsName), get_args(StepsName))
         if self.prior is not None:
             _known("prior", self.prior, get_args(PriorName), AVAILABLE_PRIORS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dynident.estimation import Statistics, statistics
 from dynident.estimation.dependence import NEVER, CloseTogether, Dependence, HardlySeen, dependence
 from dynident.identification.result import Identification
 from dynident.robot.model import FloatArray
@@ -25,10 +26,18 @@ class ParameterDependence:
 def parameter_dependence(identification: Identification, most: int = MOST_SENTENCES) -> ParameterDependence:
     """Say which parameters the motion determines only together; at most so many sentences."""
     names = tuple(column.name for column in identification.model.kept)
-    found = dependence(identification.solution, identification.statistics, most)
+    found = dependence(identification.solution, _by_motion(identification), most)
     sentences = [_of_direction(one, names) for one in found.directions]
     sentences += [_of_pair(one, names) for one in found.pairs]
     return ParameterDependence(names, found.correlation, tuple(sentences[:most]), found)
+
+
+def _by_motion(identification: Identification) -> Statistics:
+    """How the motion makes estimates depend on one another; from few stretches of time that is known but roughly."""
+    told = identification.statistics
+    if identification.choices.covariance != "by_time_and_joints" or identification.not_essential:
+        return told
+    return statistics(identification.equations, identification.solution, "by_joint")
 
 
 def _of_pair(pair: CloseTogether, names: tuple[str, ...]) -> str:

@@ -49,9 +49,10 @@ def predict(
     )
     torque = observation.torque(entries, identification.values)
     deviation = prediction_deviation(observation, entries, identification.statistics.covariance)
-    quantile = float(stdtrit(identification.statistics.freedom, 0.5 + 0.5 * level))
-    both = np.sqrt(deviation**2 + identification.noise**2)
-    return PredictedTorque(torque, quantile * deviation, quantile * both, level)
+    found = identification.statistics
+    quantile, of_noise = stdtrit([found.usual_freedom, found.effective_rows.sum()], 0.5 + 0.5 * level)
+    mean = quantile * deviation
+    return PredictedTorque(torque, mean, np.hypot(mean, of_noise * identification.noise), level)
 
 
 def prediction_deviation(observation: Observation, entries: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -13,11 +13,15 @@ from dynident.effects import EffectChoice
 from dynident.estimation import Errors, Reduction, Solution, Statistics, effective_rows, moving_errors, noise_levels
 from dynident.estimation.deviations import owed_to_known
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.judgement import ParameterJudgement, judged
 from dynident.identification.standard import StandardParameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
 from dynident.regressors.rows import KeptRows
 from dynident.robot.model import FloatArray
+
+_EXACT = 1e-12
+"""Relative standard deviation that is none."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +29,9 @@ class IdentifiedParameter:
     """One base parameter; `relative_standard_deviation` is a fraction, `grouping` its standard parameters.
 
     `interval`: where the true value lies with a probability of 95 %; the deviation that it rests on counts correlated
-    samples for what they are worth, in blocks of time. `essential` False: set to zero as not essential.
+    samples for what they are worth, in blocks of time. `essential` False: set to zero as not essential. `judgement`:
+    whether the data determine it, leave it uncertain (or known from elsewhere rather), or do not tell it from zero;
+    `times_smallest`: its relative standard deviation over the smallest one of all, which §12.7 wants below ten.
     """
 
     name: str
@@ -33,13 +39,19 @@ class IdentifiedParameter:
     unit: str
     standard_deviation: float
     relative_standard_deviation: float
-    well_identified: bool
+    judgement: ParameterJudgement
+    times_smallest: float
     effect: str
     link: str
     grouping: str
     shape: tuple[tuple[str, float], ...] = ()
     interval: tuple[float, float] = (-inf, inf)
     essential: bool = True
+
+    @property
+    def well_identified(self) -> bool:
+        """Whether the data determine it."""
+        return self.judgement == "determined"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +107,11 @@ class Identification:
         return None if self.held_out_data is None else moving_errors(self.held_out_data, self.values)
 
     @property
+    def converged(self) -> bool:
+        """Whether the rounds that the estimator takes have settled."""
+        return self.solution.converged
+
+    @property
     def n_equations(self) -> int:
         """Number of rows r of W, of the chosen model."""
         return self.equations.n_rows
@@ -122,7 +139,8 @@ class Identification:
     def parameters(self) -> tuple[IdentifiedParameter, ...]:
         """The base parameters in the order of the model."""
         relative = self.statistics.relative_standard_deviations(self.values)
-        good = judge_parameters(relative) & ~owed_to_known(self.equations, self.solution)
+        owed = owed_to_known(self.equations, self.solution)
+        smallest = max(float(np.min(relative, initial=inf)), _EXACT)
         deviations = self.statistics.standard_deviations
         half = self.statistics.half_widths()
         return tuple(
@@ -132,7 +150,8 @@ class Identification:
                 unit=column.unit,
                 standard_deviation=float(deviations[k]),
                 relative_standard_deviation=float(relative[k]),
-                well_identified=bool(good[k]),
+                judgement=judged(float(self.values[k]), float(deviations[k]), float(half[k]), bool(owed[k])),
+                times_smallest=float(relative[k] / smallest),
                 effect=column.effect,
                 link=column.link,
                 grouping=self.model.base.groupings[k],
@@ -158,13 +177,3 @@ class Identification:
         if self.parent is not None:
             yield from self.parent.ladder()
         yield self
-
-
-def judge_parameters(relative: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which parameters are well identified: within ten times the smallest relative standard deviation (§12.7).
-
-    Where even the best parameter is known badly the rule would call everything good, so a parameter whose standard
-    deviation exceeds half its value never is.
-    """
-    smallest = float(np.min(relative, initial=np.inf))
-    return np.asarray((relative <= 10.0 * smallest) & (relative <= 0.5))

@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 
 from dynident.effects import EffectChoice, Signals
 from dynident.errors import DynidentError
-from dynident.estimation import Apart, Beside, EquationFactors, Errors, Information, Reduction, Solution, Statistics
+from dynident.estimation import (
+    Apart,
+    Beside,
+    EquationFactors,
+    Errors,
+    Information,
+    Reduction,
+    Solution,
+    Statistics,
+    freedom_of_rows,
+)
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.result import Identification
 from dynident.identification.standard import StandardParameters
@@ -56,6 +66,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
         "covariance": identification.statistics.covariance,
         "effective_rows": identification.statistics.effective_rows,
         "noise": identification.statistics.noise,
+        "freedom": identification.statistics.freedom,
         "base_kept": np.array(base.kept, dtype=np.int64),
         "base_grouping": base.grouping,
         "base_written": base.written,
@@ -90,6 +101,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
             "added": [asdict(choice) for choice in identification.added],
             "removed": [asdict(choice) for choice in identification.removed],
             "not_essential": identification.not_essential,
+            "converged": identification.converged,
         }
     )
     return arrays
@@ -159,8 +171,8 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
         equations=_reduction(arrays, "equations") if "equations_size" in arrays else training,
         training=training,
         held_out_data=_reduction(arrays, "held_out_data") if held_out else None,
-        solution=_solution(arrays),
-        statistics=Statistics(arrays["covariance"], arrays["effective_rows"], arrays["noise"]),
+        solution=_solution(arrays, bool(header.get("converged", True))),
+        statistics=_statistics(arrays),
         fit=_errors(arrays, "fit"),
         held_out=_errors(arrays, "held_out") if held_out else None,
         condition_number=float(header["condition_number"]),
@@ -177,11 +189,18 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
     )
 
 
-def _solution(arrays: Mapping[str, Any]) -> Solution:
+def _solution(arrays: Mapping[str, Any], converged: bool) -> Solution:
     known = None
     if "known_rows" in arrays:
         known = Information(arrays["known_rows"][:, :-1], arrays["known_rows"][:, -1])
-    return Solution(arrays["values"], arrays["solution_noise"], arrays["solution_factor"], known, arrays.get("free"))
+    free = arrays.get("free")
+    return Solution(arrays["values"], arrays["solution_noise"], arrays["solution_factor"], known, free, converged)
+
+
+def _statistics(arrays: Mapping[str, Any]) -> Statistics:
+    covariance, worth = arrays["covariance"], arrays["effective_rows"]
+    freedom = arrays.get("freedom", freedom_of_rows(worth, len(covariance)))
+    return Statistics(covariance, worth, arrays["noise"], freedom)
 
 
 def _standard(arrays: Mapping[str, Any]) -> StandardParameters | None:
@@ -214,6 +233,7 @@ def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
         interval=document.get("interval"),
         preprocessing=_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,
         tolerance=document["tolerance"],
+        covariance=document.get("covariance", "by_joint"),
     )
 
 

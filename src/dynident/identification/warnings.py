@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.estimation import EquationFactors, Information, Reduction, equilibrated_condition_number, weighted_factor
+from dynident.identification.judgement import DETERMINED
 from dynident.regressors.model import Model
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ _EQUATIONS_PER_PARAMETER = 500.0
 _TINY = 1e-9
 _OVERFIT = 1.5
 _MISFIT = 0.2
+_NAMED = 12
 
 
 def unseen_parameters(model: Model, reduction: Reduction, known: Information | None = None) -> list[str]:
@@ -54,6 +56,7 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
             "as they stand, so use them for prediction near the recorded motion only."
         )
     found += _misfit(identification)
+    found += _unsettled(identification)
     found += _other_equations(identification)
     found += _excitation(identification)
     found += _overfit(identification)
@@ -73,6 +76,16 @@ def _misfit(identification: Identification) -> list[str]:
     return [
         f"Even in the fit {left:.0%} of the torque is left unexplained, most on {worst}: look at the order, signs and "
         "units of the columns, at the joints' axes and gravity in the description, and for loads that it lacks."
+    ]
+
+
+def _unsettled(identification: Identification) -> list[str]:
+    """Where the estimator does not say so in words of its own."""
+    if identification.converged or identification.choices.estimator in ("iv", "didim", "ekf"):
+        return []
+    return [
+        f"The rounds of weighing ({identification.choices.estimator}) have not settled: the estimates still move from "
+        "one to the next. Few rows for many parameters, or joints without residual, cause that; compare with ols."
     ]
 
 
@@ -112,15 +125,22 @@ def _excitation(identification: Identification) -> list[str]:
             f"There are {identification.equations_per_parameter:.0f} equations per parameter after decimation; "
             f"{_EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."
         )
-    poor = [p for p in identification.parameters if not p.well_identified]
-    if poor:
-        names = ", ".join(p.name for p in poor[:12]) + (f" and {len(poor) - 12} more" if len(poor) > 12 else "")
-        smallest = min(p.relative_standard_deviation for p in identification.parameters)
-        found.append(
-            f"{len(poor)} of {len(identification.parameters)} parameters are poorly identified (relative standard "
-            f"deviation above {10 * smallest:.2g}, ten times the smallest, or known from elsewhere): {names}."
-        )
-    return found
+    return found + _doubtful(identification)
+
+
+def _doubtful(identification: Identification) -> list[str]:
+    """Parameters that the data do not determine; those that may as well be zero do no harm by it."""
+    parameters = identification.parameters
+    unsure = [p.name for p in parameters if p.judgement == "uncertain"]
+    zero = sum(p.judgement == "zero_in_interval" for p in parameters)
+    if not unsure:
+        return []
+    names = ", ".join(unsure[:_NAMED]) + (f" and {len(unsure) - _NAMED} more" if len(unsure) > _NAMED else "")
+    others = f" {zero} more are not told from zero." if zero else ""
+    return [
+        f"{len(unsure)} of {len(parameters)} parameters are uncertain (standard deviation above {DETERMINED:.0%} of "
+        f"the value, or known from elsewhere rather than from the data): {names}.{others}"
+    ]
 
 
 def _overfit(identification: Identification) -> list[str]:

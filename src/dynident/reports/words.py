@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
 from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
 from dynident.identification.gain import BestRung
+from dynident.identification.judgement import ParameterJudgement
 from dynident.robot import Robot
 from dynident.robot.model import FloatArray
 
@@ -57,3 +62,21 @@ def best_rung_text(found: BestRung | None, count: int) -> str:
     return (
         f"{best}; from model {found.rises[0] + 1} on the held-out error is larger: what was added there does not help."
     )
+
+
+@dataclass(frozen=True)
+class Marked:
+    """Words, and whether they are good news: the class of a mark."""
+
+    words: str
+    mark: str
+
+
+JUDGED: Mapping[ParameterJudgement, Marked] = MappingProxyType(
+    {
+        "determined": Marked("✓ determined", "ok"),
+        "uncertain": Marked("! uncertain", "warning"),
+        "zero_in_interval": Marked("0 in interval", "plain"),
+    }
+)
+"""What the interval says of a parameter."""

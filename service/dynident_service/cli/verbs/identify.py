@@ -59,6 +59,13 @@ def identify(
     prior_error: Annotated[
         float, typer.Option("--prior-error", help="Share by which the description's inertias are usually off.")
     ] = 0.2,
+    covariance: Annotated[
+        str,
+        typer.Option(
+            "--covariance",
+            help="What of the residuals counts as correlated: by_time_and_joints, by_joint, or independent (nothing).",
+        ),
+    ] = "by_time_and_joints",
     pole: Annotated[
         float | None, typer.Option("--pole", help="a of the filtered model's F(s) in rad/s; from the data if left out.")
     ] = None,
@@ -93,7 +100,15 @@ def identify(
     chosen = inputs.effects_of(effects, machine) or DEFAULT_EFFECTS
     method = methods.method_of(model, strategy, steps, estimator, prior)
     unfiltered = replace(
-        method.of(IdentificationChoices(effects=chosen, pole=pole, interval=interval, prior_error=prior_error)),
+        method.of(
+            IdentificationChoices(
+                effects=chosen,
+                pole=pole,
+                interval=interval,
+                prior_error=prior_error,
+                covariance=methods.covariance_of(covariance),
+            )
+        ),
         free_links=tuple(name.strip() for name in free_links.split(",") if name.strip()),
     )
     with (

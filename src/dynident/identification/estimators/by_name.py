@@ -23,12 +23,12 @@ def estimate(model: Model, choices: IdentificationChoices, data: Data, known: In
 
 def _ordinary(model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
     solution = ordinary(data.equations, known)
-    return Fit(solution, statistics(data.equations, solution))
+    return Fit(solution, statistics(data.equations, solution, choices.covariance))
 
 
 def _weighted(model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
     solution = weighted(data.equations, known)
-    return Fit(solution, statistics(data.equations, solution))
+    return Fit(solution, statistics(data.equations, solution, choices.covariance))
 
 
 ESTIMATORS: Mapping[EstimatorName, Estimator] = MappingProxyType(

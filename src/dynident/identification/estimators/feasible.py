@@ -16,7 +16,7 @@ import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, Solution, errors, noise_levels, statistics, weighted
-from dynident.estimation.least_squares import doubtful_noise, weighted_factor
+from dynident.estimation.least_squares import doubtful_noise, weighted_factor, weights_settled
 from dynident.estimation.semidefinite import Constrained
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data
@@ -25,7 +25,9 @@ from dynident.identification.fit import Fit
 from dynident.regressors.model import Model
 from dynident.robot.model import FloatArray
 
-_ROUNDS = 3
+_ROUNDS = 20
+"""Of weighing by what is left, at most."""
+
 # Newton's steps: predicted gain of cost, in squared standard deviations, that is none; share of it that pays; shortest.
 _SETTLED, _PAYS, _SHORTEST, _MOST_STEPS = 1e-10, 1e-4, 1e-9, 100
 _NOTABLE = 1.02
@@ -47,18 +49,21 @@ def feasible(model: Model, choices: IdentificationChoices, data: Data, known: In
     problem = problem_of(model, data.equations, known, believed.at(believed.belief.mean))
     levels = noise_levels if known is None else doubtful_noise
     noise = unconstrained.noise
+    converged = False
     for _ in range(_ROUNDS):
         if believed.entropic is None:
             found = problem.solve(noise)
         else:
             problem, found = nearest(model, problem, believed, noise)
-        noise = levels(data.equations, problem.base_of(found))
+        before, noise = noise, levels(data.equations, problem.base_of(found))
+        if converged := weights_settled(data.equations, before, noise):
+            break
     values = problem.base_of(found)
     factor = weighted_factor(data.equations, noise, problem.known)[:-1, :-1]
-    solution = Solution(values, noise, factor, problem.known, problem.free(found))
+    solution = Solution(values, noise, factor, problem.known, problem.free(found), converged)
     return Fit(
         solution,
-        statistics(data.equations, solution),
+        statistics(data.equations, solution, choices.covariance),
         _warnings(model, problem, found, data.equations, unconstrained),
         problem.standard(found),
     )

@@ -13,6 +13,7 @@ from dynident.estimation import (
     Solution,
     Statistics,
     errors,
+    freedom_of_rows,
     known_values,
     noise_levels,
     statistics,
@@ -87,8 +88,17 @@ def kalman(model: Model, choices: IdentificationChoices, data: Data, known: Info
     solution = Solution(values, noise, weighted_factor(data.equations, noise, known)[:-1, :-1], known)
     # Two rows an instant, of the torque and of the position: as much as one where the acceleration is unknown.
     found = recursive_statistics(run.rows, values, initial.known)
-    found = Statistics(found.covariance, 0.5 * found.effective_rows, noise)
-    return Fit(solution, found, _said(run, found, initial.share))
+    worth = 0.5 * found.effective_rows
+    found = Statistics(found.covariance, worth, noise, freedom_of_rows(worth, len(values)))
+    late = _still_changing(run, found)
+    return Fit(replace(solution, converged=not late), found, _said(run, found, initial.share, late))
+
+
+def _still_changing(run: KalmanRun, found: Statistics) -> int:
+    """How many parameters changed by more than a standard deviation over the last tenth of the data."""
+    before = run.values[int(0.9 * len(run.times))]
+    change = np.abs(run.values[-1] - before) / np.maximum(found.standard_deviations, np.finfo(float).tiny)
+    return int(np.count_nonzero(change > 1.0))
 
 
 def noise_of(data: Data, residual: FloatArray) -> KalmanNoise:
@@ -139,7 +149,8 @@ def _initial(model: Model, data: Data, known: Information | None) -> _Initial:
         except EstimationError:
             if share == START[-1]:
                 raise
-    found = statistics(beginning, solution)
+    # Of full rank, as what is known beforehand has to be.
+    found = statistics(beginning, solution, "by_joint")
     c = len(solution.values)
     start = known_values(solution.values, found.covariance * _DOUBT**2, np.arange(c), c)
     if known is not None:
@@ -148,18 +159,16 @@ def _initial(model: Model, data: Data, known: Information | None) -> _Initial:
     return _Initial(share, start, found.noise)
 
 
-def _said(run: KalmanRun, found: Statistics, share: float) -> tuple[str, ...]:
+def _said(run: KalmanRun, found: Statistics, share: float, changing: int) -> tuple[str, ...]:
     own = np.maximum(run.deviations[-1], np.finfo(float).tiny)
     said = [
         f"The Kalman filter began with the first {share:.0%} of the data and saw {run.times[-1]:.1f} s. Its standard "
         f"deviations are {np.median(found.standard_deviations / own):.2g} times those of its own covariance (median), "
         "which takes what it leaves for white noise of the size that it expects.",
     ]
-    late = run.values[int(0.9 * len(run.times))]
-    change = np.abs(run.values[-1] - late) / np.maximum(found.standard_deviations, np.finfo(float).tiny)
-    if change.max() > 1.0:
+    if changing:
         said.append(
-            f"{int(np.sum(change > 1.0))} parameters still changed by more than a standard deviation over the last "
+            f"{changing} parameters still changed by more than a standard deviation over the last "
             "tenth of the data: the filter has not converged; a longer recording helps."
         )
     return tuple(said)

@@ -49,19 +49,19 @@ def reweighted(model: Model, choices: IdentificationChoices, data: Data, known: 
     share = np.ones(len(first.noise))
     if known is not None:
         share = doubtful_noise(data.equations, first.values) / noise_levels(data.equations, first.values)
-    values = first.values
+    values, converged = first.values, True
     for influence in (HUBER, BISQUARE):
-        values = _settled(passes, values, influence, share, known)
+        values, converged = _settled(passes, values, influence, share, known)
     sigma = robust_scale(passes.residuals(values))
     found = passes.pseudo_observations(values, sigma, BISQUARE)
-    solution = solve(found, floored(sigma) * share, known)
-    return Fit(solution, statistics(found, solution), passes.told(values, sigma))
+    solution = replace(solve(found, floored(sigma) * share, known), converged=converged)
+    return Fit(solution, statistics(found, solution, choices.covariance), passes.told(values, sigma))
 
 
 def _settled(
     passes: _Passes, values: FloatArray, influence: Influence, share: FloatArray, known: Information | None
-) -> FloatArray:
-    """χ after as many rounds of reweighting as it takes, at most fifteen."""
+) -> tuple[FloatArray, bool]:
+    """χ after as many rounds of reweighting as it takes, at most fifteen; and whether they were enough."""
     for _ in range(_MOST_ROUNDS):
         sigma = floored(robust_scale(passes.residuals(values)))
         rows = passes.reduced(values, sigma, influence)
@@ -69,8 +69,8 @@ def _settled(
         moved = np.abs(solution.values - values)
         values = solution.values
         if np.all(moved <= _SETTLED * np.sqrt(np.diag(solution.normal_inverse))):
-            break
-    return values
+            return values, True
+    return values, False
 
 
 def _check(data: Data) -> None:

@@ -8,7 +8,7 @@ is given the measured positions behind a low-pass.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,7 +68,7 @@ def instrumental_variables(
 
     def solved(both: Reduction) -> Fit:
         nonlocal strength
-        found = instrumental(both, known)
+        found = instrumental(both, known, choices.covariance)
         strength = found.strength
         return Fit(found.solution, found.statistics)
 
@@ -104,7 +104,7 @@ def output_error(model: Model, choices: IdentificationChoices, data: Data, known
         nonlocal error
         simulated = both.select(np.arange(c))
         solution = weighted(simulated, known)
-        found = statistics(simulated, solution)
+        found = statistics(simulated, solution, choices.covariance)
         error = float(np.sqrt(np.mean(found.noise**2)))
         return Fit(solution, found)
 
@@ -177,7 +177,8 @@ def _alternated(
         f"The estimates have not settled after {_ROUNDS} rounds of simulation: the last changed one of them by "
         f"{change:.2g} of its standard deviations."
     )
-    return _Settled(found, _ROUNDS, (unsettled,))
+    restless = replace(found, solution=replace(found.solution, converged=False))
+    return _Settled(restless, _ROUNDS, (unsettled,))
 
 
 def _first_estimate(model: Model, data: Data, known: Information | None) -> FloatArray:

@@ -56,8 +56,7 @@ def separate_friction(model: Model, choices: IdentificationChoices, data: Data) 
     both = Reduction(model.n_parameters, runs.equations.equations + data.equations.equations, data.equations.spans)
     alone = take_step(model, choices, data, runs.equations, Findings.nothing(model.n_parameters), both, _PATIENCE)
     rest = take_step(model, choices, data, data.equations, alone.findings)
-    warnings = () if rest.fit is None else rest.fit.warnings
-    return conclude_steps(data, rest.findings, _warnings(model, runs, alone.findings) + warnings)
+    return conclude_steps(data, (alone, rest), _warnings(model, runs, alone.findings))
 
 
 def _warnings(model: Model, runs: FrictionRuns, found: Findings) -> tuple[str, ...]:

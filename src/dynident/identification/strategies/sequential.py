@@ -11,7 +11,7 @@ from dynident.estimation import EquationFactors, Reduction
 from dynident.identification.choices import EstimatorName, IdentificationChoices, ModelName, StepsName
 from dynident.identification.data import Data
 from dynident.identification.fit import Fit
-from dynident.identification.strategies.steps import Findings, conclude_steps, take_step
+from dynident.identification.strategies.steps import Findings, Step, conclude_steps, take_step
 from dynident.regressors.model import Model
 from dynident.robot.model import Robot
 
@@ -31,16 +31,15 @@ def sequential(model: Model, choices: IdentificationChoices, data: Data) -> Fit:
     """
     check_stepwise(choices)
     findings = Findings.nothing(model.n_parameters)
-    warnings: list[str] = []
+    steps: list[Step] = []
     to_come = set(range(model.robot.n))
     for joints in steps_of(model.robot, choices.steps):
         own, later = only(data.equations, joints), only(data.equations, tuple(to_come))
         step = take_step(model, choices, data, own, findings, later)
         to_come -= set(joints)
         findings = step.findings
-        if step.fit is not None:
-            warnings += step.fit.warnings
-    return conclude_steps(data, findings, tuple(warnings))
+        steps.append(step)
+    return conclude_steps(data, steps)
 
 
 def steps_of(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:

@@ -9,6 +9,7 @@ the steps behind it will is left to these.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from dynident.estimation import (
     Solution,
     Statistics,
     effective_rows,
+    freedom_of_rows,
     known_values,
     noise_levels,
     weighted_factor,
@@ -117,6 +119,8 @@ def take_step(
         return Step(findings, None)
     whole = np.vstack([findings.functions, split.functions]) / split.scale
     changed = equations.combined(np.linalg.pinv(whole) / split.scale[:, None])
+    # What a step finds is what later ones know: in all directions, and from few stretches of time not all can be had.
+    choices = replace(choices, covariance="by_joint")
     fit = estimate(model, choices, replace(data, equations=changed), findings.information(m + k))
     new = slice(m, m + found)
     # The estimate moves with the error of what is known as (RᵀR)⁻¹ Fᵀε does, ε the known part's error in units of its
@@ -127,7 +131,7 @@ def take_step(
     return Step(grown, fit)
 
 
-def conclude_steps(data: Data, findings: Findings, warnings: tuple[str, ...]) -> Fit:
+def conclude_steps(data: Data, steps: Sequence[Step], warnings: tuple[str, ...] = ()) -> Fit:
     """The fit once all steps are taken; noise and factor are those of all equations with the final parameters.
 
     Raises
@@ -135,7 +139,7 @@ def conclude_steps(data: Data, findings: Findings, warnings: tuple[str, ...]) ->
     EstimationError
         Where the steps together leave a parameter undetermined.
     """
-    equations = data.equations
+    equations, findings = data.equations, steps[-1].findings
     if not findings.complete:
         raise EstimationError(
             f"the steps determine {len(findings.values)} combinations of the {equations.n_columns} parameters; use the "
@@ -145,8 +149,16 @@ def conclude_steps(data: Data, findings: Findings, warnings: tuple[str, ...]) ->
         )
     values, covariance = findings.parameters()
     noise = noise_levels(equations, values)
-    solution = Solution(values, noise, weighted_factor(equations, noise)[:-1, :-1])
-    return Fit(solution, Statistics(covariance, effective_rows(equations, values), noise), warnings)
+    fits = [step.fit for step in steps if step.fit is not None]
+    solution = Solution(
+        values,
+        noise,
+        weighted_factor(equations, noise)[:-1, :-1],
+        converged=all(fit.solution.converged for fit in fits),
+    )
+    worth = effective_rows(equations, values)
+    found = Statistics(covariance, worth, noise, freedom_of_rows(worth, len(values)))
+    return Fit(solution, found, (*warnings, *(warning for fit in fits for warning in fit.warnings)))
 
 
 @dataclass(frozen=True, eq=False)

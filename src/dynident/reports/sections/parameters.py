@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from dynident.effects import EffectChoice, effect_by_id
+from dynident.estimation import CovarianceName
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.identification.dependence import parameter_dependence
 from dynident.reports.numbers import estimate, number, percent
 from dynident.reports.section import Section
-from dynident.reports.words import shape_text
+from dynident.reports.words import JUDGED, shape_text
+
+_COUNTED: Mapping[CovarianceName, str] = MappingProxyType(
+    {
+        "by_time_and_joints": "Standard deviations take stretches of time for independent and nothing within them, "
+        "of all joints together.",
+        "by_joint": "Standard deviations account for the correlation of each joint's samples in time, and take the "
+        "joints for independent.",
+        "independent": "Standard deviations take every filtered sample for independent, as [12.6] does: they are "
+        "too small.",
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -23,6 +36,9 @@ class ParameterRow:
     interval: str
     relative: str
     unit: str
+    times_smallest: str
+    judged: str
+    mark: str
 
 
 @dataclass(frozen=True)
@@ -46,11 +62,16 @@ class ParameterGroup:
 
 @dataclass(frozen=True)
 class ParametersContent:
-    """Parameters by effect, the number of independent samples behind their deviations, what is known together only."""
+    """Parameters by effect, the number of independent samples behind their deviations, what is known together only.
+
+    `counted`: what of the residuals the deviations take to be correlated, in words.
+    """
 
     groups: tuple[ParameterGroup, ...]
     effective: tuple[EffectiveRows, ...]
-    n_poor: int
+    n_uncertain: int
+    n_zero: int
+    counted: str
     n_parameters: int
     together: tuple[str, ...]
 
@@ -61,7 +82,9 @@ def parameters_section(identification: Identification) -> Section:
     content = ParametersContent(
         tuple(_groups(parameters)),
         tuple(_effective(identification)),
-        sum(not parameter.well_identified for parameter in parameters),
+        sum(parameter.judgement == "uncertain" for parameter in parameters),
+        sum(parameter.judgement == "zero_in_interval" for parameter in parameters),
+        _COUNTED[identification.choices.covariance],
         len(parameters),
         parameter_dependence(identification).sentences,
     )
@@ -83,6 +106,9 @@ def _row(parameter: IdentifiedParameter) -> ParameterRow:
         " to ".join(estimate(end, parameter.standard_deviation)[0] for end in parameter.interval),
         percent(parameter.relative_standard_deviation, 2),
         "–" if parameter.unit == "-" else parameter.unit,
+        number(parameter.times_smallest, 2),
+        JUDGED[parameter.judgement].words,
+        JUDGED[parameter.judgement].mark,
     )
 
 

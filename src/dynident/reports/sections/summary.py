@@ -71,7 +71,7 @@ def _figures(identification: Identification) -> tuple[Figure, ...]:
         Figure(
             "base parameters",
             str(identification.model.n_parameters),
-            f"{good} of them well identified",
+            f"{good} of them determined by the data",
         ),
         Figure(
             "condition number",

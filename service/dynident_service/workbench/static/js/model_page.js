@@ -79,7 +79,7 @@ function header(model) {
   const tiles = [
     ["held-out error", percent(validation?.relative_total), validation ? "all joints" : "no validation data", "held_out"],
     ["error of the fit", percent(residual.relative_total), "all joints", "fit"],
-    ["base parameters", String(result.parameters.length), `${result.parameters.filter((one) => one.well_identified).length} well identified`],
+    ["base parameters", String(result.parameters.length), `${result.parameters.filter((one) => one.well_identified).length} determined by the data`],
     ["condition number of W", number(result.condition_number), counted(result.n_equations, "equation")],
   ];
   return h(

@@ -24,7 +24,7 @@ export function parametersSection(model, signal) {
 }
 
 function parametersTable(model, caption, parameters) {
-  const head = ["parameter", "effect", right("value"), right("standard deviation"), right("95 % interval"), "unit", right("relative"), "well identified", "in standard parameters"];
+  const head = ["parameter", "effect", right("value"), right("standard deviation"), right("95 % interval"), "unit", right("relative"), "determined", "in standard parameters"];
   const rows = parameters.map((one) =>
     row([
       h("code", {}, one.name),
@@ -34,11 +34,24 @@ function parametersTable(model, caption, parameters) {
       { class: "n", text: one.interval[0] === null ? "–" : `${number(one.interval[0])} to ${number(one.interval[1])}` },
       one.unit,
       numeric(percent(one.relative_standard_deviation, 2)),
-      one.well_identified ? h("span", { class: "mark ok" }, "✓ yes") : h("span", { class: "mark warning" }, "no"),
+      judged(one),
       h("code", {}, one.grouping),
     ]),
   );
   return table(caption, head, rows);
+}
+
+const JUDGED = {
+  determined: ["ok", "✓ determined"],
+  uncertain: ["warning", "! uncertain"],
+  zero_in_interval: ["plain", "0 in interval"],
+};
+
+/** What the interval says of a parameter; how it stands to the surest one for who asks. */
+function judged(one) {
+  const [kind, text] = JUDGED[one.judgement] ?? (one.well_identified ? JUDGED.determined : JUDGED.uncertain);
+  const title = one.times_smallest ? `relative standard deviation ${number(one.times_smallest, 2)} times that of the surest parameter (§12.7: below 10)` : "";
+  return h("span", { class: `mark ${kind}`, title }, text);
 }
 
 function together(sentences) {
