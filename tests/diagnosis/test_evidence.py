@@ -12,9 +12,8 @@ from dynident.identification import extend
 
 
 def ranked(effect: str, joints: tuple[str, ...], rank: int = 1, **shape: float) -> RankedEffect:
-    return RankedEffect(
-        rank, effect, joints, 0.1, 0.05, 0.5, 9.0, 1e-6, True, "", (), 0.9, tuple(sorted(shape.items()))
-    )
+    choice = EffectChoice(effect, joints, tuple(sorted(shape.items())))
+    return RankedEffect(rank, choice, 0.1, 0.05, 0.5, 9.0, 1e-6, True, "", (), 0.9)
 
 
 @pytest.fixture(scope="module")

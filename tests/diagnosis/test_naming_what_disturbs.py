@@ -7,7 +7,7 @@ import pytest
 from disturbed import CONTACT, DELAY, FREQUENCY, MORE, PAYLOAD, loaded, touched
 from hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, experiment, floor, motions, nothing, on_joint, recorded
 
-from dynident.diagnosis import diagnose
+from dynident.diagnosis import diagnose, evidence
 from dynident.identification import IdentificationChoices, extend, identify
 
 pytestmark = pytest.mark.slow
@@ -52,6 +52,11 @@ def test_a_payload_is_found_in_the_run_that_has_it_with_its_mass():
     assert (choice.effect, choice.runs) == ("payload", ("heavy",))
     grown = extend(plain, [choice], [bare, heavy])
     assert next(p.value for p in grown.parameters if p.name == "Mp") == pytest.approx(PAYLOAD, rel=0.03)
+    drawn = evidence(plain, found.candidates[:1], [bare, heavy])
+    removed = 1 - grown.fit.squares / plain.fit.squares
+    assert max(one.explained for one in drawn) > 0.5
+    for one in drawn:
+        assert one.explained == pytest.approx(removed[NAMES.index(one.joint)], abs=0.05)
 
 
 def test_friction_that_depends_on_another_joint_has_no_name_but_its_variable():

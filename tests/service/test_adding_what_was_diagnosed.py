@@ -1,4 +1,4 @@
-"""Adding an effect by its name alone: the service knows what its diagnosis has found."""
+"""Adding an effect that a diagnosis has found: as it is recommended, as it is ranked, and by its name alone."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dynident_client import Client
 pytestmark = pytest.mark.slow
 
 
-def test_a_ripple_is_added_with_the_wave_that_the_diagnosis_found(live: Client) -> None:
+def test_a_ripple_is_added_as_it_was_found_and_by_its_name_alone_with_the_wave_that_was_found(live: Client) -> None:
     robot = live.robots.create("scara", modified_dh=library_table("scara"))
     joint = robot.joints[0]["name"]
     drive = [{"effect": "rotor_inertia"}, {"effect": "coulomb"}, {"effect": "viscous"}]
@@ -30,6 +30,10 @@ def test_a_ripple_is_added_with_the_wave_that_the_diagnosis_found(live: Client) 
     found = diagnosis.result["recommended"][0]
     assert (found["effect"], found["joints"]) == ("torque_ripple", [joint])
 
-    better = live.identifications.extend(model, [{"effect": "torque_ripple", "joints": [joint]}]).wait()
-    assert better.result["effects"][-1]["shape_parameters"] == found["shape_parameters"]
-    assert better.result["validation"]["relative_total"] < 0.7 * model.result["validation"]["relative_total"]
+    ranked = diagnosis.result["candidates"][0]
+    carried = {key: ranked[key] for key in ("effect", "joints", "shape_parameters", "runs")}
+    assert carried == found
+    for added in (found, {"effect": "torque_ripple", "joints": [joint]}):
+        better = live.identifications.extend(model, [added]).wait()
+        assert better.result["effects"][-1]["shape_parameters"] == found["shape_parameters"]
+        assert better.result["validation"]["relative_total"] < 0.7 * model.result["validation"]["relative_total"]

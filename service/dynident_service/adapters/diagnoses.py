@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.diagnosis import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
 from dynident.diagnosis.result import Invisible, Separation
+from dynident.effects import EffectChoice
 from dynident_service.adapters.designs import design_request, show_request
 from dynident_service.adapters.effects import choices_of, show_choice
 from dynident_service.adapters.identifications import finite, numbers
@@ -37,7 +38,8 @@ def describe_diagnosis(found: Diagnosis, robot_id: str, measurement_ids: Sequenc
                 evidence=one.evidence,
                 equivalent=list(one.equivalent),
                 separability=finite(one.separability),
-                shape_parameters=dict(one.shape),
+                shape_parameters=dict(one.choice.shape),
+                runs=list(one.choice.runs),
             )
             for one in found.candidates
         ],
@@ -118,8 +120,9 @@ def diagnosis_of(stored: Mapping[str, Any]) -> Diagnosis:
 def _ranked(one: wire.Candidate) -> RankedEffect:
     return RankedEffect(
         rank=one.rank,
-        effect=one.effect,
-        joints=tuple(one.joints),
+        choice=EffectChoice(
+            one.effect, tuple(one.joints), tuple(sorted(one.shape_parameters.items())), tuple(one.runs)
+        ),
         error_before=_number(one.error_before),
         error_after=_number(one.error_after),
         error_drop=_number(one.error_drop),
@@ -129,7 +132,6 @@ def _ranked(one: wire.Candidate) -> RankedEffect:
         evidence=one.evidence,
         equivalent=tuple(one.equivalent),
         separability=_number(one.separability),
-        shape=tuple(sorted(one.shape_parameters.items())),
     )
 
 

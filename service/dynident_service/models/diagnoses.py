@@ -37,6 +37,7 @@ class Candidate(Shown):
     equivalent: list[str] = Field(description="Effects that this data cannot tell apart from it")
     separability: float | None = Field(description="Share of its column that is left after the model")
     shape_parameters: dict[str, float]
+    runs: list[str] = Field(default=[], description="Labels of the runs that it is in; none: in all of them")
 
 
 class UnknownPattern(Shown):

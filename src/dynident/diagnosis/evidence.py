@@ -85,7 +85,7 @@ def evidence(
     if not shown:
         return ()
     robot = identification.model.robot
-    choices = [EffectChoice(one.effect, one.joints, one.shape) for one in shown]
+    choices = [one.choice for one in shown]
     rows = _rows(identification, choices, recordings, progress)
     found = []
     for number, (one, choice) in enumerate(zip(shown, choices, strict=True)):
@@ -111,7 +111,7 @@ def _of_joint(one: RankedEffect, number: int, joint: int, robot: Robot, rows: _R
         ("travel since reversal", angle, _travel(rows.q[:, joint], rows.dq[:, joint])),
         ("time", "s", rows.t),
     ]
-    cycles = dict(one.shape).get("k")
+    cycles = dict(one.choice.shape).get("k")
     if cycles:
         options.insert(0, ("phase", "rad", np.mod(cycles * rows.q[:, joint], 2.0 * np.pi)))
     shares = [_share(values, own) for _, _, values in options]

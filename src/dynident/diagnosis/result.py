@@ -15,11 +15,13 @@ Variable = Literal["position", "velocity", "acceleration", "load", "time", "othe
 
 @dataclass(frozen=True)
 class RankedEffect:
-    """One family at its best place and shape. Errors are relative, held out, on the joints named."""
+    """One family at its best place and shape: `choice`, as it can be added.
+
+    Errors are relative, held out, on its joints.
+    """
 
     rank: int
-    effect: str
-    joints: tuple[str, ...]
+    choice: EffectChoice
     error_before: float
     error_after: float
     error_drop: float
@@ -29,7 +31,16 @@ class RankedEffect:
     evidence: str
     equivalent: tuple[str, ...]
     separability: float
-    shape: tuple[tuple[str, float], ...]
+
+    @property
+    def effect(self) -> str:
+        """Its id in the catalogue."""
+        return self.choice.effect
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names; none where it belongs to the whole robot."""
+        return self.choice.joints
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def rank_all(
         if twins:
             why += f" This data cannot tell it from: {', '.join(twins)}."
         item = _narrowed(finding.judged, choice)
-        ranked.append(_ranked(len(ranked) + 1, item, finding.p, choice.shape, why, twins))
+        ranked.append(_ranked(len(ranked) + 1, item, choice, finding.p, why, twins))
     picked = {choice.effect for choice in recommended}
     best: dict[str, Judged] = {}
     for item in first:
@@ -38,7 +38,7 @@ def rank_all(
         # It may have passed on its own at first; what was picked then explained the same part of the residual.
         better = "What ranks above it explains the same part of the residual, or nature does not allow it."
         why = better if item.passes else "That is not enough."
-        ranked.append(_ranked(len(ranked) + 1, item, item.p, item.candidate.shape, why, None))
+        ranked.append(_ranked(len(ranked) + 1, item, item.candidate.choice, item.p, why, None))
     return tuple(ranked)
 
 
@@ -56,8 +56,8 @@ def _narrowed(item: Judged, choice: EffectChoice) -> Judged:
 def _ranked(
     rank: int,
     item: Judged,
+    choice: EffectChoice,
     p: float,
-    shape: tuple[tuple[str, float], ...],
     why: str,
     equivalent: tuple[str, ...] | None,
 ) -> RankedEffect:
@@ -68,8 +68,7 @@ def _ranked(
     after = float(np.sqrt(item.after[:, joints].sum() / measured))
     return RankedEffect(
         rank=rank,
-        effect=item.candidate.effect,
-        joints=item.candidate.joints,
+        choice=choice,
         error_before=before,
         error_after=after,
         error_drop=item.error_drop,
@@ -79,7 +78,6 @@ def _ranked(
         evidence=_evidence(item, before, after, why),
         equivalent=equivalent or (),
         separability=item.separability,
-        shape=shape,
     )
 
 

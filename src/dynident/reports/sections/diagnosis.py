@@ -134,7 +134,7 @@ def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
         percent(item.error_drop, 2),
         p_value(item.p_value),
         percent(item.separability, 2),
-        shape_text(EffectChoice(item.effect, item.joints, item.shape)),
+        shape_text(item.choice),
         ", ".join(title_of(name) for name in item.equivalent),
     )
 

@@ -47,7 +47,7 @@ function candidateRows(model, one, most, add, signal) {
 
 function addButton(model, one, title, add) {
   if (model.contains(one)) return h("span", { class: "note" }, "in the model");
-  const choice = { effect: one.effect, joints: one.joints, shape_parameters: one.shape_parameters };
+  const choice = { effect: one.effect, joints: one.joints, shape_parameters: one.shape_parameters, runs: one.runs };
   const where = placeOf(model.effects, one, model.joints);
   const said = h("div");
   const text = one.significant ? "Add" : "Add anyway";
