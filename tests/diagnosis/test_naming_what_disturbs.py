@@ -49,9 +49,9 @@ def test_a_payload_is_found_in_the_run_that_has_it_with_its_mass():
     plain = identify(ROBOT, [bare, heavy], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
     found = diagnose(plain, [bare, heavy])
     (choice,) = found.recommended
-    assert (choice.effect, choice.runs) == ("payload", ("heavy",))
+    assert (choice.effect, choice.joints, choice.runs) == ("payload", NAMES[-1:], ("heavy",))
     grown = extend(plain, [choice], [bare, heavy])
-    assert next(p.value for p in grown.parameters if p.name == "Mp") == pytest.approx(PAYLOAD, rel=0.03)
+    assert next(p.value for p in grown.parameters if p.name == f"Mp{len(NAMES)}") == pytest.approx(PAYLOAD, rel=0.03)
     drawn = evidence(plain, found.candidates[:1], [bare, heavy])
     removed = 1 - grown.fit.squares / plain.fit.squares
     assert max(one.explained for one in drawn) > 0.5

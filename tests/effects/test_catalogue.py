@@ -30,7 +30,7 @@ ROBOTS = ("ur10", "scara", "dual_arm")
 # Effects of one joint that act on others too, beside those of the whole robot.
 REACHING = {
     "rigid_body", "transmission_coupling", "cable_force", "rotor_coupling", "backlash", "joint_elasticity",
-    "encoder_zero_error", "kinematic_error",
+    "encoder_zero_error", "kinematic_error", "payload",
 }  # fmt: skip
 LOCAL = [name for name in PUBLISHED if name not in REACHING and effect_by_id(name).scope == "joint"]
 
@@ -90,7 +90,7 @@ def test_columns_of_every_effect_are_finite_named_and_have_units(name, robot_nam
     expected = (
         per_joint
         if effect_by_id(name).scope == "robot"
-        else per_joint * len(effect_by_id(name).applicable(arm(robot_name)))
+        else per_joint * len(effect_by_id(name).unless_named(arm(robot_name)))
     )
     assert len(found.columns) == expected
 

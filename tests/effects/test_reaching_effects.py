@@ -25,13 +25,15 @@ def close(found: FloatArray, expected: FloatArray, share: float) -> None:
     np.testing.assert_allclose(found, expected, atol=share * max(1.0, float(np.abs(expected).max())))
 
 
+@pytest.mark.parametrize("link", [None, 0, 1])
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_payload_is_the_difference_of_two_pinocchio_models(name):
-    found = Evaluated(arm(name), EffectChoice("payload"))
+def test_a_payload_on_any_link_is_the_difference_of_two_pinocchio_models(name, link):
+    named = () if link is None else (arm(name).joint_names[link],)
+    found = Evaluated(arm(name), EffectChoice("payload", named))
     robot, rng = with_inertia(found), np.random.default_rng(3)
     carried = rng.uniform(0.5, 2.0, 10)
     heavier = found.inertia.reshape(-1, 10).copy()
-    heavier[-1] += carried
+    heavier[-1 if link is None else link] += carried
     expected = pinocchio_torque(replace(robot, inertias=heavier), found.q, found.dq, found.ddq)
     expected -= pinocchio_torque(robot, found.q, found.dq, found.ddq)
     close(found.values @ carried, expected * found.runs, 1e-10)

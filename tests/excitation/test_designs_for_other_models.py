@@ -152,17 +152,17 @@ def test_a_motion_that_weighs_a_payload_is_designed_beside_a_run_without_it(ur10
     wished = replace(
         QUICK,
         effects=(*EFFECTS, EffectChoice("payload")),
-        criterion=CriterionChoice("parameters", parameters=("Mp",)),
+        criterion=CriterionChoice("parameters", parameters=("Mp6",)),
         noise=noise,
     )
     weighing = design_experiment(ur10, wished, earlier=[run])
     any_motion = design_experiment(ur10, replace(wished, kind="random", random_trajectories=1), earlier=[run])
-    mass = [next(one.standard_deviation for one in d.expected if one.name == "Mp") for d in (weighing, any_motion)]
+    mass = [next(one.standard_deviation for one in d.expected if one.name == "Mp6") for d in (weighing, any_motion)]
     assert mass[0] < 0.9 * mass[1]
     # Without the run before, arm and payload are one.
     alone = design_experiment(ur10, replace(wished, kind="random", criterion=CriterionChoice()))
-    assert "Mp" not in alone.parameter_names
-    assert any("Mp" in note for note in alone.notes)
+    assert "Mp6" not in alone.parameter_names
+    assert any("Mp6" in note for note in alone.notes)
 
 
 def test_what_cannot_be_designed_for_is_refused(scara):

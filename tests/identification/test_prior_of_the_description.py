@@ -167,7 +167,7 @@ def test_a_payload_that_is_in_all_runs_is_told_from_the_last_link_by_the_prior(e
     with pytest.raises(EstimationError, match="not identifiable"):
         identify(arm("ur10"), [carrying], choices=replace(choices, prior=None))
     found = identify(arm("ur10"), [carrying], choices=choices)
-    mass = next(p for p in found.parameters if p.name == "Mp")
+    mass = next(p for p in found.parameters if p.name == "Mp6")
     assert abs(mass.value - 4.0) < 3 * mass.standard_deviation
     assert mass.standard_deviation < 0.8
 

@@ -178,12 +178,13 @@ def test_weighted_least_squares_is_that_of_the_whole_matrix():
     w, y, equations = dense(recordings)
     chi = least_squares(w, y)
     share = 1 - w.shape[2] / equations.sum()
-    for _ in range(3):
+    for _ in range(20):
         noise = np.sqrt(((y - w @ chi) ** 2).sum(axis=0) / equations.sum(axis=0) / share)
         chi = least_squares(w, y, noise)
     solution = weighted(reduce_recordings(MODEL.observation, recordings, PREPROCESSING, REFERENCE))
-    np.testing.assert_allclose(solution.values, chi, rtol=1e-7, atol=1e-8 * np.abs(chi).max())
-    np.testing.assert_allclose(solution.noise, noise, rtol=1e-9)
+    # Rounds end once the noise changes by a millionth.
+    np.testing.assert_allclose(solution.values, chi, rtol=1e-5, atol=1e-6 * np.abs(chi).max())
+    np.testing.assert_allclose(solution.noise, noise, rtol=1e-5)
 
 
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -168,7 +168,7 @@ def test_a_payload_is_found_by_the_wrench_and_can_be_taken_out_again():
         IdentificationChoices((*LINKS, choice), model="base_wrench", preprocessing=Preprocessing(None, 5.0, 5)),
     )
     named = {p.name: p for p in found.parameters}
-    assert named["Mp"].value == pytest.approx(2.0, rel=1e-3)
+    assert named["Mp6"].value == pytest.approx(2.0, rel=1e-3)
     truth = np.concatenate([robot.inertias.ravel(), box])
     assert error(found, found.model.base.grouping @ truth) < 1e-3
     smaller = remove(found, [choice])

@@ -221,7 +221,9 @@ def test_every_effect_of_the_catalogue_has_a_typical_size_that_shows_in_the_torq
     exact = Sensors(sampling_rate=200.0, encoder_counts=None, torque_noise=0.0)
     warm = warmed(fourier(robot, 4.0), Warming())
     # The motor of joint 4 is carried along by joints whose axes are not across its own.
-    joint = "" if CATALOGUE[effect].scope == "robot" else robot.joint_names[3 if effect == "rotor_coupling" else 1]
+    usual = CATALOGUE[effect].unless_named(robot)
+    alone = CATALOGUE[effect].scope == "robot" or len(usual) == 1
+    joint = "" if alone else robot.joint_names[3 if effect == "rotor_coupling" else 1]
     hidden = typical_effect(robot, effect, joint)
     without, with_it = (
         VirtualRobot(robot, effects).measure(warm, exact).tau

@@ -39,7 +39,8 @@ def _hidden(robot: Robot, name: str) -> TrueEffect:
         return TrueEffect(name, robot.joint_names[3], (("NJ", 0.5),))
     if name == "external_contact":
         return TrueEffect(name, "", (("fz", 20.0), ("myh", 15.0)), (("t0", 1.0), ("t1", 2.0)))
-    joint = "" if CATALOGUE[name].scope == "robot" else robot.joint_names[1]
+    alone = CATALOGUE[name].scope == "robot" or len(CATALOGUE[name].unless_named(robot)) == 1
+    joint = "" if alone else robot.joint_names[1]
     typical = typical_effect(robot, name, joint)
     return replace(typical, values=(*typical.values, ("cz", 0.03))) if name == "presliding" else typical
 

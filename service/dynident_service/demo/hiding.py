@@ -31,7 +31,8 @@ def hideable(robot: Robot, effect: str, joint: str) -> list[TrueEffect]:
     names = [robot.joint_names[index] for index in described.applicable(robot)]
     if joint and joint not in names:
         raise DynidentError(f"{effect} cannot sit on {joint!r}; it can on: {', '.join(names)}", pointer="--joint")
-    wanted = [joint] if joint else [""] if described.scope == "robot" else names
+    anywhere = described.scope == "robot" or len(described.unless_named(robot)) == 1
+    wanted = [joint] if joint else [""] if anywhere else names
     try:
         possible = [typical_effect(robot, effect, name) for name in wanted]
     except DynidentError as error:

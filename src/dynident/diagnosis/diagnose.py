@@ -11,6 +11,7 @@ from dynident.diagnosis.advice.next_experiment import next_experiment
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Pool, build_pool
+from dynident.diagnosis.changes import changes_of, of_both, summary_of
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.residuals.failure_map import failure_map
@@ -44,6 +45,7 @@ def diagnose(
     identification: Identification,
     recordings: Sequence[Recording],
     *,
+    baseline: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     progress: Progress = silent,
@@ -56,6 +58,9 @@ def diagnose(
     recordings : sequence of Recording
         The data to learn from; usually those the model was identified on. What is recommended has improved the
         prediction of stretches that were left out of the fit. Tests of single joints' friction are left out.
+    baseline : sequence of Recording, optional
+        Earlier recordings of the same robot: what is different in `recordings` is told as changes. The model is then
+        identified on both.
     candidates : sequence of effect ids, optional
         Only these effects; the whole catalogue otherwise.
     most_effects : int
@@ -63,11 +68,17 @@ def diagnose(
     """
     for index, name in enumerate(candidates or ()):
         effect_by_id(name, f"/candidates/{index}")
-    model = identification.model
     recordings, _ = parted(recordings)
+    since: tuple[str, ...] = ()
+    if baseline:
+        earlier, _ = parted(baseline)
+        identification = of_both(identification, earlier, recordings, silent)
+        since = tuple(dict.fromkeys(label for recording in recordings for label in recording.run_labels))
+        recordings = (*earlier, *recordings)
+    model = identification.model
     comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
     resolved = resolution(comparisons, identification.preprocessing)
-    leads = find_leads(comparisons, recordings, identification)
+    leads = find_leads(comparisons, recordings, identification, since)
     pool = build_pool(model, candidates, leads, resolved)
     floor = sensor_noise(recordings, identification.preprocessing)
     reference = identification.next_reference()
@@ -102,16 +113,23 @@ def diagnose(
         unknown = unknown_patterns(final)
     residual = _rms(final)
     ranked = rank_all(picks, first, recommended)
-    verdict = verdict_of(recommended, unknown)
+    changes = changes_of(grown, picks, ranked[: len(picks)], since) if baseline else None
+    # What changed is no part of the model: that is of both sets of recordings.
+    missing = tuple(choice for choice in recommended if not baseline or choice.runs != since)
+    verdict = verdict_of(missing, unknown)
+    told = [one for one in ranked if not baseline or one.choice.runs != since]
+    sentences = [summary(verdict, told, unknown, residual, floor, model)]
+    if changes is not None:
+        sentences.insert(0, summary_of(changes))
     invisible = tuple(undetermined.values()) + _invisible(first)
     progress(1.0, "diagnosed")
     return Diagnosis(
         verdict=verdict,
-        summary=summary(verdict, ranked, unknown, residual, floor, model),
+        summary=" ".join(sentences),
         noise_floor=floor,
         residual_rms=residual,
         candidates=ranked,
-        recommended=recommended,
+        recommended=missing,
         unknown=unknown,
         not_visible=invisible,
         failure_map=failure_map(comparisons),
@@ -120,6 +138,7 @@ def diagnose(
             comparisons,
             doubts_of(picks, recommended, invisible, model.robot, first, candidates or ()),
         ),
+        changes=changes,
     )
 
 
@@ -129,7 +148,7 @@ def _start(data: PhasedProducts, pool: Pool, identification: Identification, flo
     picks = find_contacts(data, pool, base, noise, identification.preprocessing.torque_cutoff or _BAND)
     for finding in picks:
         base += finding.columns
-    return State(base, noise_left(data, base) if picks else noise, floor, picks)
+    return State(base, noise_left(data, base) if picks else noise, floor, picks, pool.since)
 
 
 def _rms(comparisons: Sequence[Comparison]) -> FloatArray:

@@ -44,6 +44,36 @@ class RankedEffect:
 
 
 @dataclass(frozen=True)
+class ChangedValue:
+    """A number that is another one since: `value` is the difference, in `interval` with a probability of 95 %.
+
+    `before`: what it was, where the model has it.
+    """
+
+    parameter: str
+    value: float
+    unit: str
+    interval: tuple[float, float]
+    before: float | None = None
+
+
+@dataclass(frozen=True)
+class Change:
+    """What the later recordings have and the earlier ones have not: `choice`, in its runs, on one joint or the robot.
+
+    `main` is the number that says how large it is, `more` the others; `p_value` that of the test among all that was
+    tried; `equivalent`: effects, or joints where it is the same effect, that the data cannot tell from it.
+    """
+
+    choice: EffectChoice
+    main: ChangedValue
+    more: tuple[ChangedValue, ...]
+    p_value: float
+    evidence: str
+    equivalent: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class UnknownPattern:
     """A dependence of a joint's residual that no effect of the catalogue explains; `share` of its variance."""
 
@@ -114,7 +144,8 @@ class NextExperiment:
 class Diagnosis:
     """The verdict on a model, what is missing in it, and what the data could not tell.
 
-    `noise_floor` (n,) in N m or N: what no model can explain, from the torque above the filter's band.
+    `noise_floor` (n,) in N m or N: what no model can explain, from the torque above the filter's band. `changes`: what
+    differs from the baseline, none where nothing does; `None` where there was no baseline.
     """
 
     verdict: Verdict
@@ -127,3 +158,4 @@ class Diagnosis:
     not_visible: tuple[Invisible, ...]
     failure_map: tuple[FailureSpot, ...]
     next_experiment: NextExperiment | None
+    changes: tuple[Change, ...] | None = None

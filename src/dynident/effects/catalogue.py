@@ -110,13 +110,15 @@ def effect_by_id(identifier: str, pointer: str = "") -> Effect:
 
 
 def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[int, ...]:
-    """Indices of the joints that a choice sits on; all it may sit on where none is named."""
+    """Indices of the joints that a choice sits on; where none is named all it may sit on, or those usual for it."""
     effect = effect_by_id(choice.effect, pointer)
     possible = effect.applicable(robot)
     if not possible:
         raise UnknownEffectError(f"{choice.effect} can sit on no joint of {robot.name}", pointer=pointer)
-    if not choice.joints or effect.scope == "robot":
+    if effect.scope == "robot":
         return possible
+    if not choice.joints:
+        return effect.unless_named(robot)
     indices = []
     for name in choice.joints:
         if name not in robot.joint_names:

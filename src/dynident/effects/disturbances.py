@@ -19,32 +19,37 @@ _UNITS = ("kg m²",) * 6 + ("kg m",) * 3 + ("kg",)
 
 
 class Payload(Effect):
-    """Something that the last link carries in some of the runs."""
+    """A mass that was added to a link in some of the runs; the last link carries it unless another one is named."""
 
     id = "payload"
     title = "Payload in some of the runs"
-    formula = r"Y_n(q, \dot q, \ddot q)\,\Delta\varphi"
+    formula = r"Y_k(q, \dot q, \ddot q)\,\Delta\varphi"
     parameters = tuple(
         ParameterSpec(
-            f"{name}p", unit, f"{name} of what is carried, about the last joint's frame", positive=name == "M"
+            f"{name}p", unit, f"{name} of what is carried, about the frame of the link's joint", positive=name == "M"
         )
         for name, unit in zip(INERTIAL_NAMES, _UNITS, strict=True)
     )
-    signature = "a step between runs: the last link is heavier in some of them"
+    signature = "a step between runs: a link is heavier in some of them"
     confused_with = ("rigid_body",)
     sources = ("Khalil, Gautier and Lemoine 2007",)
-    scope = "robot"
     in_some_runs = True
+    may_change = True
+
+    def unless_named(self, robot: Robot) -> tuple[int, ...]:
+        """The last joint: that of the tool."""
+        return (robot.n - 1,)
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Ten columns: those of the last link."""
-        rows, first = signals.mechanics.rows, 10 * (signals.robot.n - 1)
+        """Ten columns for every link that carries something: those of the link itself."""
+        rows = signals.mechanics.rows
         return [
             replace(
-                self._robot_column(spec, rows[:, first + k]),
-                energy=partial(stored_energy, signals, first + k),
-                wrench=partial(base_wrench, signals, first + k),
+                self._reaching_column(signals, spec, joint, rows[:, 10 * joint + k]),
+                energy=partial(stored_energy, signals, 10 * joint + k),
+                wrench=partial(base_wrench, signals, 10 * joint + k),
             )
+            for joint in joints
             for k, spec in enumerate(self.parameters)
         ]
 

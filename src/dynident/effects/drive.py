@@ -25,6 +25,7 @@ class DriveGainError(Effect):
     sources = ("Gautier and Briot 2011", "Khalil and Dombre 2002, chapter 12, [12.17]")
     first_order = True
     needs_load = True
+    may_change = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """The predicted motor torque of every joint."""
@@ -66,6 +67,7 @@ class TorqueDelay(Effect):
     scope = "robot"
     first_order = True
     needs_load = True
+    may_change = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Minus the rate, and half the second derivative, of the predicted torque with Coulomb friction's jumps."""

@@ -149,7 +149,8 @@ class Effect(ABC):
     `is_inertia`: the links' and rotors' own, which are the robot itself. `of_position`: a function of positions and the
     direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of the
     session. `is_rough`: its formula only resembles what it stands for. `in_some_runs`: it is the same function as
-    the model itself unless it is in some of the runs only. `confused_with` names effects that leave much the same
+    the model itself unless it is in some of the runs only. `may_change`: a robot gets it, or more or less of it, from
+    one day to the next. `confused_with` names effects that leave much the same
     residual, `same_function` those that are the same function of the motion, so that no data can tell them apart,
     `covers` those that it is general enough to say as well.
     """
@@ -174,6 +175,7 @@ class Effect(ABC):
     needs_temperature: ClassVar[bool] = False
     needs_session: ClassVar[bool] = False
     in_some_runs: ClassVar[bool] = False
+    may_change: ClassVar[bool] = False
 
     @property
     def proposal(self) -> Proposal:
@@ -187,6 +189,10 @@ class Effect(ABC):
     def applicable(self, robot: Robot) -> tuple[int, ...]:
         """Indices of the joints that the effect may sit on."""
         return tuple(range(robot.n))
+
+    def unless_named(self, robot: Robot) -> tuple[int, ...]:
+        """Indices of the joints that it sits on where none is named: all that it may."""
+        return self.applicable(robot)
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Shape constants worth trying on a joint, most plausible first."""

@@ -54,6 +54,7 @@ class Coulomb(_OneColumnFriction):
     parameters = (ParameterSpec("Fc", "N m", "Coulomb friction", "N", positive=True),)
     signature = "a step wherever the velocity changes sign"
     sources = (_KHALIL,)
+    may_change = True
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """sign(q̇)."""
@@ -95,6 +96,7 @@ class Viscous(_OneColumnFriction):
     parameters = (ParameterSpec("Fv", "N m s/rad", "viscous friction", "N s/m", positive=True),)
     signature = "a straight line over velocity"
     sources = (_KHALIL,)
+    may_change = True
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """q̇."""
@@ -191,6 +193,7 @@ class LoadDependentFriction(_OneColumnFriction):
     confused_with = ("position_dependent_friction", "coulomb")
     sources = ("Hamon, Gautier and Garrec 2010",)
     needs_load = True
+    may_change = True
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """|τl| sign(q̇)."""

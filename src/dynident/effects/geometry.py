@@ -20,6 +20,7 @@ class EncoderZeroError(Effect):
     sources = ("Khalil and Dombre 2002, chapter 11",)
     first_order = True
     needs_load = True
+    may_change = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """The sensitivity of all joints' torque to the position of each."""

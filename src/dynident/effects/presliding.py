@@ -78,6 +78,7 @@ class BreakAway(Effect):
     confused_with = ("stribeck", "presliding")
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
     is_friction = True
+    may_change = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """One column a joint."""

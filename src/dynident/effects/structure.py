@@ -25,6 +25,7 @@ class Offset(Effect):
     same_function = ("coulomb_asymmetric",)
     of_position = True
     sources = ("Khalil and Dombre 2002, chapter 12",)
+    may_change = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """One column of ones a joint."""
@@ -45,6 +46,7 @@ class JointSpring(Effect):
     confused_with = ("offset", "torque_ripple")
     of_position = True
     sources = ("Khalil and Dombre 2002, chapter 9",)
+    may_change = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """The position and a constant: the rest position is part of the effect."""
@@ -111,6 +113,7 @@ class BaseTilt(Effect):
     scope = "robot"
     first_order = True
     needs_load = True
+    may_change = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """The torque that a tilt of gravity by one m/s² adds to the model so far, and what it makes of the first link.

@@ -17,7 +17,7 @@ from dynident.estimation.triangles import FloatArray, triangular
 MOST_ROUNDS = 20
 """Of re-estimating the noise of every equation, at most; on sound data the third changes no digit that is read."""
 
-WEIGHTS_SETTLED = 1e-3
+WEIGHTS_SETTLED = 1e-6
 """Share by which no equation's noise may change any more: what it changes in the estimates is far below their own."""
 
 _SINGULAR = 1e-12

@@ -16,7 +16,7 @@ from dynident.robot.model import INERTIAL_NAMES
 class Body:
     """A rigid body of the model. `columns` (10,) are its parameters in the order of `INERTIAL_NAMES`.
 
-    `link` is the joint that moves it; empty for what the last link carries.
+    `link` is the joint that moves it; empty for what a link carries.
     """
 
     name: str
@@ -26,12 +26,18 @@ class Body:
 
 def bodies_of(columns: Sequence[Column]) -> tuple[Body, ...]:
     """The bodies among a model's columns; a link that is not there whole cannot be judged and is passed over."""
-    found: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    found: dict[tuple[str, str, tuple[str, ...]], list[int]] = {}
     for k, column in enumerate(columns):
         if column.effect in ("rigid_body", "payload"):
-            found.setdefault((column.link, column.runs), []).append(k)
+            found.setdefault((column.effect, column.link, column.runs), []).append(k)
     return tuple(
-        Body(link or " in ".join(["payload", *([", ".join(runs)] if runs else [])]), link, np.array(members))
-        for (link, runs), members in found.items()
+        Body(link, link, np.array(members))
+        if effect == "rigid_body"
+        else Body(_carried(link, runs), "", np.array(members))
+        for (effect, link, runs), members in found.items()
         if len(members) == len(INERTIAL_NAMES)
     )
+
+
+def _carried(link: str, runs: Sequence[str]) -> str:
+    return f"payload on {link}" + (f" in {', '.join(runs)}" if runs else "")

@@ -113,7 +113,7 @@ def belief_of(model: Model, choices: IdentificationChoices) -> Belief:
         elif column.effect == "rotor_inertia":
             size[k] = rotors[robot.joint_names.index(column.link)]
         elif column.effect == "payload":
-            size[k] = errors[-1, _payload_parameter(column)]
+            size[k] = errors[robot.joint_names.index(column.link), _payload_parameter(column)]
     return Belief(mean, size, stated)
 
 

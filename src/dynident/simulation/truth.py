@@ -145,7 +145,7 @@ def _check(effect: TrueEffect, robot: Robot, pointer: str) -> None:
             pointer=pointer,
             title=_TITLE,
         )
-    if described.scope == "joint" and not effect.joint:
+    if described.scope == "joint" and not effect.joint and len(described.unless_named(robot)) != 1:
         raise DynidentError(
             f"{effect.effect} needs a joint; {robot.name} has: {', '.join(robot.joint_names)}",
             pointer=f"{pointer}/joint",

@@ -54,7 +54,7 @@ def typical_effect(robot: Robot, effect: str, joint: str = "") -> TrueEffect:
     described = effect_by_id(effect)
     sizes: dict[str, float]
     shape: dict[str, float]
-    if described.scope == "robot":
+    if described.scope == "robot" or described.in_some_runs:
         sizes, shape = _whole_robot(robot, effect)
     elif joint in robot.joint_names:
         sizes, shape = _on_joint(robot, effect, robot.joint_names.index(joint))

@@ -35,6 +35,9 @@ def plausible(data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: Fl
     for k, estimate in zip(item.candidate.columns, estimates[len(base) :], strict=True):
         column = pool.observation.columns[k]
         found.setdefault(column.link, {})[column.parameter] = estimate
+    if pool.is_change(item.candidate):
+        # A difference may have either sign: friction wears in, a mass is taken off.
+        return True
     return all(effect_by_id(item.candidate.effect).natural(known) for known in found.values())
 
 

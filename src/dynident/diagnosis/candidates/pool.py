@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dynident.diagnosis.residuals.leads import Leads
 from dynident.diagnosis.residuals.resolution import Resolution
@@ -37,11 +37,23 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """W of the model and, behind it, the columns of all candidates."""
+    """W of the model and, behind it, the columns of all candidates.
+
+    `since`: labels of the later runs, where what changed between them and the others is asked.
+    """
 
     observation: Observation
     n_base: int
     candidates: tuple[Candidate, ...]
+    since: tuple[str, ...] = ()
+
+    def candidate(self, choice: EffectChoice) -> Candidate | None:
+        """The candidate of a choice; none where all its columns are the model's, or zero."""
+        return next((one for one in self.candidates if one.choice == choice), None)
+
+    def is_change(self, candidate: Candidate) -> bool:
+        """Whether a candidate is something that the later runs have and the others have not."""
+        return bool(self.since) and candidate.runs == self.since
 
 
 def build_pool(
@@ -64,12 +76,22 @@ def build_pool(
     """
     # The links and rotors are the model itself: without them nothing can be diagnosed.
     chosen = [CATALOGUE[name] for name in (effects or CATALOGUE) if not CATALOGUE[name].is_inertia]
+    given = leads or Leads()
+    choices = [choice for effect in chosen for choice in _choices(effect, model, given)]
+    shown = [choice for choice in choices if resolved is None or shows(choice, model.robot, resolved)]
+    changed = [choice for effect in chosen if effect.may_change for choice in _changes(effect, model, given.since)]
+    return replace(pool_of(model, [*shown, *changed]), since=given.since)
+
+
+def pool_of(model: Model, choices: Sequence[EffectChoice]) -> Pool:
+    """The columns of a model and of these choices; what the model has already, or is zero, is no candidate."""
     signals = model.signals
     columns: list[Column] = list(model.kept)
     candidates: list[Candidate] = []
     index = {column.key: k for k, column in enumerate(columns)}
 
-    def add(choice: EffectChoice) -> None:
+    seen: set[tuple[int, ...]] = set()
+    for choice in choices:
         numbers = []
         for column in columns_of([choice], signals):
             if not column.torque.nnz():
@@ -79,13 +101,9 @@ def build_pool(
                 columns.append(column)
             numbers.append(index[column.key])
         fresh = tuple(k for k in numbers if k >= model.n_parameters)
-        if fresh and not any(c.columns == fresh for c in candidates):
+        if fresh and fresh not in seen:
+            seen.add(fresh)
             candidates.append(Candidate(choice.effect, choice.joints, choice.shape, fresh, choice.runs))
-
-    for effect in chosen:
-        for choice in _choices(effect, model, leads or Leads()):
-            if resolved is None or shows(choice, model.robot, resolved):
-                add(choice)
     return Pool(Observation.of(model.robot, columns, signals), model.n_parameters, tuple(candidates))
 
 
@@ -96,6 +114,10 @@ def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
         return []
     if effect.needs_session and leads.session < _SHORTEST_SESSION:
         return []
+    if effect.in_some_runs:
+        # Which link carries it is looked for once the runs are known: a step between runs shows with the last one's.
+        carries = tuple(robot.joint_names[j] for j in effect.unless_named(robot))
+        return [EffectChoice(effect.id, carries, (), runs) for runs in leads.run_groups]
     if effect.scope == "robot":
         return _whole_robot(effect, model, leads)
     free = [j for j in possible if not _taken(effect, model, robot.joint_names[j])]
@@ -111,10 +133,26 @@ def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     return choices
 
 
+def _changes(effect: Effect, model: Model, since: tuple[str, ...]) -> list[EffectChoice]:
+    """An effect in the later runs alone: what it is more, or less, than before."""
+    robot = model.robot
+    if not since:
+        return []
+    if effect.scope == "robot":
+        return [EffectChoice(effect.id, (), _key(shape), since) for shape in effect.grid(robot, 0)]
+    possible = effect.applicable(robot)
+    choices = [
+        EffectChoice(effect.id, (robot.joint_names[j],), _key(shape), since)
+        for j in possible
+        for shape in effect.grid(robot, j)
+    ]
+    if effect.is_friction and len(possible) > 1:
+        choices += [replace(choice, runs=since) for choice in _groups(effect, model, list(possible))]
+    return choices
+
+
 def _whole_robot(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     """Choices of an effect that belongs to the whole robot."""
-    if effect.in_some_runs:
-        return [EffectChoice(effect.id, (), (), runs) for runs in leads.run_groups]
     if effect.proposal == "burst":
         names = [spec.name for spec in effect.shapes]
         return [

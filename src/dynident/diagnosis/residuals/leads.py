@@ -23,7 +23,8 @@ class Leads:
     `angle_lines`: (joint index, cycles per radian) of lines in the residual over a joint's angle; `time_lines`: Hz of
     lines over time; `bursts`: (run label, from, to in s) of stretches far above the rest; `run_groups`: sets of runs
     that an effect may be limited to; `has_temperature`: whether all recordings have one; `session`: s that the clock
-    of all recordings has run, 0 where it starts anew in each.
+    of all recordings has run, 0 where it starts anew in each; `since`: labels of the later runs, where what changed
+    between them and the others is asked.
     """
 
     angle_lines: tuple[tuple[int, float], ...] = ()
@@ -32,6 +33,7 @@ class Leads:
     run_groups: tuple[tuple[str, ...], ...] = ()
     has_temperature: bool = False
     session: float = 0.0
+    since: tuple[str, ...] = ()
 
     @property
     def single_runs(self) -> list[tuple[str, ...]]:
@@ -40,9 +42,12 @@ class Leads:
 
 
 def find_leads(
-    comparisons: Sequence[Comparison], recordings: Sequence[Recording], identification: Identification
+    comparisons: Sequence[Comparison],
+    recordings: Sequence[Recording],
+    identification: Identification,
+    since: tuple[str, ...] = (),
 ) -> Leads:
-    """What the residual of the model and the recordings themselves suggest."""
+    """What the residual of the model and the recordings themselves suggest; `since`: labels of the later runs."""
     lines = time_lines(comparisons, identification.preprocessing)
     signals, reference = identification.model.signals, identification.next_reference()
     return Leads(
@@ -53,9 +58,11 @@ def find_leads(
             for comparison, recording in zip(comparisons, recordings, strict=True)
             for segment, start, end in bursts(comparison)
         ),
-        run_groups=tuple(run_groups(recordings)),
+        # What the later runs have is asked of each link by itself.
+        run_groups=() if since else tuple(run_groups(recordings)),
         has_temperature=all(recording.has_temperature for recording in recordings),
         session=session_length(recordings),
+        since=since,
     )
 
 

@@ -25,6 +25,9 @@ _LEAST_OF_RUNS = 0.5
 The motions of two runs differ, too: what a model lacks shows differently in each, and parameters of one run alone make
 up for some of it."""
 
+_LEAST_OF_CHANGE = 0.1
+"""The same for what the later runs have: it is asked of these runs alone, not of every group of them."""
+
 _SHADOW = 0.02
 """Share of what an effect of a rough formula explains that anything beside it has to: a curve that is off by a seventh
 of itself, as such formulas are at the ends of the range, leaves so much, and it looks like many things."""
@@ -51,7 +54,9 @@ def acceptable(state: State, data: PhasedProducts, item: Judged) -> bool:
         return False
     if any(shadowed(item, finding.judged, state.floor) for finding in state.picks):
         return False
-    return not item.candidate.runs or item.drop >= _LEAST_OF_RUNS
+    if not item.candidate.runs:
+        return True
+    return item.drop >= (_LEAST_OF_CHANGE if item.candidate.runs == state.since else _LEAST_OF_RUNS)
 
 
 def shadowed(item: Judged, finding: Judged, floor: FloatArray) -> bool:

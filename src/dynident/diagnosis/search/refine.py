@@ -9,6 +9,7 @@ from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Candidate, Pool, width_shows
 from dynident.diagnosis.residuals.resolution import Resolution
 from dynident.diagnosis.search.acceptance import explained
+from dynident.diagnosis.search.placing import placed
 from dynident.diagnosis.search.pruning import pruned, trimmed
 from dynident.diagnosis.search.rungs import helpful
 from dynident.diagnosis.search.state import Finding, State, noise_left
@@ -40,7 +41,7 @@ def refined(
 
     A peak of friction whose best width is below what the data resolve made up for sticking, not for Stribeck friction.
     """
-    kept = tuple(picks)
+    kept = placed(identification, picks, recordings, reference)
     choices = tuple(finding.judged.candidate.choice for finding in kept)
     if not choices:
         return (), ()

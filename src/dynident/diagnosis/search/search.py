@@ -56,7 +56,7 @@ def search(
         firm = firm or generalises(data.of(base), replace(state, base=base, noise=noise_left(data, base)))
         if not firm:
             return state.picks
-        state = State(base, noise_left(data, base), state.floor, (*state.picks, finding))
+        state = replace(state, base=base, noise=noise_left(data, base), picks=(*state.picks, finding))
         reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
         remaining = [c for c in remaining if not _superseded(c, chosen.candidate, reached)]
         if not remaining:
@@ -100,8 +100,10 @@ def _superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str])
         return True
     if candidate.effect in effect_by_id(chosen.effect).covers and _slow(candidate):
         return set(candidate.joints) <= set(reached)
-    if candidate.effect != chosen.effect:
+    if candidate.effect != chosen.effect or bool(candidate.runs) != bool(chosen.runs):
         return False
+    if effect_by_id(candidate.effect).in_some_runs:
+        return bool(set(candidate.runs) & set(chosen.runs)) or candidate.runs == chosen.runs
     if effect_by_id(candidate.effect).proposal != "grid":
         same = candidate.joints == chosen.joints and candidate.shape == chosen.shape
         return same and (not chosen.runs or candidate.runs == chosen.runs)

@@ -45,12 +45,16 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The search so far: the model's columns, the residual (n,) they leave, sensor noise (n,), what was picked."""
+    """The search so far: the model's columns, the residual (n,) they leave, sensor noise (n,), what was picked.
+
+    `since`: labels of the later runs, where what changed is asked.
+    """
 
     base: tuple[int, ...]
     noise: FloatArray
     floor: FloatArray
     picks: tuple[Finding, ...]
+    since: tuple[str, ...] = ()
 
 
 def judge_all(

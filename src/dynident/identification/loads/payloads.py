@@ -54,7 +54,7 @@ class LoadedData:
     def payload_column(self, recording: Recording, parameter: str) -> int:
         """Number of a payload's parameter ("Mp", "MXp", …) among those of the model."""
         for k, column in enumerate(self.model.kept):
-            if column.effect == "payload" and column.name == parameter and column.runs == (recording.name,):
+            if column.effect == "payload" and column.parameter == parameter and column.runs == (recording.name,):
                 return k
         raise DynidentError(
             f"{parameter} of the payload in {recording.name} dissolves in other parameters",

@@ -1,0 +1,157 @@
+"""What differs between two sets of recordings of the same robot: each finding as a number with its interval."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import stdtrit
+
+from dynident.diagnosis.result import Change, ChangedValue, RankedEffect
+from dynident.diagnosis.search.state import Finding
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.errors import DynidentError
+from dynident.identification import Identification, identify_model
+from dynident.progress import Progress
+from dynident.recordings import Recording
+
+_MASS, _MOMENTS = "Mp", ("MXp", "MYp", "MZp")
+
+
+def of_both(
+    identification: Identification, baseline: Sequence[Recording], recordings: Sequence[Recording], progress: Progress
+) -> Identification:
+    """The model identified on both sets together, as if nothing had changed.
+
+    Raises
+    ------
+    DynidentError
+        Where a recording of one set has the name of one of the other.
+    """
+    twice = {recording.name for recording in baseline} & {recording.name for recording in recordings}
+    if twice:
+        raise DynidentError(
+            f"{', '.join(sorted(twice))} is the name of an earlier and of a later recording, so that their runs cannot "
+            "be told apart; give each its own, and no recording to both",
+            pointer="/baseline_ids",
+            title="One name, two recordings",
+        )
+    return identify_model(
+        identification.model,
+        [*baseline, *recordings],
+        (),
+        identification.choices,
+        identification.preprocessing,
+        identification.next_reference(),
+        progress,
+    )
+
+
+def changes_of(
+    grown: Identification, picks: Sequence[Finding], ranked: Sequence[RankedEffect], since: tuple[str, ...]
+) -> tuple[Change, ...]:
+    """The findings that the later runs have, joint by joint, with the values that the model with all of them has.
+
+    Parameters
+    ----------
+    grown : the model with everything in it that was found
+    picks, ranked : of equal length, in the same order
+    since : labels of the later runs
+    """
+    found: list[Change] = []
+    for pick, one in zip(picks, ranked, strict=True):
+        if one.choice.runs == since:
+            found += _changes(grown, pick, one)
+    return tuple(found)
+
+
+def _changes(grown: Identification, pick: Finding, one: RankedEffect) -> Iterator[Change]:
+    for joint in one.choice.joints or ("",):
+        values = _values(grown, one.choice, joint)
+        if not values:
+            continue
+        others = [item.candidate.choice for item in pick.equal]
+        names = [name for other in others for name in _told(other, one.choice, joint)]
+        choice = replace(one.choice, joints=(joint,) if joint else ())
+        yield Change(
+            choice=choice,
+            main=values[0],
+            more=tuple(values[1:]),
+            p_value=one.p_value,
+            evidence=f"{_said(choice, values[0])} {one.evidence}",
+            equivalent=tuple(dict.fromkeys(names)),
+        )
+
+
+def _told(other: EffectChoice, choice: EffectChoice, joint: str) -> list[str]:
+    if other.effect != choice.effect:
+        return [other.effect]
+    return [name for name in other.joints if name != joint]
+
+
+def _values(grown: Identification, choice: EffectChoice, joint: str) -> list[ChangedValue]:
+    """The parameters of a change; what says how large it is comes first, of a mass itself or its first moment."""
+    parameters, kept = grown.parameters, grown.model.kept
+    found = []
+    for k, (one, column) in enumerate(zip(parameters, kept, strict=True)):
+        if (column.effect, column.runs, column.link) == (choice.effect, choice.runs, joint):
+            before = next(
+                (
+                    other.value
+                    for other, plain in zip(parameters, kept, strict=True)
+                    if (plain.effect, plain.parameter, plain.link, plain.runs)
+                    == (column.effect, column.parameter, joint, ())
+                ),
+                None,
+            )
+            found.append((k, column.parameter, ChangedValue(one.name, one.value, one.unit, one.interval, before)))
+    if effect_by_id(choice.effect).in_some_runs:
+        moment = _moment(grown, [k for k, name, _ in found if name in _MOMENTS])
+        # A mass that only the joints before it feel is known as part of others.
+        mass = [value for _, name, value in found if name == _MASS and value.interval[0] * value.interval[1] > 0]
+        first = [*mass, *([moment] if moment else [])]
+        return [*first, *(value for _, _, value in found if value not in first)]
+    surest = sorted(found, key=lambda item: -_sureness(item[2]))
+    return [value for _, _, value in surest]
+
+
+def _sureness(value: ChangedValue) -> float:
+    return abs(value.value) / max(value.interval[1] - value.interval[0], np.finfo(float).tiny)
+
+
+def _moment(grown: Identification, moments: Sequence[int]) -> ChangedValue | None:
+    """The size of a first moment, m l, from its components; its deviation is that along its direction."""
+    if not moments:
+        return None
+    index = np.array(moments, dtype=np.intp)
+    components = grown.values[index]
+    size = float(np.linalg.norm(components))
+    direction = components / max(size, np.finfo(float).tiny)
+    covariance = grown.statistics.covariance[np.ix_(index, index)]
+    deviation = float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
+    half = float(stdtrit(grown.statistics.usual_freedom, 0.975)) * deviation
+    return ChangedValue("m l", size, "kg m", (size - half, size + half))
+
+
+def _said(choice: EffectChoice, value: ChangedValue) -> str:
+    place = f" on {', '.join(choice.joints)}" if choice.joints else ""
+    low, high = value.interval
+    unit = "" if value.unit == "-" else f" {value.unit}"
+    was = "" if value.before is None else f", {value.before:.3g} before"
+    return (
+        f"{effect_by_id(choice.effect).title}{place}: {value.parameter} differs by {value.value:+.3g}{unit} "
+        f"({low:+.3g} to {high:+.3g}{was})."
+    )
+
+
+def summary_of(changes: Sequence[Change]) -> str:
+    """What changed, in a sentence."""
+    if not changes:
+        return "Nothing that these recordings can show has changed since the baseline."
+    parts = [
+        f"{effect_by_id(one.choice.effect).title}{f' on {one.choice.joints[0]}' if one.choice.joints else ''} "
+        f"({one.main.parameter} {one.main.value:+.3g}{'' if one.main.unit == '-' else f' {one.main.unit}'})"
+        for one in changes
+    ]
+    return f"Since the baseline this has changed: {'; '.join(parts)}."

@@ -1,0 +1,51 @@
+"""On which link something sits that some of the runs have: looked for once it is known which runs these are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dynident.diagnosis.candidates.gate import Judged, indistinguishable
+from dynident.diagnosis.candidates.gathering import gather
+from dynident.diagnosis.candidates.pool import pool_of
+from dynident.diagnosis.search.state import Finding, judge_all
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.identification import Identification
+from dynident.recordings import Recording
+from dynident.robot.model import FloatArray
+
+
+def placed(
+    identification: Identification, picks: Sequence[Finding], recordings: Sequence[Recording], reference: FloatArray
+) -> tuple[Finding, ...]:
+    """The picks, those of what some runs have on the link that gains most; the outer one where data do not decide."""
+    loose = [k for k, pick in enumerate(picks) if effect_by_id(pick.judged.candidate.effect).in_some_runs]
+    if not loose:
+        return tuple(picks)
+    model = identification.model
+    places = {k: _places(picks[k].judged.candidate.choice, model.robot.joint_names) for k in loose}
+    choices = [pick.judged.candidate.choice for pick in picks] + [one for own in places.values() for one in own]
+    pool = pool_of(model, choices)
+    data = gather(
+        pool.observation, model.signals, recordings, identification.preprocessing, reference, model.n_parameters
+    )
+    found = list(picks)
+    for k in loose:
+        others = [pool.candidate(pick.judged.candidate.choice) for i, pick in enumerate(found) if i != k]
+        base = (*range(pool.n_base), *(column for other in others if other for column in other.columns))
+        candidates = [candidate for choice in places[k] if (candidate := pool.candidate(choice))]
+        judged = judge_all(data, pool, base, candidates, identification.noise)
+        found[k] = _at_its_place(found[k], judged, model.robot.joint_names)
+    return tuple(found)
+
+
+def _places(choice: EffectChoice, joints: Sequence[str]) -> list[EffectChoice]:
+    return [replace(choice, joints=(joint,)) for joint in joints]
+
+
+def _at_its_place(pick: Finding, judged: Sequence[Judged], joints: Sequence[str]) -> Finding:
+    best = max(judged, key=lambda item: item.total_gain)
+    alike = [item for item in judged if item is best or indistinguishable(best, item)]
+    outer = max(alike, key=lambda item: joints.index(item.candidate.joints[0]))
+    here = replace(outer, p=pick.p)
+    return replace(pick, judged=here, equal=(*pick.equal, *(item for item in alike if item is not outer)), around=())
