@@ -144,14 +144,19 @@ class Diagnoses(Collection[Diagnosis]):
         identification: Record | str,
         *,
         measurements: Sequence[Record | str] | None = None,
+        baseline: Sequence[Record | str] = (),
         candidates: Sequence[str] | None = None,
         max_effects: int | None = None,
         name: str | None = None,
     ) -> Diagnosis:
-        """Find what is missing in a model, on the data it was identified from if no other is given."""
+        """Find what is missing in a model, on the data it was identified from if no other is given.
+
+        With earlier measurements of the same robot as the baseline, its result says what has changed since (`changes`).
+        """
         body = {
             "identification_id": id_of(identification),
             "measurement_ids": None if measurements is None else [id_of(one) for one in measurements],
+            "baseline_ids": [id_of(one) for one in baseline],
             "candidates": None if candidates is None else list(candidates),
             "max_effects": max_effects,
             "name": name,

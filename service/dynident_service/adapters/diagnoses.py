@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from dynident.diagnosis import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
-from dynident.diagnosis.result import Invisible, Separation
+from dynident.diagnosis.result import Change, ChangedValue, Invisible, Separation
 from dynident.effects import EffectChoice
 from dynident_service.adapters.designs import design_request, show_request
 from dynident_service.adapters.effects import choices_of, show_choice
@@ -66,7 +67,45 @@ def describe_diagnosis(found: Diagnosis, robot_id: str, measurement_ids: Sequenc
         next_experiment=None
         if found.next_experiment is None
         else show_next(found.next_experiment, robot_id, measurement_ids),
+        changes=None if found.changes is None else [show_change(one) for one in found.changes],
     )
+
+
+def show_change(one: Change) -> wire.Change:
+    """Show what differs from the baseline."""
+    return wire.Change(
+        **_changed(one.main).model_dump(),
+        effect=one.choice.effect,
+        joints=list(one.choice.joints),
+        p_value=finite(one.p_value),
+        evidence=one.evidence,
+        equivalent=list(one.equivalent),
+        more=[_changed(value) for value in one.more],
+    )
+
+
+def _changed(one: ChangedValue) -> wire.ChangedValue:
+    low, high = one.interval
+    return wire.ChangedValue(
+        parameter=one.parameter, value=one.value, unit=one.unit, interval=(finite(low), finite(high)), before=one.before
+    )
+
+
+def _change(one: wire.Change) -> Change:
+    return Change(
+        choice=EffectChoice(one.effect, tuple(one.joints)),
+        main=_value(one),
+        more=tuple(_value(value) for value in one.more),
+        p_value=_number(one.p_value),
+        evidence=one.evidence,
+        equivalent=tuple(one.equivalent),
+    )
+
+
+def _value(one: wire.ChangedValue) -> ChangedValue:
+    low, high = one.interval
+    ends = (-math.inf if low is None else low, math.inf if high is None else high)
+    return ChangedValue(one.parameter, one.value, one.unit, ends, one.before)
 
 
 def show_next(advice: NextExperiment, robot_id: str, measurement_ids: Sequence[str] = ()) -> wire.NextExperiment:
@@ -114,6 +153,7 @@ def diagnosis_of(stored: Mapping[str, Any]) -> Diagnosis:
             FailureSpot(**{**one.model_dump(), "ratio": _number(one.ratio)}) for one in result.failure_map
         ),
         next_experiment=None if result.next_experiment is None else advice_of(result.next_experiment),
+        changes=None if result.changes is None else tuple(_change(one) for one in result.changes),
     )
 
 

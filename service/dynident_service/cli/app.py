@@ -13,6 +13,7 @@ from dynident.errors import Cancelled, DynidentError
 from dynident.version import __version__
 from dynident_service.cli.failures import CANCELLED, MISUSED, tell_failure
 from dynident_service.cli.verbs import (
+    changes,
     compare,
     demo,
     design,
@@ -87,6 +88,7 @@ for _command in (
     identify.identify,
     compare.compare,
     diagnose.diagnose,
+    changes.changes,
     validate.validate,
     essential.essential,
     gains.gains,

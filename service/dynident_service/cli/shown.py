@@ -14,7 +14,7 @@ from dynident.identification.dependence import parameter_dependence
 from dynident.identification.essential import EssentialPath
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
-from dynident.reports.numbers import estimate, number, percent
+from dynident.reports.numbers import estimate, number, p_value, percent
 from dynident.reports.words import JUDGED, place_text, standing_text
 from dynident.robot import Robot
 from dynident_service.cli.inputs import Loaded
@@ -155,6 +155,37 @@ def show_diagnosis(console: Console, found: Diagnosis, robot: Robot) -> None:
         console.print(f"  Next experiment: {found.next_experiment.reason}", markup=False)
         for step in found.next_experiment.instructions:
             console.print(f"    - {step}", markup=False)
+
+
+def show_changes(console: Console, found: Diagnosis, robot: Robot) -> None:
+    """What differs from the baseline, and what both lack."""
+    console.print(found.summary, markup=False, style="bold")
+    rows = [
+        [
+            effect_by_id(one.choice.effect).title,
+            place_text(one.choice.joints, robot),
+            value.parameter,
+            "" if value.before is None else number(value.before),
+            f"{'+' if value.value > 0 else ''}{number(value.value)}",
+            " to ".join(number(end) for end in value.interval),
+            value.unit,
+            p_value(one.p_value) if value is one.main else "",
+        ]
+        for one in found.changes or ()
+        for value in (one.main, *one.more)
+    ]
+    if rows:
+        columns = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
+        console.print(table("Changes since the baseline", columns, rows, right_from=3))
+    for one in found.changes or ():
+        doubt = f" This data cannot tell it from: {', '.join(one.equivalent)}." if one.equivalent else ""
+        console.print(f"  {one.evidence}{doubt}", markup=False)
+    if found.recommended:
+        both = "; ".join(choice_text(choice, robot) for choice in found.recommended)
+        console.print(f"  Missing in the model before and after: {both}", markup=False)
+    if found.not_visible:
+        names = ", ".join(dict.fromkeys(item.effect for item in found.not_visible))
+        console.print(f"  These motions could not have shown: {names}", markup=False)
 
 
 def choice_text(choice: EffectChoice, robot: Robot) -> str:

@@ -16,6 +16,9 @@ class DiagnosisRequest(Asked):
     measurement_ids: list[Identifier] | None = Field(
         default=None, min_length=1, max_length=100, description="Those it was identified from where not given."
     )
+    baseline_ids: list[Identifier] = Field(
+        default=[], max_length=100, description="Earlier measurements of the same robot: what differs since is told."
+    )
     candidates: list[str] | None = Field(default=None, min_length=1, description="Effect ids; all where not given.")
     max_effects: int | None = Field(default=None, ge=1, le=100)
     name: Name | None = None
@@ -38,6 +41,27 @@ class Candidate(Shown):
     separability: float | None = Field(description="Share of its column that is left after the model")
     shape_parameters: dict[str, float]
     runs: list[str] = Field(default=[], description="Labels of the runs that it is in; none: in all of them")
+
+
+class ChangedValue(Shown):
+    """A number that is another one since."""
+
+    parameter: str
+    value: float = Field(description="The difference")
+    unit: str
+    interval: tuple[float | None, float | None] = Field(description="Holds the true difference in 95 of 100 cases")
+    before: float | None = Field(default=None, description="What it was, where the model has it")
+
+
+class Change(ChangedValue):
+    """What the later measurements have and the baseline has not."""
+
+    effect: str
+    joints: list[str] = Field(description="Of a mass: the joint of the link that carries it")
+    p_value: float | None
+    evidence: str
+    equivalent: list[str] = Field(default=[], description="Effects, or joints, that this data cannot tell from it")
+    more: list[ChangedValue] = Field(default=[], description="Its other parameters")
 
 
 class UnknownPattern(Shown):
@@ -103,6 +127,9 @@ class DiagnosisResult(Shown):
     not_visible: list[NotVisible]
     failure_map: list[FailureSpot]
     next_experiment: NextExperiment | None
+    changes: list[Change] | None = Field(
+        default=None, description="What differs from the baseline; empty: nothing; null: there was none"
+    )
 
 
 class Evidence(Shown):

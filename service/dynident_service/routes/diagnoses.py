@@ -33,6 +33,7 @@ def create_diagnosis(
     needs = (
         RestsOn(model.id, "identification", "identification", "/identification_id"),
         *needed_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
+        *needed_measurements(services, robot, body.baseline_ids, "baseline", "/baseline_ids"),
     )
     new = NewResource("diagnosis", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
     return show(make(services, new, response))

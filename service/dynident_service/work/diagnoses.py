@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dynident.diagnosis import diagnose, evidence
+from dynident.diagnosis.changes import together
 from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
 from dynident.progress import part
 from dynident_service.adapters.diagnoses import describe_diagnosis
@@ -21,14 +22,17 @@ def diagnose_model(task: Task) -> Outcome:
     measurement_ids = request.measurement_ids or identification.request["measurement_ids"]
     model = model_by_id(task, request.identification_id)
     recordings = recordings_by_id(task, measurement_ids)
+    earlier = recordings_by_id(task, request.baseline_ids)
     found = diagnose(
         model,
         recordings,
+        baseline=earlier,
         candidates=request.candidates,
         most_effects=request.max_effects or DEFAULT_MOST_EFFECTS,
         progress=part(task.progress, 0.0, 0.9),
     )
-    drawn = evidence(model, found.candidates, recordings, part(task.progress, 0.9, 1.0))
+    shown, seen = together(model, earlier, recordings) if earlier else (model, recordings)
+    drawn = evidence(shown, found.candidates, seen, part(task.progress, 0.9, 1.0))
     kept = task.keep("evidence", write_evidence(drawn, model.model.robot), "application/json")
     # Those that were diagnosed: tests of single joints' friction are left out.
     used = [one for one, recording in zip(measurement_ids, recordings, strict=True) if recording.role != "friction"]

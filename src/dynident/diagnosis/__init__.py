@@ -7,10 +7,20 @@ from dynident.diagnosis.comparing.noise import LackOfFit, NoiseFloor, floor_of
 from dynident.diagnosis.comparing.spectrum import ResidualSpectrum, angle_spectrum, time_spectrum
 from dynident.diagnosis.diagnose import diagnose
 from dynident.diagnosis.evidence import Evidence, evidence
-from dynident.diagnosis.result import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern
+from dynident.diagnosis.result import (
+    Change,
+    ChangedValue,
+    Diagnosis,
+    FailureSpot,
+    NextExperiment,
+    RankedEffect,
+    UnknownPattern,
+)
 
 __all__ = [
     "Autocorrelation",
+    "Change",
+    "ChangedValue",
     "Comparison",
     "Diagnosis",
     "Evidence",

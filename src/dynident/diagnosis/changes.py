@@ -11,41 +11,36 @@ from scipy.special import stdtrit
 from dynident.diagnosis.result import Change, ChangedValue, RankedEffect
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
-from dynident.errors import DynidentError
 from dynident.identification import Identification, identify_model
-from dynident.progress import Progress
+from dynident.progress import Progress, silent
 from dynident.recordings import Recording
 
 _MASS, _MOMENTS = "Mp", ("MXp", "MYp", "MZp")
 
 
-def of_both(
-    identification: Identification, baseline: Sequence[Recording], recordings: Sequence[Recording], progress: Progress
-) -> Identification:
-    """The model identified on both sets together, as if nothing had changed.
+def together(
+    identification: Identification,
+    baseline: Sequence[Recording],
+    recordings: Sequence[Recording],
+    progress: Progress = silent,
+) -> tuple[Identification, tuple[Recording, ...]]:
+    """The model identified on all recordings as if nothing had changed; and these, the baseline first.
 
-    Raises
-    ------
-    DynidentError
-        Where a recording of one set has the name of one of the other.
+    The baseline's have names of their own among them: runs are told apart by their names.
     """
-    twice = {recording.name for recording in baseline} & {recording.name for recording in recordings}
-    if twice:
-        raise DynidentError(
-            f"{', '.join(sorted(twice))} is the name of an earlier and of a later recording, so that their runs cannot "
-            "be told apart; give each its own, and no recording to both",
-            pointer="/baseline_ids",
-            title="One name, two recordings",
-        )
-    return identify_model(
+    taken = {recording.name for recording in recordings}
+    earlier = [replace(one, name=f"{one.name} (baseline)") if one.name in taken else one for one in baseline]
+    everything = (*earlier, *recordings)
+    both = identify_model(
         identification.model,
-        [*baseline, *recordings],
+        everything,
         (),
         identification.choices,
         identification.preprocessing,
         identification.next_reference(),
         progress,
     )
+    return both, everything
 
 
 def changes_of(

@@ -11,7 +11,7 @@ from dynident.diagnosis.advice.next_experiment import next_experiment
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Pool, build_pool
-from dynident.diagnosis.changes import changes_of, of_both, summary_of
+from dynident.diagnosis.changes import changes_of, summary_of, together
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.residuals.failure_map import failure_map
@@ -71,10 +71,8 @@ def diagnose(
     recordings, _ = parted(recordings)
     since: tuple[str, ...] = ()
     if baseline:
-        earlier, _ = parted(baseline)
-        identification = of_both(identification, earlier, recordings, silent)
         since = tuple(dict.fromkeys(label for recording in recordings for label in recording.run_labels))
-        recordings = (*earlier, *recordings)
+        identification, recordings = together(identification, parted(baseline)[0], recordings)
     model = identification.model
     comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
     resolved = resolution(comparisons, identification.preprocessing)

@@ -78,7 +78,8 @@ def judge_all(
         for k, item in zip(members, _judged(rows, pool, base, own, noise), strict=True):
             found[k] = item
         for k, each in zip(members, contributions(rows, np.array(base, dtype=np.intp), own, noise), strict=True):
-            scores[k] = each if _told_by_scores(candidates[k]) else np.zeros_like(each)
+            told = pool.is_change(candidates[k]) or _told_by_scores(candidates[k])
+            scores[k] = each if told else np.zeros_like(each)
     whole = [item for item in found if item is not None]
     if not whole:
         return []
@@ -90,7 +91,7 @@ def _told_by_scores(candidate: Candidate) -> bool:
     """Whether scores may speak for a candidate; else its gains alone do.
 
     Filters, clocks and halts leave in every row a little of what looks like a delay or a soft joint, and at reversals
-    of what looks like presliding: scores find it on any arm.
+    of what looks like presliding: scores find it on any arm. They do so on every day alike: of what changed they tell.
     """
     effect = effect_by_id(candidate.effect)
     return not effect.first_order and all(spec.resolved_by != "displacement" for spec in effect.shapes)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from dynident.diagnosis import Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern, evidence
+from dynident.diagnosis import Change, Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern, evidence
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification
 from dynident.recordings import Recording
@@ -41,6 +41,23 @@ class CandidateRow:
     separability: str
     shape: str
     equivalent: str
+
+
+@dataclass(frozen=True)
+class ChangeRow:
+    """One number that differs from the baseline, in words; `first` of its change, where the evidence stands."""
+
+    change: Change
+    title: str
+    place: str
+    parameter: str
+    before: str
+    difference: str
+    interval: str
+    unit: str
+    p: str
+    equivalent: str
+    first: bool
 
 
 @dataclass(frozen=True)
@@ -82,6 +99,7 @@ class DiagnosisContent:
     figure: Markup | None
     evidence: Markup | None
     candidates: tuple[CandidateRow, ...]
+    changes: tuple[ChangeRow, ...] | None
     recommended: tuple[ChoiceText, ...]
     recommended_added: bool
     unknown: tuple[tuple[UnknownPattern, str], ...]
@@ -102,6 +120,7 @@ def diagnosis_section(
         candidates_figure(diagnosis.candidates[:_MOST_BARS]) if diagnosis.candidates else None,
         _evidence(identification, diagnosis, recordings),
         tuple(_candidate(item, robot) for item in diagnosis.candidates),
+        None if diagnosis.changes is None else tuple(_changed(diagnosis.changes, robot)),
         tuple(_choice(choice, robot) for choice in diagnosis.recommended),
         recommended_is_added(identification, diagnosis),
         tuple((pattern, percent(pattern.share, 2)) for pattern in diagnosis.unknown),
@@ -114,7 +133,9 @@ def diagnosis_section(
 
 def _evidence(identification: Identification, diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Markup | None:
     """What the findings explain of the residual of the model that was diagnosed."""
-    findings = [item for item in diagnosis.candidates if item.significant]
+    # What changed is in recordings that this model may never have seen.
+    changed = {one.choice.runs for one in diagnosis.changes or ()}
+    findings = [item for item in diagnosis.candidates if item.significant and item.choice.runs not in changed]
     if not findings or not recordings:
         return None
     found = {choice.effect for choice in diagnosis.recommended}
@@ -137,6 +158,24 @@ def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
         shape_text(item.choice),
         ", ".join(title_of(name) for name in item.equivalent),
     )
+
+
+def _changed(changes: Sequence[Change], robot: Robot) -> Iterator[ChangeRow]:
+    for one in changes:
+        for value in (one.main, *one.more):
+            yield ChangeRow(
+                one,
+                effect_by_id(one.choice.effect).title,
+                place_text(one.choice.joints, robot),
+                value.parameter,
+                "–" if value.before is None else number(value.before),
+                number(value.value),
+                " to ".join(number(end) for end in value.interval),
+                "–" if value.unit == "-" else value.unit,
+                p_value(one.p_value),
+                ", ".join(title_of(name) for name in one.equivalent),
+                value is one.main,
+            )
 
 
 def _choice(choice: EffectChoice, robot: Robot) -> ChoiceText:

@@ -3,6 +3,7 @@
 import { post } from "./api.js";
 import { addByHand } from "./add_effect.js";
 import { candidatesTable } from "./candidates.js";
+import { changesForm, changesTable } from "./changes.js";
 import { choiceInWords, placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { announce, h, put, row, table } from "./dom.js";
 import { percent } from "./format.js";
@@ -61,6 +62,7 @@ export function missingSection(model, signal) {
     h("p", { class: "actions" }, button, h("span", { class: "note" }, "holds every effect of the catalogue against what the model leaves unexplained")),
     said,
     body,
+    changesForm(model, async (asked) => run(await post("/diagnoses", asked)), signal),
     addByHand(model, add),
   );
 }
@@ -95,6 +97,7 @@ function shown(model, add, signal) {
   const { result } = model.diagnosis;
   return [
     verdict(model, result, add),
+    changesTable(model, result),
     candidatesTable(model, result, add, signal),
     unknown(result),
     nextExperiment(model, result),

@@ -1,0 +1,68 @@
+"""`dynident changes`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Out, Units, Windows
+
+_Before = Annotated[
+    list[Path],
+    typer.Option("--before", metavar="FILE", help="Earlier measurement; may be repeated.", show_default=False),
+]
+_After = Annotated[
+    list[Path],
+    typer.Option("--after", metavar="FILE", help="Later measurement; may be repeated.", show_default=False),
+]
+
+
+def changes(
+    model: ModelArgument,
+    before: _Before,
+    after: _After,
+    columns: Columns,
+    units: Units,
+    windows: Windows,
+    accept: Accept,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Say what has changed in a robot between two sets of measurements.
+
+    The motions may differ. --out writes the diagnosis, changes included, as JSON.
+    """
+    import json
+
+    from dynident.diagnosis import diagnose
+    from dynident.progress import part
+    from dynident_service.adapters.diagnoses import describe_diagnosis
+    from dynident_service.cli import inputs, shown, terminal
+    from dynident_service.models.common import plain
+
+    identification = inputs.model_of(model)
+    robot = identification.model.robot
+    options = inputs.FileOptions(columns, units, windows, accept)
+    with (
+        terminal.progress_bar("compare the days") as progress,
+        inputs.loaded([*before, *after], robot, options, part(progress, 0.0, 0.3)) as (given, _),
+    ):
+        recordings = inputs.recordings_of(given)
+        found = diagnose(
+            identification,
+            recordings[len(before) :],
+            baseline=recordings[: len(before)],
+            progress=part(progress, 0.3, 1.0),
+        )
+    document = plain(describe_diagnosis(found, robot.name))
+    if out is not None:
+        inputs.write_whole(out, json.dumps(document, indent=1).encode())
+    if as_json:
+        terminal.print_json(document)
+        return
+    console = terminal.out()
+    shown.show_changes(console, found, robot)
+    if out is not None:
+        console.print(f"diagnosis written to {out}", markup=False)

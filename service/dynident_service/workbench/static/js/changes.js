@@ -1,0 +1,82 @@
+// What has changed in the robot between an earlier and a later set of measurements.
+
+import { get, post } from "./api.js";
+import { placeOf, titleOf } from "./catalogue.js";
+import { h, numeric, put, row, table } from "./dom.js";
+import { number, pValue, quantity } from "./format.js";
+import { problemBox, showInForm } from "./problem.js";
+
+const SETS = [["", "leave out"], ["before", "before"], ["after", "after"]];
+
+/** A form that asks for a diagnosis against a baseline; `ask(body)` starts it. */
+export function changesForm(model, ask, signal) {
+  const places = h("div", { class: "list-of-choices", id: "days" });
+  const said = h("div");
+  const uses = new Map();
+  const chosen = (use) => [...uses].filter(([, control]) => control.value === use).map(([id]) => id);
+  const submit = h("button", { class: "main", id: "what-changed" }, "What has changed?");
+  const form = h("form", { onsubmit: (event) => send(event) }, places, h("p", { class: "actions" }, submit), said);
+
+  async function fill() {
+    try {
+      const { items } = await get("/measurements", { robot_id: model.robot.id, limit: 200 }, signal);
+      const fitted = model.identification.request.measurement_ids;
+      put(places, items.map((one) => line(one, fitted.includes(one.id) ? "before" : "")));
+    } catch (error) {
+      if (!signal.aborted) put(said, problemBox(error));
+    }
+  }
+
+  function line(one, use) {
+    const control = h("select", { id: `day-${one.id}` }, SETS.map(([value, text]) => h("option", { value, selected: value === use }, text)));
+    uses.set(one.id, control);
+    return h("p", {}, h("label", { for: control.id }, one.name ?? one.id), " ", control);
+  }
+
+  async function send(event) {
+    event.preventDefault();
+    put(said);
+    const [before, after] = [chosen("before"), chosen("after")];
+    if (!before.length || !after.length) {
+      put(said, h("p", { class: "box warning" }, "Choose at least one measurement before and one after."));
+      return;
+    }
+    submit.disabled = true;
+    try {
+      await ask({ identification_id: model.id, baseline_ids: before, measurement_ids: after });
+    } catch (error) {
+      if (!signal.aborted) showInForm(form, said, error);
+    }
+    submit.disabled = false;
+  }
+
+  return h("details", { id: "changes-form", ontoggle: (event) => { if (event.target.open && !uses.size) fill(); } },
+    h("summary", {}, "What has changed since an earlier day?"), form);
+}
+
+/** The changes that a diagnosis found, each with its interval; nothing where it had no baseline. */
+export function changesTable(model, result) {
+  if (!result.changes) return null;
+  if (!result.changes.length) return h("p", { class: "box good", id: "changes" }, "Nothing that these recordings can show has changed since the baseline.");
+  const rows = result.changes.flatMap((one) => [one, ...one.more].map((value) => row([
+    value === one ? titleOf(model.effects, one.effect) : "",
+    value === one ? placeOf(model.effects, one, model.joints) : "",
+    h("code", {}, value.parameter),
+    numeric(number(value.before), value.before ?? ""),
+    numeric(number(value.value), value.value),
+    { class: "n", text: value.interval[0] === null ? "–" : `${number(value.interval[0])} to ${quantity(value.interval[1], value.unit)}` },
+    numeric(value === one ? pValue(one.p_value) : "", one.p_value),
+    value === one ? said(model, one) : "",
+  ], { "data-change": value === one ? one.effect : null })));
+  const head = ["changed", "where", "parameter", right("before"), right("difference"), right("95 % interval"), right("p"), "evidence"];
+  return h("div", { id: "changes" }, table("Changes since the baseline", head, rows));
+}
+
+function said(model, one) {
+  const others = one.equivalent.map((name) => titleOf(model.effects, name) ?? name).join(", ");
+  return [one.evidence, others ? h("strong", {}, ` Not told apart by this data: ${others}.`) : null];
+}
+
+function right(text) {
+  return { text, class: "n" };
+}

@@ -1,0 +1,129 @@
+"""The same robot on two days, in another motion on each: what changed is told with its size, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from disturbed import loaded, scaled
+from hidden_effects import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, motions, nothing, on_joint, recorded, tilted
+from oracles import FloatArray, Motion, pinocchio_torque
+
+from dynident.diagnosis import Change, Diagnosis, diagnose
+from dynident.identification import IdentificationChoices, identify
+from dynident.recordings import Recording
+from dynident.robot import Robot
+
+pytestmark = pytest.mark.slow
+
+CHOICES = IdentificationChoices(WITH_OFFSET, preprocessing=BAND)
+MASS, CENTRE = 3.0, np.array([0.1, -0.02, 0.05])
+
+
+def worn(motion: Motion, load: FloatArray) -> FloatArray:
+    """A third more friction on the elbow."""
+    law = on_joint(2, lambda q, v, _: 0.3 * EFFORT[2] * (0.04 * np.sign(v) + 0.03 * v))
+    return law(motion, load)
+
+
+def on_the_forearm(motion: Motion, load: FloatArray) -> FloatArray:
+    """A point mass on the third link."""
+    x, y, z = CENTRE
+    inertia = MASS * np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+    inertias = ROBOT.inertias.copy()
+    inertias[2] += np.concatenate([inertia, MASS * CENTRE, [MASS]])
+    heavy = Robot(ROBOT.name, ROBOT.joints, ROBOT.gravity, ROBOT.drives, ROBOT.description, inertias)
+    return pinocchio_torque(heavy, motion.q, motion.dq, motion.ddq) - load
+
+
+def two_days(since: Hidden) -> tuple[Recording, Recording]:
+    first, second = motions(7)
+    return recorded(first, nothing, 70, "monday"), recorded(second, since, 71, "friday")
+
+
+def asked(since: Hidden) -> Diagnosis:
+    monday, friday = two_days(since)
+    return diagnose(identify(ROBOT, [monday], [], CHOICES), [friday], baseline=[monday])
+
+
+def only(found: Diagnosis) -> Change:
+    assert found.changes is not None
+    assert found.recommended == ()
+    (change,) = found.changes
+    assert change.choice.runs == ("friday",)
+    return change
+
+
+def holds(change: Change, parameter: str, truth: float) -> bool:
+    value = next(one for one in (change.main, *change.more) if one.parameter == parameter)
+    return value.interval[0] <= truth <= value.interval[1]
+
+
+def test_where_nothing_changed_nothing_is_said_to_have() -> None:
+    found = asked(nothing)
+    assert found.changes == ()
+    assert "Nothing that these recordings can show has changed" in found.summary
+
+
+def test_without_a_baseline_nothing_is_said_of_changes() -> None:
+    monday, _ = two_days(nothing)
+    assert diagnose(identify(ROBOT, [monday], [], CHOICES), [monday]).changes is None
+
+
+def test_a_recording_beside_itself_has_not_changed() -> None:
+    monday, _ = two_days(nothing)
+    assert diagnose(identify(ROBOT, [monday], [], CHOICES), [monday], baseline=[monday]).changes == ()
+
+
+def test_more_friction_on_one_joint_is_told_as_that_with_what_it_was_before() -> None:
+    found = asked(worn)
+    assert found.changes
+    assert {(one.choice.effect, one.choice.joints) for one in found.changes} <= {
+        ("coulomb", NAMES[2:3]),
+        ("viscous", NAMES[2:3]),
+    }
+    coulomb = next(one for one in found.changes if one.choice.effect == "coulomb")
+    assert holds(coulomb, "Fc3", 0.3 * 0.04 * EFFORT[2])
+    assert coulomb.main.before == pytest.approx(0.04 * EFFORT[2], rel=0.1)
+    assert coulomb.p_value <= 0.01
+    assert "Fc3 differs by +" in coulomb.evidence
+
+
+def test_less_friction_is_told_as_well() -> None:
+    less = asked(lambda motion, load: -worn(motion, load)).changes
+    assert less
+    assert all(one.main.value < 0 for one in less)
+
+
+def test_a_mass_at_the_flange_is_told_on_the_last_link_with_its_mass() -> None:
+    change = only(asked(loaded))
+    assert (change.choice.effect, change.choice.joints) == ("payload", NAMES[-1:])
+    assert change.main.parameter == "Mp6"
+    assert holds(change, "Mp6", 2.5)
+
+
+def test_a_mass_on_an_inner_link_is_told_on_that_link_with_its_first_moment() -> None:
+    change = only(asked(on_the_forearm))
+    assert (change.choice.effect, change.choice.joints) == ("payload", NAMES[2:3])
+    parameters = {one.parameter for one in (change.main, *change.more)}
+    assert parameters & {"Mp3", "m l"}
+
+
+def test_a_robot_set_up_at_a_slant_is_told_as_a_tilt() -> None:
+    change = only(asked(tilted))
+    assert (change.choice.effect, change.choice.joints) == ("base_tilt", ())
+
+
+def test_a_drive_that_gives_more_than_before_is_told_by_how_much() -> None:
+    change = only(asked(scaled))
+    assert (change.choice.effect, change.choice.joints) == ("drive_gain_error", NAMES[1:2])
+    assert holds(change, "eps2", 0.08)
+
+
+def test_recordings_of_the_same_name_are_told_apart() -> None:
+    monday, friday = two_days(worn)
+    friday = replace(friday, name=monday.name)
+    found = diagnose(identify(ROBOT, [monday], [], CHOICES), [friday], baseline=[monday])
+    assert found.changes
+    assert {one.choice.joints for one in found.changes} == {NAMES[2:3]}
