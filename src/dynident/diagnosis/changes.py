@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 from dynident.diagnosis.result import Change, ChangedValue, RankedEffect
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
-from dynident.identification import Identification, identify_model
+from dynident.identification import Identification, extend, identify_model
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording
 
@@ -61,6 +61,17 @@ def changes_of(
     return tuple(found)
 
 
+def with_companions(
+    grown: Identification, recommended: Sequence[EffectChoice], since: tuple[str, ...], recordings: Sequence[Recording]
+) -> Identification:
+    """The model with what usually changes along in it: else a value makes up for what was too small to be a finding."""
+    there = {(choice.effect, joint) for choice in recommended if choice.runs == since for joint in choice.joints}
+    missing = {(other, joint) for effect, joint in there for other in effect_by_id(effect).changes_with} - there
+    known = {(choice.effect) for choice in grown.choices.effects if not choice.runs}
+    wanted = [EffectChoice(effect, (joint,), (), since) for effect, joint in sorted(missing) if effect in known]
+    return extend(grown, wanted, recordings) if wanted else grown
+
+
 def _changes(grown: Identification, pick: Finding, one: RankedEffect) -> Iterator[Change]:
     for joint in one.choice.joints or ("",):
         values = _values(grown, one.choice, joint)
@@ -69,6 +80,8 @@ def _changes(grown: Identification, pick: Finding, one: RankedEffect) -> Iterato
         others = [item.candidate.choice for item in pick.equal]
         names = [name for other in others for name in _told(other, one.choice, joint)]
         choice = replace(one.choice, joints=(joint,) if joint else ())
+        for effect in effect_by_id(choice.effect).changes_with:
+            values += _values(grown, replace(choice, effect=effect, shape=()), joint)
         yield Change(
             choice=choice,
             main=values[0],

@@ -11,7 +11,7 @@ from dynident.diagnosis.advice.next_experiment import next_experiment
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Pool, build_pool
-from dynident.diagnosis.changes import changes_of, summary_of, together
+from dynident.diagnosis.changes import changes_of, summary_of, together, with_companions
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.residuals.failure_map import failure_map
@@ -111,7 +111,10 @@ def diagnose(
         unknown = unknown_patterns(final)
     residual = _rms(final)
     ranked = rank_all(picks, first, recommended)
-    changes = changes_of(grown, picks, ranked[: len(picks)], since) if baseline else None
+    changes = None
+    if baseline:
+        grown = with_companions(grown, recommended, since, recordings)
+        changes = changes_of(grown, picks, ranked[: len(picks)], since)
     # What changed is no part of the model: that is of both sets of recordings.
     missing = tuple(choice for choice in recommended if not baseline or choice.runs != since)
     verdict = verdict_of(missing, unknown)

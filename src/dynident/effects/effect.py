@@ -147,12 +147,12 @@ class Effect(ABC):
     """A physical cause of joint torque, linear in its parameters once its shape constants stand.
 
     `is_inertia`: the links' and rotors' own, which are the robot itself. `of_position`: a function of positions and the
-    direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of the
-    session. `is_rough`: its formula only resembles what it stands for. `in_some_runs`: it is the same function as
-    the model itself unless it is in some of the runs only. `may_change`: a robot gets it, or more or less of it, from
-    one day to the next. `confused_with` names effects that leave much the same
-    residual, `same_function` those that are the same function of the motion, so that no data can tell them apart,
-    `covers` those that it is general enough to say as well.
+    direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of
+    the session. `is_rough`: its formula only resembles what it stands for. `in_some_runs`: it is the same function
+    as the model itself unless it is in some of the runs only. `may_change`: a robot gets it, or more or less of it,
+    from one day to the next, `changes_with` names effects that then change, too, as a rule. `confused_with` names
+    effects that leave much the same residual, `same_function` those that are the same function of the motion, so
+    that no data can tell them apart, `covers` those that it is general enough to say as well.
     """
 
     id: ClassVar[str]
@@ -176,6 +176,7 @@ class Effect(ABC):
     needs_session: ClassVar[bool] = False
     in_some_runs: ClassVar[bool] = False
     may_change: ClassVar[bool] = False
+    changes_with: ClassVar[tuple[str, ...]] = ()
 
     @property
     def proposal(self) -> Proposal:

@@ -55,6 +55,7 @@ class Coulomb(_OneColumnFriction):
     signature = "a step wherever the velocity changes sign"
     sources = (_KHALIL,)
     may_change = True
+    changes_with = ("viscous",)
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """sign(q̇)."""
@@ -97,6 +98,7 @@ class Viscous(_OneColumnFriction):
     signature = "a straight line over velocity"
     sources = (_KHALIL,)
     may_change = True
+    changes_with = ("coulomb",)
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """q̇."""
