@@ -15,6 +15,9 @@ from dynident.identification import Identification, extend, identify_model
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording
 
+_NOTICED = 0.05
+"""Share of what a parameter was before from which on anybody would call it another one."""
+
 _MASS, _MOMENTS = "Mp", ("MXp", "MYp", "MZp")
 
 
@@ -75,7 +78,7 @@ def with_companions(
 def _changes(grown: Identification, pick: Finding, one: RankedEffect) -> Iterator[Change]:
     for joint in one.choice.joints or ("",):
         values = _values(grown, one.choice, joint)
-        if not values:
+        if not values or not _noticed(values[0]):
             continue
         others = [item.candidate.choice for item in pick.equal]
         names = [name for other in others for name in _told(other, one.choice, joint)]
@@ -87,9 +90,25 @@ def _changes(grown: Identification, pick: Finding, one: RankedEffect) -> Iterato
             main=values[0],
             more=tuple(values[1:]),
             p_value=one.p_value,
-            evidence=f"{_said(choice, values[0])} {one.evidence}",
+            evidence=f"{_said(choice, values[0])} {one.evidence}{_in_units_of(grown, choice)}",
             equivalent=tuple(dict.fromkeys(names)),
         )
+
+
+def _noticed(value: ChangedValue) -> bool:
+    return value.before is None or abs(value.value) >= _NOTICED * abs(value.before)
+
+
+def _in_units_of(grown: Identification, choice: EffectChoice) -> str:
+    """What the size of a mass rests on, where torque is current times a gain."""
+    if not effect_by_id(choice.effect).in_some_runs or all(
+        drive.gain in (None, 1.0) for drive in grown.model.robot.drives
+    ):
+        return ""
+    return (
+        " Its size is in units of the drive gains: if all of them are off by some share, so is it, and its interval "
+        "does not say so. A known mass would tell the gains."
+    )
 
 
 def _told(other: EffectChoice, choice: EffectChoice, joint: str) -> list[str]:

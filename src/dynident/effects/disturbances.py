@@ -34,6 +34,8 @@ class Payload(Effect):
     confused_with = ("rigid_body",)
     sources = ("Khalil, Gautier and Lemoine 2007",)
     in_some_runs = True
+    # A second moment alone, of a link that only turns about the vertical, is as well a rotor or a gain.
+    shown_by = ("MXp", "MYp", "MZp", "Mp")
     may_change = True
 
     def unless_named(self, robot: Robot) -> tuple[int, ...]:

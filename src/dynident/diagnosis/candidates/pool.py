@@ -79,7 +79,7 @@ def build_pool(
     given = leads or Leads()
     choices = [choice for effect in chosen for choice in _choices(effect, model, given)]
     shown = [choice for choice in choices if resolved is None or shows(choice, model.robot, resolved)]
-    changed = [choice for effect in chosen if effect.may_change for choice in _changes(effect, model, given.since)]
+    changed = [choice for effect in chosen if effect.may_change for choice in _changes(effect, model, given)]
     return replace(pool_of(model, [*shown, *changed]), since=given.since)
 
 
@@ -133,9 +133,12 @@ def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     return choices
 
 
-def _changes(effect: Effect, model: Model, since: tuple[str, ...]) -> list[EffectChoice]:
-    """An effect in the later runs alone: what it is more, or less, than before."""
-    robot = model.robot
+def _changes(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
+    """An effect in the later runs alone: what it is more, or less, than before.
+
+    Friction of all joints together is asked about where no temperature can say that they were warm.
+    """
+    robot, since = model.robot, leads.since
     if not since:
         return []
     if effect.scope == "robot":
@@ -146,9 +149,16 @@ def _changes(effect: Effect, model: Model, since: tuple[str, ...]) -> list[Effec
         for j in possible
         for shape in effect.grid(robot, j)
     ]
-    if effect.is_friction and len(possible) > 1:
+    if effect.shown_by:
+        choices = [choice for choice in choices if _shows(effect, choice, model)]
+    if effect.is_friction and len(possible) > 1 and not leads.has_temperature:
         choices += [replace(choice, runs=since) for choice in _groups(effect, model, list(possible))]
     return choices
+
+
+def _shows(effect: Effect, choice: EffectChoice, model: Model) -> bool:
+    columns = columns_of([choice], model.signals)
+    return any(column.torque.nnz() and column.parameter in effect.shown_by for column in columns)
 
 
 def _whole_robot(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:

@@ -27,6 +27,8 @@ from dynident.effects import effect_by_id
 
 # A group is one effect as long as its joints together would not gain so many times as much, each by itself.
 _ONE_BY_ONE = 1.3
+_AS_MUCH = 0.9
+"""Of what a change explains: warmth that says so much of it leaves nothing that need have changed."""
 # What gains so much of it still once the chosen effect is in the model is another finding, and no rival.
 _STILL = 0.5
 # A rival that gains so much of what the chosen effect does is told from it by this t of the difference.
@@ -49,6 +51,8 @@ def choose(
         best, equal = simplest(_each_its_own(passing))
         plainer = _plainer(data, pool, state, best, judged)
         chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
+        lasting = _lasting(pool, chosen, passing)
+        chosen, equal = (lasting, (chosen, *equal)) if lasting else (chosen, equal)
         if _stable(data, pool, state, chosen, [*passing, *_of_its_kind(chosen, unnatural)]):
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
@@ -75,6 +79,27 @@ def _plainer(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, jud
         and plausible(data, pool, state.base, state.noise, item)
     ]
     return max((replace(item, p=chosen.p) for item in found), key=lambda item: item.total_gain, default=None)
+
+
+def _lasting(pool: Pool, chosen: Judged, passing: Sequence[Judged]) -> Judged | None:
+    """Warmth that says as much as what only the later day is said to have: that is no wear."""
+    if not pool.is_change(chosen.candidate):
+        return None
+    places = set(chosen.candidate.joints)
+    found = [
+        item
+        for item in passing
+        if _is_warmth(item)
+        and places <= set(item.candidate.joints)
+        and bool(places) == bool(item.candidate.joints)
+        and item.total_gain >= _AS_MUCH * chosen.total_gain
+    ]
+    return max(found, key=lambda item: item.total_gain, default=None)
+
+
+def _is_warmth(item: Judged) -> bool:
+    effect = effect_by_id(item.candidate.effect)
+    return effect.needs_temperature or effect.needs_session
 
 
 def _of_its_kind(chosen: Judged, others: Sequence[Judged]) -> list[Judged]:

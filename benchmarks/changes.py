@@ -1,0 +1,255 @@
+"""What changed since the other day? Pairs of days of arms that another engine moves, one thing different or nothing.
+
+    python benchmarks/changes.py [--seed 1 | --seed new] [--pairs 60] [--processes 2]
+
+Every day has two runs of its own, at full speed and at a lower one, other motions on the second day than on the first
+(Fourier or point to point with pauses, drawn), with sticking joints and a controller of some Hz. A third of the pairs
+are of the same arm; the others have more friction on a joint (+15 to +50 %), a mass of 0.2 to 2 kg on a link behind the
+first, a base that leans by 0.5 to 2 degrees, an offset, a drive gain that is 3 to 8 % off, or an encoder zero that is
+0.3 to 1 degree off. In half of the pairs all friction follows the temperature, by up to 20 % up and down.
+
+`right`: the change is named, on its joint (a mass: its link, or one that the data are said not to tell from it);
+`missed`: nothing is; `wrong`: something is named that did not change; `alarm`: of pairs where nothing changed. `held`:
+95 % intervals that hold the true difference.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import secrets
+import time
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+import numpy as np
+from common import show
+from engine import Arm, Bandwidth, Drives, FloatArray, Hidden, Instruments, Plan, effort_limits, record, usual_drives
+from engine.disturbances import GainError, Offset, ZeroError
+from engine.motions import fourier_motion
+from engine.point_to_point import point_to_point_motion
+from engine.robots import arm_by_name, as_described
+from engine.structure import Tilt
+
+from dynident.diagnosis import Change, diagnose
+from dynident.identification import identify
+from dynident.recordings import Recording, recording_from_arrays
+from dynident.robot import Robot
+
+ARMS = ("ur5", "ur10", "franka_panda")
+KINDS = ("friction", "mass", "tilt", "offset", "gain", "zero")
+NAMES = {
+    "friction": ("coulomb", "viscous"),
+    "mass": ("payload",),
+    "tilt": ("base_tilt",),
+    "offset": ("offset", "coulomb_asymmetric"),
+    "gain": ("drive_gain_error",),
+    "zero": ("encoder_zero_error",),
+}
+_SIGNLESS = ("zero",)
+"""Kinds whose parameter has its sign by convention."""
+_RATE, _DURATION, _COUNTS = 250.0, 14.0, 2**18
+_PACES = (1.0, 0.45)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two days of an arm: what is different on the second one, where and how much; whether friction follows warmth."""
+
+    arm: str
+    kind: str
+    joint: int
+    size: float
+    warm: bool
+    seed: int
+
+    @property
+    def text(self) -> str:
+        """For a line of a table."""
+        place = "" if self.kind in ("nothing", "tilt") else f" joint {self.joint + 1}"
+        return f"{self.arm} {self.kind}{place} {self.size:.3g}{' warm' if self.warm else ''}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a pair."""
+
+    pair: Pair
+    right: bool
+    wrong: bool
+    held: tuple[bool, ...]
+    words: str
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--seed", default="1", help='a number, or "new"')
+    parser.add_argument("--pairs", type=int, default=60)
+    parser.add_argument("--processes", type=int, default=2)
+    arguments = parser.parse_args()
+    seed = secrets.randbelow(10**6) if arguments.seed == "new" else int(arguments.seed)
+    start = time.perf_counter()
+    outcomes = []
+    print(f"seed {seed}", flush=True)
+    with ProcessPoolExecutor(arguments.processes, mp_context=get_context("spawn")) as pool:
+        for outcome in pool.map(judged, [drawn(seed, number) for number in range(arguments.pairs)]):
+            outcomes.append(outcome)
+            mark = "wrong" if outcome.wrong else "right" if outcome.right else "missed"
+            print(f"  {len(outcomes):3d} {mark:6s} {outcome.pair.text} -> {outcome.words}", flush=True)
+    show(f"What changed, seed {seed}, {time.perf_counter() - start:.0f} s", table(outcomes))
+
+
+def drawn(seed: int, number: int) -> Pair:
+    """The pair of that number."""
+    rng = np.random.default_rng([seed, number])
+    arm = str(rng.choice(ARMS))
+    robot = arm_by_name(arm)
+    kind = "nothing" if rng.random() < 1 / 3 else str(rng.choice(KINDS))
+    # No motion shows the zero of the first joint, and a mass on the first link hardly shows.
+    joint = int(rng.integers(1 if kind in ("zero", "mass") else 0, robot.n - (kind == "zero")))
+    sign = float(rng.choice([-1.0, 1.0]))
+    sizes = {
+        "friction": rng.uniform(0.15, 0.5),
+        "mass": np.exp(rng.uniform(np.log(0.2), np.log(2.0))),
+        "tilt": np.radians(rng.uniform(0.5, 2.0)),
+        "offset": sign * rng.uniform(0.01, 0.03) * effort_limits(robot)[joint],
+        "gain": sign * rng.uniform(0.03, 0.08),
+        "zero": sign * np.radians(rng.uniform(0.3, 1.0)),
+    }
+    return Pair(arm, kind, joint, float(sizes.get(kind, 0.0)), bool(rng.random() < 0.5), int(rng.integers(2**31)))
+
+
+def judged(pair: Pair) -> Outcome:
+    """Record both days, identify on the first, ask what has changed."""
+    robot = arm_by_name(pair.arm)
+    before, after = (recorded(pair, day) for day in (0, 1))
+    model = identify(as_described(robot, pair.seed), [before])
+    changes = diagnose(model, [after], baseline=[before]).changes or ()
+    right = [one for one in changes if _is_right(pair, one, robot)]
+    return Outcome(
+        pair,
+        bool(right) or (pair.kind == "nothing" and not changes),
+        len(right) < len(changes),
+        tuple(held for one in right for held in _held(pair, one, robot)),
+        "; ".join(f"{one.choice.effect} {','.join(one.choice.joints)} {one.main.value:+.3g}" for one in changes)
+        or "nothing",
+    )
+
+
+def _is_right(pair: Pair, change: Change, robot: Robot) -> bool:
+    if change.choice.effect not in NAMES.get(pair.kind, ()):
+        return False
+    name = robot.joint_names[pair.joint]
+    return not change.choice.joints or name in change.choice.joints or name in change.equivalent
+
+
+def _held(pair: Pair, change: Change, robot: Robot) -> list[bool]:
+    """Whether the intervals hold the truth, of those values that have one."""
+    drives, parameter = usual_drives(robot), pair.joint + 1
+    truths = {
+        f"Fc{parameter}": pair.size * drives.coulomb[pair.joint] if pair.kind == "friction" else None,
+        f"Fv{parameter}": pair.size * drives.viscous[pair.joint] if pair.kind == "friction" else None,
+        f"Mp{parameter}": pair.size if pair.kind == "mass" else None,
+        f"b{parameter}": pair.size if pair.kind == "offset" else None,
+        f"eps{parameter}": pair.size if pair.kind == "gain" else None,
+        f"dq0{parameter}": pair.size if pair.kind == "zero" else None,
+    }
+    found = []
+    for value in (change.main, *change.more):
+        truth = truths.get(value.parameter)
+        if truth is not None:
+            low, high = value.interval
+            if pair.kind in _SIGNLESS and truth * value.value < 0:
+                truth = -truth
+            found.append(bool(low <= truth <= high))
+    return found
+
+
+def recorded(pair: Pair, day: int) -> Recording:
+    """A day's recording: two runs of another motion each, as segments."""
+    robot = _heavier(arm_by_name(pair.arm), pair) if day else arm_by_name(pair.arm)
+    rng = np.random.default_rng([pair.seed, day])
+    hidden: tuple[Hidden, ...] = (*_hidden(pair),) if day else ()
+    servo = Bandwidth(float(np.exp(rng.uniform(np.log(4.0), np.log(12.0)))))
+    instruments = Instruments(_COUNTS, 0.006, _RATE)
+    still = rng.random() < 0.4
+    runs, heat = [], []
+    for number, pace in enumerate(_PACES):
+        warmth = float(rng.uniform(-0.2, 0.2)) if pair.warm else 0.0
+        arm = Arm(robot, _drives(pair, day, 1.0 + warmth), hidden, servo)
+        make = point_to_point_motion if still else fourier_motion
+        motion = make(robot, _DURATION, int(rng.integers(2**31)), arm.step, pace=pace)
+        runs.append(record(arm, motion, instruments, int(rng.integers(2**31)), Plan(number, 0.0)))
+        heat.append(35.0 - 40.0 * warmth + 0.1 * rng.standard_normal(runs[-1].q.shape))
+    return recording_from_arrays(
+        np.concatenate([run.t for run in runs]),
+        np.concatenate([run.q for run in runs]),
+        np.concatenate([run.tau for run in runs]),
+        joint_names=robot.joint_names,
+        temperature=np.concatenate(heat) if pair.warm else None,
+        segment=np.repeat(np.arange(len(runs)), [len(run.t) for run in runs]),
+        name=("before", "after")[day],
+    )
+
+
+def _drives(pair: Pair, day: int, warmth: float) -> Drives:
+    usual = usual_drives(arm_by_name(pair.arm))
+    more = np.ones(len(usual.coulomb))
+    if day and pair.kind == "friction":
+        more[pair.joint] += pair.size
+    return replace(usual, coulomb=usual.coulomb * more * warmth, viscous=usual.viscous * more * warmth)
+
+
+def _hidden(pair: Pair) -> list[Hidden]:
+    heading = np.random.default_rng([pair.seed, 9]).uniform(0, 2 * np.pi)
+    kinds: dict[str, Hidden] = {
+        "tilt": Tilt(float(pair.size * np.cos(heading)), float(pair.size * np.sin(heading))),
+        "offset": Offset(pair.joint, pair.size),
+        "gain": GainError(pair.joint, pair.size),
+        "zero": ZeroError(pair.joint, pair.size),
+    }
+    return [kinds[pair.kind]] if pair.kind in kinds else []
+
+
+def _heavier(robot: Robot, pair: Pair) -> Robot:
+    """The arm with a ball on one of its links, where that is what changed."""
+    if pair.kind != "mass":
+        return robot
+    assert robot.inertias is not None
+    x, y, z = centre = np.random.default_rng([pair.seed, 8]).uniform(-0.08, 0.08, 3)
+    inertia = pair.size * np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+    inertia[[0, 3, 5]] += 0.4 * pair.size * 0.03**2
+    inertias: FloatArray = robot.inertias.copy()
+    inertias[pair.joint] += np.concatenate([inertia, pair.size * centre, [pair.size]])
+    return replace(robot, inertias=inertias)
+
+
+def table(outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
+    """Counts by kind, and all together."""
+    rows = []
+    for kind in ("nothing", *KINDS):
+        own = [one for one in outcomes if one.pair.kind == kind]
+        counts = Counter(right=sum(one.right for one in own), wrong=sum(one.wrong for one in own))
+        held = [held for one in own for held in one.held]
+        said = f"{counts['right']}/{len(own)} right, {counts['wrong']} wrong"
+        rows.append((kind, f"{said}, {sum(held)}/{len(held)} held" if held else said))
+    changed = [one for one in outcomes if one.pair.kind != "nothing"]
+    same = [one for one in outcomes if one.pair.kind == "nothing"]
+    held = [held for one in outcomes for held in one.held]
+    return [
+        *rows,
+        ("right", f"{sum(one.right for one in changed)}/{len(changed)}"),
+        ("wrong", f"{sum(one.wrong for one in changed)}/{len(changed)}"),
+        ("alarm", f"{sum(one.wrong for one in same)}/{len(same)}"),
+        ("held", f"{sum(held)}/{len(held)}"),
+    ]
+
+
+if __name__ == "__main__":
+    main()
