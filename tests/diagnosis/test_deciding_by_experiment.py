@@ -60,7 +60,7 @@ def test_the_virtual_robot_makes_the_proposed_motion_and_of_the_two_the_right_on
     first, *others = significant(diagnosed(fast, second))
     assert (first.effect, first.joints) == ("viscous_nonlinear", (JOINT,))
     assert "stribeck" not in [item.effect for item in others]
-    assert dict(first.shape)["p"] == pytest.approx(0.5, abs=0.1)
+    assert first.choice.shape_values["p"] == pytest.approx(0.5, abs=0.1)
 
 
 def test_an_effect_that_took_another_ones_name_gets_its_own():
@@ -71,4 +71,4 @@ def test_an_effect_that_took_another_ones_name_gets_its_own():
     second = recorded(Motion(design.t, design.q, design.dq, design.ddq), peak, 4, "proposed")
     first = significant(diagnosed(fast, second))[0]
     assert (first.effect, first.joints) == ("stribeck", (JOINT,))
-    assert dict(first.shape)["vs"] == pytest.approx(0.15, rel=0.2)
+    assert first.choice.shape_values["vs"] == pytest.approx(0.15, rel=0.2)

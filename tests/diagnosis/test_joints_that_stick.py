@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -64,6 +65,27 @@ def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch,
     data = SimpleNamespace(moving=SimpleNamespace(run=np.zeros(40, dtype=int)))
     found = choosing.choose(data, None, state, [larger, smaller])
     assert (found and found[0].candidate.effect) == named
+
+
+def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
+    gains = np.linspace(1.0, 2.0, 40)
+    worn = judged(gains, name="coulomb")
+    worn = replace(worn, candidate=replace(worn.candidate, runs=("later",)))
+    monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
+    data = SimpleNamespace(moving=SimpleNamespace(run=np.zeros(40, dtype=int)))
+    state = State((), np.ones(1), np.ones(1), (), ("later",))
+    nothing_left = lambda data, pool, base, others, noise: [judged(0.0 * gains, name=one.effect) for one in others]  # noqa: E731
+    monkeypatch.setattr(choosing, "judge_all", nothing_left)
+    for share, name, other, named in (
+        (0.95, "temperature_friction", (6, 7), "temperature_friction"),
+        (0.5, "temperature_friction", (6, 7), "coulomb"),
+        (0.95, "load_dependent_friction", (6, 7), "coulomb"),
+    ):
+        warm = judged(share * gains, columns=other, name=name)
+        found = choosing.choose(data, None, state, [worn, warm])
+        assert found is not None
+        assert found[0].candidate.effect == named
 
 
 def test_what_is_small_beside_a_rough_formula_is_taken_for_what_it_leaves():

@@ -130,7 +130,7 @@ def test_the_wrist_coupling_of_a_tx40_is_named_by_the_diagnosis(tx40):
     found = diagnose(plain, [training])
     first = found.candidates[0]
     assert (first.effect, first.joints) == ("transmission_coupling", (arm.joint_names[4],))
-    assert dict(first.shape)["side"] == 1.0
+    assert first.choice.shape_values["side"] == 1.0
     grown = extend(plain, found.recommended, [training], [validation])
     # Where joints move; at rest and at turns the wrist's shared friction holds more than the model says.
     assert grown.held_out_moving.relative_total < 0.066

@@ -51,7 +51,7 @@ def choose(
         best, equal = simplest(_each_its_own(passing))
         plainer = _plainer(data, pool, state, best, judged)
         chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
-        lasting = _lasting(pool, chosen, passing)
+        lasting = _lasting(state, chosen, passing)
         chosen, equal = (lasting, (chosen, *equal)) if lasting else (chosen, equal)
         if _stable(data, pool, state, chosen, [*passing, *_of_its_kind(chosen, unnatural)]):
             slim = without_idle_joints(data, pool, state, chosen, judged)
@@ -81,9 +81,9 @@ def _plainer(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, jud
     return max((replace(item, p=chosen.p) for item in found), key=lambda item: item.total_gain, default=None)
 
 
-def _lasting(pool: Pool, chosen: Judged, passing: Sequence[Judged]) -> Judged | None:
+def _lasting(state: State, chosen: Judged, passing: Sequence[Judged]) -> Judged | None:
     """Warmth that says as much as what only the later day is said to have: that is no wear."""
-    if not pool.is_change(chosen.candidate):
+    if not state.since or chosen.candidate.runs != state.since:
         return None
     places = set(chosen.candidate.joints)
     found = [

@@ -127,13 +127,16 @@ def identify_gains(
     payloads = [known_payload(recording) for recording in loaded]
     data = loaded_data(robot, unloaded, loaded, effects, preprocessing, progress)
     # A planar arm does not feel how high the load is.
-    unfelt = {data.model.columns[k].key for k in data.model.base.without_effect}
-    unfelt_names = {(name, runs) for _, name, _, runs in unfelt}
+    unfelt = {
+        (column.parameter, column.runs)
+        for column in (data.model.columns[k] for k in data.model.base.without_effect)
+        if column.effect == "payload"
+    }
     known = {
         data.payload_column(recording, name): value
         for recording, payload in zip(loaded, payloads, strict=True)
         for name, value in payload.parameters.items()
-        if (name, (recording.name,)) not in unfelt_names
+        if (name, (recording.name,)) not in unfelt
     }
     factors, covariance = total_least_squares(data.reduction, known)
     scale = _stated(robot, stated)

@@ -1,0 +1,52 @@
+"""What has changed since an earlier day, asked in a real Chromium against a live service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_workbench import ask, identifier, the_robot, upload
+from two_link_arm import write_recording
+
+expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
+pytestmark = pytest.mark.slow
+
+
+def test_a_load_that_was_mounted_since_is_told_with_its_interval_and_is_no_part_of_the_model(
+    page: Any, recordings: tuple[Path, Path], heard: Any, tmp_path: Path
+) -> None:
+    page.goto("/")
+    the_robot(page)
+    upload(page, recordings[0], "identification")
+    page.click("#run")
+    page.locator("#error-table").wait_for()
+    model = identifier(page)
+    robot = ask(page, f"/identifications/{model}")["robot_id"]
+    page.goto(f"/?view=new&robot={robot}")
+    page.locator("#recordings").wait_for()
+    upload(page, write_recording(tmp_path / "today.csv", seed=5, load=2.0), "identification")
+    page.goto(f"/?identification={model}")
+    page.locator("#changes-form > summary").click()
+    page.locator("#days select").first.wait_for()
+    for select in page.locator("#days select").all():
+        select.select_option("")
+    page.click("#what-changed")
+    expect(page.locator("#changes-form")).to_contain_text("at least one measurement before and one after")
+    page.get_by_label("exciting").select_option("before")
+    page.get_by_label("today").select_option("after")
+    page.click("#what-changed")
+    page.locator("#changes table").wait_for()
+    (found,) = ask(page, f"/diagnoses?identification_id={model}")["items"]
+    first = found["result"]["changes"][0]
+    assert first["effect"] == "payload"
+    row = page.locator("#changes tr[data-change]").first
+    assert row.get_attribute("data-change") == "payload"
+    shown = [one.get_attribute("value") for one in row.locator("data").all()]
+    assert str(first["value"]) in shown
+    expect(row).to_contain_text(first["evidence"])
+    expect(page.locator("#candidates tr[data-effect=payload]")).to_contain_text("since the baseline")
+    page.screenshot(path=tmp_path / "changes.png", full_page=True)
+    page.reload()
+    page.locator("#changes table").wait_for()
+    assert heard.complaints == []
