@@ -22,7 +22,7 @@ class Payload(Effect):
     """A mass that was added to a link in some of the runs; the last link carries it unless another one is named."""
 
     id = "payload"
-    title = "Payload in some of the runs"
+    title = "Added mass"
     formula = r"Y_k(q, \dot q, \ddot q)\,\Delta\varphi"
     parameters = tuple(
         ParameterSpec(
