@@ -11,6 +11,7 @@ from hidden_effects import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, moti
 from oracles import FloatArray, Motion, pinocchio_torque
 
 from dynident.diagnosis import Change, Diagnosis, diagnose
+from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording
 from dynident.robot import Robot
@@ -119,6 +120,23 @@ def test_a_drive_that_gives_more_than_before_is_told_by_how_much() -> None:
     change = only(asked(scaled))
     assert (change.choice.effect, change.choice.joints) == ("drive_gain_error", NAMES[1:2])
     assert holds(change, "eps2", 0.08)
+
+
+def test_a_model_of_any_strategy_or_estimator_can_be_asked() -> None:
+    monday, friday = two_days(worn)
+    for more in ({"strategy": "sequential"}, {"estimator": "feasible", "prior": "description_entropic"}):
+        model = identify(ROBOT, [monday], [], replace(CHOICES, **more))
+        found = diagnose(model, [friday], baseline=[monday]).changes
+        assert found
+        assert {one.choice.joints for one in found} == {NAMES[2:3]}
+
+
+def test_tests_of_single_joints_are_no_day_to_compare() -> None:
+    monday, friday = two_days(worn)
+    model = identify(ROBOT, [monday], [], CHOICES)
+    with pytest.raises(DynidentError, match="role friction") as refused:
+        diagnose(model, [friday], baseline=[replace(monday, role="friction")])
+    assert refused.value.pointer == "/baseline_ids"
 
 
 def test_recordings_of_the_same_name_are_told_apart() -> None:

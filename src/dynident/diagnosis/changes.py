@@ -11,7 +11,10 @@ from scipy.special import stdtrit
 from dynident.diagnosis.result import Change, ChangedValue, RankedEffect
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
+from dynident.errors import DynidentError
 from dynident.identification import Identification, extend, identify_model
+from dynident.identification.choices import PriorName
+from dynident.identification.data import parted
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording
 
@@ -29,21 +32,37 @@ def together(
 ) -> tuple[Identification, tuple[Recording, ...]]:
     """The model identified on all recordings as if nothing had changed; and these, the baseline first.
 
-    The baseline's have names of their own among them: runs are told apart by their names.
+    The baseline's have names of their own among them: runs are told apart by their names. Tests of single joints are
+    left out, and with them the strategies and estimators that need more than the rows of both.
+
+    Raises
+    ------
+    DynidentError
+        Where one of the two sets is nothing but such tests.
     """
-    taken = {recording.name for recording in recordings}
-    earlier = [replace(one, name=f"{one.name} (baseline)") if one.name in taken else one for one in baseline]
-    everything = (*earlier, *recordings)
+    later = parted(recordings)[0]
+    try:
+        earlier = parted(baseline)[0]
+    except DynidentError as error:
+        raise DynidentError(error.detail, pointer="/baseline_ids", title=error.title) from error
+    taken = {recording.name for recording in later}
+    renamed = [replace(one, name=f"{one.name} (baseline)") if one.name in taken else one for one in earlier]
+    everything = (*renamed, *later)
     both = identify_model(
         identification.model,
         everything,
         (),
-        identification.choices,
+        replace(identification.choices, strategy="global", estimator="wls", prior=_kept(identification.choices.prior)),
         identification.preprocessing,
         identification.next_reference(),
         progress,
     )
     return both, everything
+
+
+def _kept(prior: PriorName | None) -> PriorName | None:
+    """The entropic prior goes with the feasible estimator alone; as numbers the description serves any."""
+    return None if prior is None else "description"
 
 
 def changes_of(

@@ -72,7 +72,7 @@ def diagnose(
     since: tuple[str, ...] = ()
     if baseline:
         since = tuple(dict.fromkeys(label for recording in recordings for label in recording.run_labels))
-        identification, recordings = together(identification, parted(baseline)[0], recordings)
+        identification, recordings = together(identification, baseline, recordings)
     model = identification.model
     comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
     resolved = resolution(comparisons, identification.preprocessing)
