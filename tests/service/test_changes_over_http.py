@@ -49,6 +49,11 @@ def test_a_baseline_that_is_not_there_or_of_another_robot_is_refused_with_its_pl
     made = live.simulations.create(robot, effects=[{"effect": "coulomb"}], trajectory=trajectory).wait()
     run = live.measurements.get(made.result["measurement_id"])
     model = live.identifications.create(robot, [run]).wait()
+    for measurements in ([run], None):
+        with pytest.raises(ProblemError) as refused:
+            live.diagnoses.create(model, measurements=measurements, baseline=[run])
+        assert refused.value.errors[0]["pointer"] == "/baseline_ids/0"
+        assert "both sides" in refused.value.detail
     with pytest.raises(ProblemError) as refused:
         live.diagnoses.create(model, measurements=[run], baseline=["nowhere"])
     assert refused.value.status in (404, 422)

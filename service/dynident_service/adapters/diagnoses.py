@@ -77,6 +77,8 @@ def show_change(one: Change) -> wire.Change:
         **_changed(one.main).model_dump(),
         effect=one.choice.effect,
         joints=list(one.choice.joints),
+        shape_parameters=dict(one.choice.shape),
+        runs=list(one.choice.runs),
         p_value=finite(one.p_value),
         evidence=one.evidence,
         equivalent=list(one.equivalent),
@@ -93,7 +95,9 @@ def _changed(one: ChangedValue) -> wire.ChangedValue:
 
 def _change(one: wire.Change) -> Change:
     return Change(
-        choice=EffectChoice(one.effect, tuple(one.joints)),
+        choice=EffectChoice(
+            one.effect, tuple(one.joints), tuple(sorted(one.shape_parameters.items())), tuple(one.runs)
+        ),
         main=_value(one),
         more=tuple(_value(value) for value in one.more),
         p_value=_number(one.p_value),

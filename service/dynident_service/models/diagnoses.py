@@ -58,6 +58,8 @@ class Change(ChangedValue):
 
     effect: str
     joints: list[str] = Field(description="Of a mass: the joint of the link that carries it")
+    shape_parameters: dict[str, float] = Field(default={})
+    runs: list[str] = Field(default=[], description="The later runs, that have it")
     p_value: float | None
     evidence: str
     equivalent: list[str] = Field(default=[], description="Effects, or joints, that this data cannot tell from it")

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query, Response
 
 from dynident_service.models.common import Page, plain
 from dynident_service.models.diagnoses import DiagnosisRequest, DiagnosisView, Evidence
-from dynident_service.problems import ProblemError
+from dynident_service.problems import ProblemError, unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.needs import needed_measurements, needed_model
 from dynident_service.services import ServicesDep
@@ -30,6 +30,11 @@ def create_diagnosis(
     for index, candidate in enumerate(body.candidates or ()):
         effect_by_id(candidate, f"/candidates/{index}")
     robot = services.resources.get("robot", model.one("robot"))
+    later = body.measurement_ids or model.request["measurement_ids"]
+    for index, identifier in enumerate(body.baseline_ids):
+        if identifier in later:
+            detail = f"{identifier} is on both sides; give earlier measurements here, later ones as measurement_ids."
+            raise unusable(detail, f"/baseline_ids/{index}")
     needs = (
         RestsOn(model.id, "identification", "identification", "/identification_id"),
         *needed_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),

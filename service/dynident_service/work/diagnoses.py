@@ -31,9 +31,10 @@ def diagnose_model(task: Task) -> Outcome:
         most_effects=request.max_effects or DEFAULT_MOST_EFFECTS,
         progress=part(task.progress, 0.0, 0.9),
     )
-    shown, seen = together(model, earlier, recordings) if earlier else (model, recordings)
+    shown, seen, _ = together(model, earlier, recordings) if earlier else (model, recordings, ())
     drawn = evidence(shown, found.candidates, seen, part(task.progress, 0.9, 1.0))
     kept = task.keep("evidence", write_evidence(drawn, model.model.robot), "application/json")
     # Those that were diagnosed: tests of single joints' friction are left out.
-    used = [one for one, recording in zip(measurement_ids, recordings, strict=True) if recording.role != "friction"]
+    everything = zip((*request.baseline_ids, *measurement_ids), (*earlier, *recordings), strict=True)
+    used = [one for one, recording in everything if recording.role != "friction"]
     return Outcome(plain(describe_diagnosis(found, identification.one("robot"), used)), (kept,))

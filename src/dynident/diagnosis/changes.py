@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,10 @@ from scipy.special import stdtrit
 from dynident.diagnosis.result import Change, ChangedValue, RankedEffect
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects.catalogue import is_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend, identify_model
+from dynident.identification.checks import check_runs, check_temperature
 from dynident.identification.choices import PriorName
 from dynident.identification.data import parted
 from dynident.progress import Progress, silent
@@ -29,10 +32,10 @@ def together(
     baseline: Sequence[Recording],
     recordings: Sequence[Recording],
     progress: Progress = silent,
-) -> tuple[Identification, tuple[Recording, ...]]:
-    """The model identified on all recordings as if nothing had changed; and these, the baseline first.
+) -> tuple[Identification, tuple[Recording, ...], tuple[str, ...]]:
+    """The model identified on all recordings as if nothing had changed; these, the baseline first; the later runs.
 
-    The baseline's have names of their own among them: runs are told apart by their names. Tests of single joints are
+    The later ones have names of their own among them: runs are told apart by their names. Tests of single joints are
     left out, and with them the strategies and estimators that need more than the rows of both.
 
     Raises
@@ -45,9 +48,13 @@ def together(
         earlier = parted(baseline)[0]
     except DynidentError as error:
         raise DynidentError(error.detail, pointer="/baseline_ids", title=error.title) from error
-    taken = {recording.name for recording in later}
-    renamed = [replace(one, name=f"{one.name} (baseline)") if one.name in taken else one for one in earlier]
-    everything = (*renamed, *later)
+    taken = {recording.name for recording in earlier}
+    renamed = [replace(one, name=f"{one.name} (later)") if one.name in taken else one for one in later]
+    since = tuple(dict.fromkeys(label for recording in renamed for label in recording.run_labels))
+    everything = (*earlier, *renamed)
+    effects = identification.choices.effects
+    check_temperature(effects, everything, ())
+    check_runs(effects, everything)
     both = identify_model(
         identification.model,
         everything,
@@ -57,7 +64,7 @@ def together(
         identification.next_reference(),
         progress,
     )
-    return both, everything
+    return both, everything, since
 
 
 def _kept(prior: PriorName | None) -> PriorName | None:
@@ -78,7 +85,7 @@ def changes_of(
     """
     found: list[Change] = []
     for pick, one in zip(picks, ranked, strict=True):
-        if one.choice.runs == since:
+        if is_change(one.choice, since):
             found += _changes(grown, pick, one)
     return tuple(found)
 
@@ -87,11 +94,15 @@ def with_companions(
     grown: Identification, recommended: Sequence[EffectChoice], since: tuple[str, ...], recordings: Sequence[Recording]
 ) -> Identification:
     """The model with what usually changes along in it: else a value makes up for what was too small to be a finding."""
-    there = {(choice.effect, joint) for choice in recommended if choice.runs == since for joint in choice.joints}
+    there = {(choice.effect, joint) for choice in recommended if is_change(choice, since) for joint in choice.joints}
     missing = {(other, joint) for effect, joint in there for other in effect_by_id(effect).changes_with} - there
     known = {(choice.effect) for choice in grown.choices.effects if not choice.runs}
     wanted = [EffectChoice(effect, (joint,), (), since) for effect, joint in sorted(missing) if effect in known]
-    return extend(grown, wanted, recordings) if wanted else grown
+    for choice in wanted:
+        # What the data do not determine, or the model has already, says no more of the others.
+        with suppress(DynidentError):
+            grown = extend(grown, [choice], recordings)
+    return grown
 
 
 def _changes(grown: Identification, pick: Finding, one: RankedEffect) -> Iterator[Change]:
@@ -176,7 +187,7 @@ def _moment(grown: Identification, moments: Sequence[int]) -> ChangedValue | Non
     direction = components / max(size, np.finfo(float).tiny)
     covariance = grown.statistics.covariance[np.ix_(index, index)]
     deviation = float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
-    half = float(stdtrit(grown.statistics.usual_freedom, 0.975)) * deviation
+    half = float(stdtrit(grown.statistics.freedom[index].min(), 0.975)) * deviation
     return ChangedValue("m l", size, "kg m", (size - half, size + half))
 
 

@@ -27,6 +27,7 @@ from dynident.diagnosis.search.transients import CONTACT, find_contacts
 from dynident.diagnosis.words import rank_all, summary, verdict_of
 from dynident.diagnosis.wrong_names import misnamed
 from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects.catalogue import is_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend
 from dynident.identification.data import parted
@@ -71,8 +72,7 @@ def diagnose(
     recordings, _ = parted(recordings)
     since: tuple[str, ...] = ()
     if baseline:
-        since = tuple(dict.fromkeys(label for recording in recordings for label in recording.run_labels))
-        identification, recordings = together(identification, baseline, recordings)
+        identification, recordings, since = together(identification, baseline, recordings)
     model = identification.model
     comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
     resolved = resolution(comparisons, identification.preprocessing)
@@ -116,9 +116,9 @@ def diagnose(
         grown = with_companions(grown, recommended, since, recordings)
         changes = changes_of(grown, picks, ranked[: len(picks)], since)
     # What changed is no part of the model: that is of both sets of recordings.
-    missing = tuple(choice for choice in recommended if not baseline or choice.runs != since)
+    missing = tuple(choice for choice in recommended if not is_change(choice, since))
     verdict = verdict_of(missing, unknown)
-    told = [one for one in ranked if not baseline or one.choice.runs != since]
+    told = [one for one in ranked if not is_change(one.choice, since)]
     sentences = [summary(verdict, told, unknown, residual, floor, model)]
     if changes is not None:
         sentences.insert(0, summary_of(changes))

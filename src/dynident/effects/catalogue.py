@@ -136,6 +136,14 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
     return tuple(sorted(set(indices)))
 
 
+def is_change(choice: EffectChoice, since: tuple[str, ...]) -> bool:
+    """Whether a choice is something that a robot may come to have, in the runs `since` a baseline and no others.
+
+    What happens in a run, a touch, is none.
+    """
+    return bool(since) and choice.runs == since and effect_by_id(choice.effect).may_change
+
+
 def check_shape(choice: EffectChoice, pointer: str = "") -> None:
     """Raise where a choice gives a shape constant that its effect does not have, or one that makes no sense."""
     effect = effect_by_id(choice.effect, pointer)

@@ -15,7 +15,7 @@ import numpy as np
 
 from dynident.estimation.factors import Reduction
 from dynident.estimation.least_squares import Solution
-from dynident.estimation.triangles import FloatArray
+from dynident.estimation.triangles import BoolArray, FloatArray
 
 FEWEST_CLUSTERS = 5
 """Fewer stretches say nothing of how the estimate depends on them."""
@@ -54,23 +54,43 @@ def spread_over_stretches(reduction: Reduction, solution: Solution, scores: Floa
     informations = _informations(reduction, solution, root)
     if scores is None:
         scores = _scores(reduction, solution) @ root
+    filled = occupied(reduction)
+    scores, informations = scores[filled], informations[filled]
     count, size = scores.shape
     away, alone = _without(informations)
     steps = np.einsum("sij,sj->si", away, scores)
     inner = (count - 1) / count * steps.T @ steps
-    # Whatever one stretch alone tells of.
+    # Whatever one stretch alone tells of: as the other directions are on average, no less than for independent rows.
     usual = float(np.trace(inner)) / max(size - float(np.trace(alone)), 1.0)
-    filled = max(usual, 0.0) * alone
+    guessed = max(usual, _of_rows(reduction, solution)) * alone
+    known = np.zeros((size, size))
     if solution.known is not None:
-        known = solution.known.factor @ root
-        filled += known.T @ known
-    covariance = root @ (inner + filled) @ root.T
+        rows = solution.known.factor @ root
+        known = rows.T @ rows
+    covariance = root @ (inner + guessed + known) @ root.T
     directions = root / np.maximum(np.linalg.norm(root, axis=1), np.finfo(float).tiny)[:, None]
-    own, rest = (np.einsum("ki,ij,kj->k", directions, part, directions) for part in (inner, filled))
-    # Of a sum of variances only that of the stretches is uncertain.
-    share = np.maximum(own / np.maximum(own + rest, np.finfo(float).tiny), 1.0 / _SURE)
-    freedom = np.maximum(_satterthwaite(informations, away, directions), 1.0) / share**2
-    return Spread(0.5 * (covariance + covariance.T), freedom)
+    parts = [np.einsum("ki,ij,kj->k", directions, part, directions) for part in (inner, guessed, known)]
+    own, alike, rest = (np.maximum(part, 0.0) for part in parts)
+    # Of a sum of variances (Welch): what was known is certain, what is guessed as uncertain as can be.
+    doubt = own**2 / np.maximum(_satterthwaite(informations, away, directions), 1.0) + alike**2
+    freedom = (own + alike + rest) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
+    return Spread(0.5 * (covariance + covariance.T), np.clip(freedom, 1.0, _SURE))
+
+
+def occupied(reduction: Reduction) -> BoolArray:
+    """(s,): stretches of time with any row in them; in the others all joints stood."""
+    counts = [equation.counts for equation in reduction.equations if len(equation.counts)]
+    return np.asarray(np.sum(counts, axis=0) > 0) if counts else np.zeros(reduction.n_stretches, dtype=bool)
+
+
+def _of_rows(reduction: Reduction, solution: Solution) -> float:
+    """Mean square of the residuals in units of the noise: the variance of every direction if rows were independent."""
+    squares = sum(
+        float(equation.squares(solution.values).sum()) / float(sigma) ** 2
+        for equation, sigma in zip(reduction.equations, solution.noise, strict=True)
+        if len(equation.counts)
+    )
+    return squares / max(reduction.n_rows - reduction.n_columns, 1)
 
 
 def _scores(reduction: Reduction, solution: Solution) -> FloatArray:

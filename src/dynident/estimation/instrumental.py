@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from dynident.estimation.clusters import FEWEST_CLUSTERS, spread_over_stretches
+from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied, spread_over_stretches
 from dynident.estimation.correlation import overstatement
 from dynident.estimation.factors import Reduction
 from dynident.estimation.information import Information
@@ -133,7 +133,7 @@ def _statistics(
     overstated = _overstated(both, solution.values)
     noise = noise_levels(observed, solution.values)
     worth = both.row_counts / overstated
-    if kind == "by_time_and_joints" and both.n_stretches >= FEWEST_CLUSTERS:
+    if kind == "by_time_and_joints" and occupied(both).sum() >= FEWEST_CLUSTERS:
         # Of the instruments those combinations whose ZᵀW is WᵀW; their leverage is that of W, which they go with.
         turned = solve_triangular(solved.instruments, np.linalg.solve(solved.projected.T, solved.observed.T))
         spread = spread_over_stretches(observed, solution, _scores(both, solution) @ turned)

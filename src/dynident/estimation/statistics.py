@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import stdtrit
 
-from dynident.estimation.clusters import FEWEST_CLUSTERS, spread_over_stretches
+from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied, spread_over_stretches
 from dynident.estimation.correlation import correlation_factors
 from dynident.estimation.factors import Reduction
 from dynident.estimation.information import deviations_of
@@ -80,7 +80,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     inflation = correlation_factors(reduction, solution.values)
     noise = residual_noise(reduction, solution.values)
     worth = reduction.row_counts / inflation
-    if kind == "by_time_and_joints" and reduction.n_stretches >= FEWEST_CLUSTERS:
+    if kind == "by_time_and_joints" and occupied(reduction).sum() >= FEWEST_CLUSTERS:
         spread = spread_over_stretches(reduction, solution)
         return Statistics(spread.covariance, worth, noise, spread.freedom)
     counted = np.ones(len(inflation)) if kind == "independent" else inflation

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from dynident.diagnosis.residuals.leads import Leads
 from dynident.diagnosis.residuals.resolution import Resolution
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of
+from dynident.effects.catalogue import is_change
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
@@ -53,7 +54,7 @@ class Pool:
 
     def is_change(self, candidate: Candidate) -> bool:
         """Whether a candidate is something that the later runs have and the others have not."""
-        return bool(self.since) and candidate.runs == self.since
+        return is_change(candidate.choice, self.since)
 
 
 def build_pool(
@@ -139,11 +140,11 @@ def _changes(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     Friction of all joints together is asked about where no temperature can say that they were warm.
     """
     robot, since = model.robot, leads.since
-    if not since:
+    possible = effect.applicable(robot)
+    if not since or not possible:
         return []
     if effect.scope == "robot":
         return [EffectChoice(effect.id, (), _key(shape), since) for shape in effect.grid(robot, 0)]
-    possible = effect.applicable(robot)
     choices = [
         EffectChoice(effect.id, (robot.joint_names[j],), _key(shape), since)
         for j in possible

@@ -12,6 +12,7 @@ from dynident.diagnosis.candidates.gate import (
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.search.state import State
 from dynident.effects import Effect, effect_by_id
+from dynident.effects.catalogue import is_change
 from dynident.robot.model import FloatArray
 
 VISIBLE = 0.02
@@ -56,7 +57,7 @@ def acceptable(state: State, data: PhasedProducts, item: Judged) -> bool:
         return False
     if not item.candidate.runs:
         return True
-    return item.drop >= (_LEAST_OF_CHANGE if item.candidate.runs == state.since else _LEAST_OF_RUNS)
+    return item.drop >= (_LEAST_OF_CHANGE if is_change(item.candidate.choice, state.since) else _LEAST_OF_RUNS)
 
 
 def shadowed(item: Judged, finding: Judged, floor: FloatArray) -> bool:

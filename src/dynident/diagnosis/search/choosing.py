@@ -24,6 +24,7 @@ from dynident.diagnosis.search.acceptance import (
 )
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.effects import effect_by_id
+from dynident.effects.catalogue import is_change
 
 # A group is one effect as long as its joints together would not gain so many times as much, each by itself.
 _ONE_BY_ONE = 1.3
@@ -83,7 +84,7 @@ def _plainer(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, jud
 
 def _lasting(state: State, chosen: Judged, passing: Sequence[Judged]) -> Judged | None:
     """Warmth that says as much as what only the later day is said to have: that is no wear."""
-    if not state.since or chosen.candidate.runs != state.since:
+    if not is_change(chosen.candidate.choice, state.since):
         return None
     places = set(chosen.candidate.joints)
     found = [

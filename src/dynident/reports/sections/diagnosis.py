@@ -134,8 +134,12 @@ def diagnosis_section(
 def _evidence(identification: Identification, diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Markup | None:
     """What the findings explain of the residual of the model that was diagnosed."""
     # What changed is in recordings that this model may never have seen.
-    changed = {one.choice.runs for one in diagnosis.changes or ()}
-    findings = [item for item in diagnosis.candidates if item.significant and item.choice.runs not in changed]
+    changed = {(one.choice.effect, one.choice.runs) for one in diagnosis.changes or ()}
+    findings = [
+        item
+        for item in diagnosis.candidates
+        if item.significant and (item.choice.effect, item.choice.runs) not in changed
+    ]
     if not findings or not recordings:
         return None
     found = {choice.effect for choice in diagnosis.recommended}

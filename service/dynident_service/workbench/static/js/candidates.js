@@ -46,7 +46,7 @@ function candidateRows(model, one, most, add, signal) {
 }
 
 function addButton(model, one, title, add) {
-  if (model.diagnosis.result.changes && one.runs.length) return h("span", { class: "note" }, "since the baseline");
+  if (one.runs.length && model.diagnosis.result.changes?.some((change) => change.effect === one.effect)) return h("span", { class: "note" }, "since the baseline");
   if (model.contains(one)) return h("span", { class: "note" }, "in the model");
   const choice = { effect: one.effect, joints: one.joints, shape_parameters: one.shape_parameters, runs: one.runs };
   const where = placeOf(model.effects, one, model.joints);
