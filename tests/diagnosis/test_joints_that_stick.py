@@ -75,7 +75,10 @@ def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
     monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
     data = SimpleNamespace(moving=SimpleNamespace(run=np.zeros(40, dtype=int)))
     state = State((), np.ones(1), np.ones(1), (), ("later",))
-    nothing_left = lambda data, pool, base, others, noise: [judged(0.0 * gains, name=one.effect) for one in others]  # noqa: E731
+
+    def nothing_left(data, pool, base, others, noise):
+        return [judged(0.0 * gains, name=one.effect) for one in others]
+
     monkeypatch.setattr(choosing, "judge_all", nothing_left)
     for share, name, other, named in (
         (0.95, "temperature_friction", (6, 7), "temperature_friction"),
