@@ -61,7 +61,7 @@ def drawn(rng: np.random.Generator, n_stretches: int, long: int) -> tuple[float,
     grams = tuple(_gram(rng, rows, columns, n_stretches) for _ in range(JOINTS))
     position = tuple(np.arange(columns) for _ in range(JOINTS))
     counts = np.full((n_stretches, JOINTS), float(long * ROWS))
-    data = Products(grams, position, counts, np.zeros(n_stretches, dtype=np.intp))
+    data = Products.of(grams, position, counts, np.zeros(n_stretches, dtype=np.intp))
     base, noise, joints = np.arange(MODEL), np.ones(JOINTS), tuple(range(JOINTS))
     scores = [score_candidates(data, base, candidates, noise, kind)[1] for kind in ("interleaved", "contiguous")]
     judged = [judge(pair, joints, noise) for pair in zip(*scores, strict=True)]

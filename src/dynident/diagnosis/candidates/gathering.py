@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.diagnosis.candidates.products import IntArray, Products
+from dynident.diagnosis.candidates.products import IntArray, Products, Stack
 from dynident.diagnosis.comparing.repetition import Repeat, periods_of
 from dynident.effects import Signals
 from dynident.progress import Progress, silent
@@ -44,12 +44,12 @@ test keeps its level (`benchmarks/decision_level.py`)."""
 
 @dataclass(frozen=True, eq=False)
 class Elsewhere:
-    """Rows that are shown only to what lives there: `grams`, one (s, p_j + 1, p_j + 1) a joint; `counts` (s, n).
+    """Rows that are shown only to what lives there: `stacks`, their products, one a joint; `counts` (s, n).
 
     `shown` (columns, n): for which columns they are equations of which joint.
     """
 
-    grams: tuple[FloatArray, ...]
+    stacks: tuple[Stack, ...]
     counts: FloatArray
     shown: BoolArray
 
@@ -67,15 +67,12 @@ class PhasedProducts:
     partial: Elsewhere
 
     def of(self, columns: Sequence[int] | IntArray) -> Products:
-        """The rows that are equations for a model with these columns, products of these columns alone."""
-        return self._rows(self.shown(columns), columns)
+        """The rows that are equations for a model with these columns."""
+        return self._rows(self.shown(columns))
 
-    def beside(self, columns: Sequence[int] | IntArray, kinds: BoolArray, others: Sequence[int] | IntArray) -> Products:
-        """Those, and on all joints those of some kinds (2,): turning and partial rows, for candidates on any joint.
-
-        Of these columns and of `others`, the candidates'.
-        """
-        return self._rows(self.shown(columns) | kinds[:, None], (*columns, *others))
+    def beside(self, columns: Sequence[int] | IntArray, kinds: BoolArray) -> Products:
+        """Those, and on all joints those of some kinds (2,): turning and partial rows, for candidates on any joint."""
+        return self._rows(self.shown(columns) | kinds[:, None])
 
     def counts(self, columns: Sequence[int] | IntArray) -> FloatArray:
         """(s, n): how many rows are equations for a model with these columns."""
@@ -87,11 +84,8 @@ class PhasedProducts:
         own = np.asarray(columns, dtype=np.intp)
         return np.array([rows.shown[own].any(axis=0) for rows in (self.turning, self.partial)])
 
-    def _rows(self, used: BoolArray, columns: Sequence[int] | IntArray) -> Products:
-        """Rows in which each joint moves, and those of `used` (2, n): where it turns, and of motion beside a halt.
-
-        Of all columns there may be gigabytes, and where other rows join them they have to be added up.
-        """
+    def _rows(self, used: BoolArray) -> Products:
+        """Rows in which each joint moves, and those of `used` (2, n): where it turns, and of motion beside a halt."""
         more = [
             [
                 rows
@@ -102,19 +96,15 @@ class PhasedProducts:
         ]
         if not any(more):
             return self.moving
-        wanted = np.unique(np.asarray(columns, dtype=np.intp))
-        grams, position, counts = [], [], self.moving.counts.copy()
-        for j, (gram, where) in enumerate(zip(self.moving.grams, self.moving.position, strict=True)):
-            have = wanted[where[wanted] >= 0]
-            places = np.append(where[have], gram.shape[1] - 1)
-            part = gram[:, places[:, None], places]
-            for rows in more[j]:
-                part += rows.grams[j][:, places[:, None], places]
+        counts = self.moving.counts.copy()
+        for j, own in enumerate(more):
+            for rows in own:
                 counts[:, j] += rows.counts[:, j]
-            grams.append(part)
-            position.append(np.full_like(where, -1))
-            position[j][have] = np.arange(len(have))
-        return Products(tuple(grams), tuple(position), counts, self.moving.run)
+        stacks = (
+            (*plain, *(rows.stacks[j] for rows in own))
+            for j, (plain, own) in enumerate(zip(self.moving.stacks, more, strict=True))
+        )
+        return Products(tuple(stacks), self.moving.position, counts, self.moving.run)
 
 
 def gather(
@@ -144,11 +134,12 @@ def gather(
     width = width_of(preprocessing, recordings[0].sampling_rate)
     total = sum(used_duration(recording) for recording in recordings)
     usual = max(_FINER * stretch_length(recordings), total / _MOST)
-    sums = _Sums([len(columns) for _, columns in layout], usual, _LONG * width)
+    repeats = [periods_of(recording) for recording in recordings]
+    several = sum(1 + _MANY * len(periods) for each in repeats for periods in each)
+    sums = _Sums([len(columns) for _, columns in layout], usual, _LONG * width, int(total / usual) + several)
     done, free = 0.0, np.ones(n, dtype=bool)
-    for recording in recordings:
+    for recording, periods in zip(recordings, repeats, strict=True):
         phases = RowPhases.of(observation, recording, preprocessing).about(frictional)
-        periods = periods_of(recording)
         free &= phases.free
         if samples_of is None:
             given: Iterable[FilteredSamples] = filtered_samples(
@@ -172,10 +163,10 @@ def gather(
 
 
 class _Sums:
-    """Inner products of the stretches of time, as rows come."""
+    """Inner products of the stretches of time, about so many, as rows come."""
 
-    def __init__(self, widths: Sequence[int], usual: float, shortest: float) -> None:
-        self._usual, self._shortest = max(usual, shortest), shortest
+    def __init__(self, widths: Sequence[int], usual: float, shortest: float, expected: int) -> None:
+        self._usual, self._shortest, self._expected = max(usual, shortest), shortest, expected
         self._shapes = [(width + 1, width + 1) for width in widths]
         self._grams: list[list[FloatArray]] = [[np.zeros((0, *s)) for s in self._shapes] for _ in range(_KINDS)]
         self._counts: list[list[FloatArray]] = [[] for _ in range(_KINDS)]
@@ -229,16 +220,19 @@ class _Sums:
             counts.append(np.zeros(len(self._shapes)))
 
     def _gram(self, kind: int, joint: int) -> FloatArray:
-        """Products of the open stretch: room is made for those of many at once, and only where there are rows."""
+        """Products of the open stretch: room is made for all at once, and only where there are rows.
+
+        Zeros that nobody has written to take no memory.
+        """
         room = self._grams[kind][joint]
         if len(room) <= self._now:
-            self._grams[kind][joint] = _longer(room, max(2 * len(room), self._now + 1))
+            self._grams[kind][joint] = _longer(room, max(2 * len(room), self._now + 1, self._expected))
         return np.asarray(self._grams[kind][joint][self._now])
 
     def finished(self, columns: Sequence[IntArray], turns: BoolArray, starts: BoolArray) -> PhasedProducts:
         """All of them, with the places of the columns, and (columns, n) to which the rarer rows are shown."""
         n_stretches = len(self._runs)
-        grams = [tuple(_longer(gram[:n_stretches], n_stretches) for gram in kind) for kind in self._grams]
+        stacks = [tuple(Stack(_longer(gram, n_stretches)) for gram in kind) for kind in self._grams]
         counts = [np.array(kind).reshape(-1, len(self._shapes)) for kind in self._counts]
         position = []
         for own in columns:
@@ -247,14 +241,14 @@ class _Sums:
             position.append(where)
         labels = list(dict.fromkeys(self._runs))
         run = np.array([labels.index(label) for label in self._runs], dtype=np.intp)
-        moving = Products(grams[0], tuple(position), counts[0], run)
-        return PhasedProducts(moving, Elsewhere(grams[1], counts[1], turns), Elsewhere(grams[2], counts[2], starts))
+        moving = Products(tuple((stack,) for stack in stacks[0]), tuple(position), counts[0], run)
+        return PhasedProducts(moving, Elsewhere(stacks[1], counts[1], turns), Elsewhere(stacks[2], counts[2], starts))
 
 
 def _longer(stack: FloatArray, length: int) -> FloatArray:
-    """(length, ...): a stack with zeros behind it."""
-    if len(stack) == length:
-        return stack
+    """(length, ...): the first of a stack, or the stack with zeros behind it."""
+    if len(stack) >= length:
+        return stack[:length]
     longer = np.zeros((length, *stack.shape[1:]))
     longer[: len(stack)] = stack
     return longer

@@ -72,7 +72,7 @@ def _passive(data: Products, pool: Pool, columns: IntArray, values: FloatArray, 
         if not coulomb or not friction:
             continue
         places = where[columns[friction]]
-        work = data.grams[j][:, where[coulomb[0]], places] @ values[friction]
+        work = data.taken(j, where[coulomb[:1]], places) @ values[friction]
         if float(np.minimum(work, 0.0).sum()) < -_GIVEN_BACK * float(np.abs(work).sum()):
             return False
     return True
@@ -82,10 +82,10 @@ def _fit(data: Products, columns: IntArray, noise: FloatArray) -> tuple[FloatArr
     """Parameters (k,) of columns, fitted to all stretches, and their standard deviations (k,)."""
     k = len(columns)
     normal, right = np.zeros((k, k)), np.zeros(k)
-    for gram, where, sigma in zip(data.grams, data.position, noise, strict=True):
+    for joint, (where, sigma) in enumerate(zip(data.position, noise, strict=True)):
         have = np.flatnonzero(where[columns] >= 0)
         places = where[columns[have]]
-        total = gram.sum(axis=0) / sigma**2
+        total = data.total(joint) / sigma**2
         normal[np.ix_(have, have)] += total[np.ix_(places, places)]
         right[have] += total[places, -1]
     scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,28 +22,73 @@ _NEARLY_ALL = 0.9
 _PAUSE = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class Products:
-    """Inner products of all columns and Y, stretch by stretch: `grams[j]` (s, p_j + 1, p_j + 1) for joint j.
+class Stack:
+    """Inner products of one joint's columns and Y over rows of one kind, stretch by stretch: `values` (s, p + 1, p + 1).
 
-    `position[j]` maps a global column number to its place in joint j's products, -1 where the joint lacks it; `counts`
-    (s, n) are the rows, `run` (s,) numbers the runs that the stretches are of.
+    Never copied as a whole: there may be gigabytes of them.
     """
 
-    grams: tuple[FloatArray, ...]
+    def __init__(self, values: FloatArray) -> None:
+        self.values = values
+
+    @cached_property
+    def total(self) -> FloatArray:
+        """(p + 1, p + 1): over all stretches."""
+        return np.asarray(self.values.sum(axis=0))
+
+    def taken(self, rows: IntArray, columns: IntArray) -> FloatArray:
+        """(s, *shape): the products at these places, whose shapes are broadcast."""
+        wide = self.values.shape[1]
+        places = rows * wide + columns
+        # One flat index instead of three: four times as fast.
+        found = self.values.reshape(len(self.values), wide * wide).take(places.ravel(), axis=1)
+        return np.asarray(found.reshape(len(found), *places.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Inner products of all columns and Y, stretch by stretch: those of joint j are the sum of `stacks[j]`.
+
+    `position[j]` maps a global column number to its place in joint j's products, -1 where the joint lacks it, and Y
+    stands last; `counts` (s, n) are the rows, `run` (s,) numbers the runs that the stretches are of.
+    """
+
+    stacks: tuple[tuple[Stack, ...], ...]
     position: tuple[IntArray, ...]
     counts: FloatArray
     run: IntArray
 
+    @classmethod
+    def of(cls, grams: Iterable[FloatArray], position: Iterable[IntArray], counts: FloatArray, run: IntArray) -> Products:
+        """From the products (s, p_j + 1, p_j + 1) of every joint."""
+        return cls(tuple((Stack(gram),) for gram in grams), tuple(position), counts, run)
+
     @property
     def n_stretches(self) -> int:
         """Number of stretches of time."""
-        return len(self.grams[0])
+        return len(self.counts)
 
     @property
     def n_joints(self) -> int:
         """Number of joints."""
-        return len(self.grams)
+        return len(self.stacks)
+
+    def total(self, joint: int) -> FloatArray:
+        """(p_j + 1, p_j + 1): a joint's products over all stretches."""
+        first, *others = self.stacks[joint]
+        return sum((stack.total for stack in others), first.total)
+
+    def taken(self, joint: int, rows: IntArray, columns: IntArray) -> FloatArray:
+        """(s, *shape): a joint's products at these places, whose shapes are broadcast."""
+        first, *others = self.stacks[joint]
+        found = first.taken(rows, columns)
+        for stack in others:
+            found += stack.taken(rows, columns)
+        return found
+
+    def torque_squared(self) -> FloatArray:
+        """(n,): sum of each joint's squared torque."""
+        return np.array([self.total(joint)[-1, -1] for joint in range(self.n_joints)])
 
 
 def products(reduction: Reduction) -> Products:
@@ -53,7 +100,7 @@ def products(reduction: Reduction) -> Products:
         where[equation.columns] = np.arange(len(equation.columns))
         position.append(where)
     counts = np.array([equation.counts for equation in reduction.equations]).T.astype(np.float64)
-    return Products(tuple(grams), tuple(position), counts, runs_of(reduction.spans))
+    return Products.of(grams, position, counts, runs_of(reduction.spans))
 
 
 def runs_of(spans: FloatArray) -> IntArray:
@@ -109,45 +156,12 @@ def _takes_all(data: Products, base: IntArray, part: IntArray) -> bool:
     if not set(data.run[part]) - set(outside):
         return False
     inside, whole = np.zeros(len(base)), np.zeros(len(base))
-    for gram, where in zip(data.grams, data.position, strict=True):
+    for joint, where in enumerate(data.position):
         have, places = present(where, base)
-        squares = gram[:, places, places]
+        squares = data.taken(joint, places, places)
         inside[have] += squares[part].sum(axis=0)
         whole[have] += squares.sum(axis=0)
     return bool((inside > _NEARLY_ALL * whole).any())
-
-
-@dataclass(frozen=True, eq=False)
-class Sums:
-    """Weighted inner products: WᵀW (b, b), WᵀX (b, c), XᵀX (c, c), Wᵀy (b,), Xᵀy (c,)."""
-
-    ww: FloatArray
-    wx: FloatArray
-    xx: FloatArray
-    wy: FloatArray
-    xy: FloatArray
-
-    def minus(self, other: Sums) -> Sums:
-        """The products of the rows that are in these and not in the others."""
-        return Sums(self.ww - other.ww, self.wx - other.wx, self.xx - other.xx, self.wy - other.wy, self.xy - other.xy)
-
-
-def weighted_sums(
-    data: Products, base: IntArray, extra: IntArray, noise: FloatArray, stretches: IntArray | None
-) -> Sums:
-    """Products of the model's columns W and the candidates' X over some stretches, each joint in units of its noise."""
-    b, c = len(base), len(extra)
-    sums = Sums(np.zeros((b, b)), np.zeros((b, c)), np.zeros((c, c)), np.zeros(b), np.zeros(c))
-    for gram, where, sigma in zip(data.grams, data.position, noise, strict=True):
-        whole = (gram if stretches is None else gram[stretches]).sum(axis=0) / sigma**2
-        wi, wp = present(where, base)
-        xi, xp = present(where, extra)
-        sums.ww[np.ix_(wi, wi)] += whole[np.ix_(wp, wp)]
-        sums.wx[np.ix_(wi, xi)] += whole[np.ix_(wp, xp)]
-        sums.xx[np.ix_(xi, xi)] += whole[np.ix_(xp, xp)]
-        sums.wy[wi] += whole[wp, -1]
-        sums.xy[xi] += whole[xp, -1]
-    return sums
 
 
 def present(where: IntArray, columns: IntArray) -> tuple[IntArray, IntArray]:

@@ -85,9 +85,9 @@ def generalises(rows: Products, state: State) -> bool:
 def _shown_in(rows: Products, columns: Sequence[int]) -> BoolArray:
     """(s,): the stretches in which any of the columns is not zero."""
     shown = np.zeros(rows.n_stretches, dtype=bool)
-    for gram, where in zip(rows.grams, rows.position, strict=True):
+    for joint, where in enumerate(rows.position):
         _, places = present(where, np.array(columns, dtype=np.intp))
-        shown |= (gram[:, places, places] > 0).any(axis=1)
+        shown |= (rows.taken(joint, places, places) > 0).any(axis=1)
     return shown
 
 

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.diagnosis.candidates.blocks import Blocks
 from dynident.diagnosis.candidates.family import family_wise_p
 from dynident.diagnosis.candidates.gate import Judged, judge
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
-from dynident.diagnosis.candidates.scoring import contributions, extra_columns, held_out_errors, score_candidates
+from dynident.diagnosis.candidates.scoring import contributed, held_out_errors, scored
 from dynident.effects import effect_by_id
 from dynident.estimation.least_squares import floored
 from dynident.robot.model import FloatArray
@@ -74,10 +75,11 @@ def judge_all(
     scores: list[FloatArray] = [np.zeros((0, 1))] * len(candidates)
     for kinds, members in sets.items():
         own = [candidates[k] for k in members]
-        rows = data.beside(base, np.array(kinds), extra_columns(own))
-        for k, item in zip(members, _judged(rows, pool, base, own, noise), strict=True):
+        rows = data.beside(base, np.array(kinds))
+        blocks = Blocks.of(rows, np.array(base, dtype=np.intp), own)
+        for k, item in zip(members, _judged(rows, blocks, pool, own, noise), strict=True):
             found[k] = item
-        for k, each in zip(members, contributions(rows, np.array(base, dtype=np.intp), own, noise), strict=True):
+        for k, each in zip(members, contributed(blocks, len(own), noise), strict=True):
             told = pool.is_change(candidates[k]) or _told_by_scores(candidates[k])
             scores[k] = each if told else np.zeros_like(each)
     whole = [item for item in found if item is not None]
@@ -98,11 +100,10 @@ def _told_by_scores(candidate: Candidate) -> bool:
 
 
 def _judged(
-    data: Products, pool: Pool, base: tuple[int, ...], candidates: Sequence[Candidate], noise: FloatArray
+    data: Products, blocks: Blocks, pool: Pool, candidates: Sequence[Candidate], noise: FloatArray
 ) -> list[Judged]:
     """Judge candidates that are all about the same rows."""
-    columns = np.array(base, dtype=np.intp)
-    scores = [score_candidates(data, columns, candidates, noise, kind)[1] for kind in _KINDS]
+    scores = [scored(data, blocks, candidates, noise, kind)[1] for kind in _KINDS]
     acting = acted_on(pool)
     return [
         judge(pair, _joints(acting, candidate), noise) for candidate, *pair in zip(candidates, *scores, strict=True)

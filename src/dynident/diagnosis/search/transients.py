@@ -38,7 +38,7 @@ def find_contacts(
     columns = base
     for candidate in tried:
         window = dict(candidate.shape)
-        rows = data.beside(columns, np.zeros(2, dtype=bool), candidate.columns)
+        rows = data.beside(columns, np.zeros(2, dtype=bool))
         judged, p = _tried(rows, columns, candidate, noise, 2 * band * (window["t1"] - window["t0"]))
         if judged.drop >= _EXPLAINED and p * len(tried) <= _LARGEST_P:
             found.append(Finding(judged, (), p * len(tried)))
@@ -61,7 +61,6 @@ def _tried(
     freedom = max(independent * data.n_joints - k, 1.0)
     left = max(excess - float(gains[strong].sum()), usual * 0.1, 1e-12)
     f = float(gains[strong].sum()) / k / (left / freedom)
-    measured = np.array([float(gram[:, -1, -1].sum()) for gram in data.grams])
     judged = Judged(
         candidate=candidate,
         joints=tuple(range(data.n_joints)),
@@ -74,7 +73,7 @@ def _tried(
         separability=separability,
         amplitudes=amplitudes,
         share_improved=float(np.mean(gains > 0)),
-        measured=measured,
+        measured=data.torque_squared(),
         after_weighted=(after / noise**2).sum(axis=1),
     )
     return judged, float(stats.f.sf(f, k, freedom))
