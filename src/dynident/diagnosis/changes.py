@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-import numpy as np
-from scipy.special import stdtrit
-
-from dynident.diagnosis.result import Change, ChangedValue, RankedEffect
+from dynident.diagnosis.changed_values import Estimates, changes_at
+from dynident.diagnosis.result import Change, RankedEffect
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import is_change
@@ -20,11 +18,6 @@ from dynident.identification.choices import PriorName
 from dynident.identification.data import parted
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording
-
-_NOTICED = 0.05
-"""Share of what a parameter was before from which on anybody would call it another one."""
-
-_MASS, _MOMENTS = "Mp", ("MXp", "MYp", "MZp")
 
 
 def together(
@@ -83,10 +76,11 @@ def changes_of(
     picks, ranked : of equal length, in the same order
     since : labels of the later runs
     """
+    estimates = Estimates.of(grown)
     found: list[Change] = []
     for pick, one in zip(picks, ranked, strict=True):
         if is_change(one.choice, since):
-            found += _changes(grown, pick, one)
+            found += changes_at(estimates, pick, one)
     return tuple(found)
 
 
@@ -103,103 +97,6 @@ def with_companions(
         with suppress(DynidentError):
             grown = extend(grown, [choice], recordings)
     return grown
-
-
-def _changes(grown: Identification, pick: Finding, one: RankedEffect) -> Iterator[Change]:
-    for joint in one.choice.joints or ("",):
-        values = _values(grown, one.choice, joint)
-        if not values or not _noticed(values[0]):
-            continue
-        others = [item.candidate.choice for item in pick.equal]
-        names = [name for other in others for name in _told(other, one.choice, joint)]
-        choice = replace(one.choice, joints=(joint,) if joint else ())
-        for effect in effect_by_id(choice.effect).changes_with:
-            values += _values(grown, replace(choice, effect=effect, shape=()), joint)
-        yield Change(
-            choice=choice,
-            main=values[0],
-            more=tuple(values[1:]),
-            p_value=one.p_value,
-            evidence=f"{_said(choice, values[0])} {one.evidence}{_in_units_of(grown, choice)}",
-            equivalent=tuple(dict.fromkeys(names)),
-        )
-
-
-def _noticed(value: ChangedValue) -> bool:
-    return value.before is None or abs(value.value) >= _NOTICED * abs(value.before)
-
-
-def _in_units_of(grown: Identification, choice: EffectChoice) -> str:
-    """What the size of a mass rests on, where torque is current times a gain."""
-    if not effect_by_id(choice.effect).in_some_runs or all(
-        drive.gain in (None, 1.0) for drive in grown.model.robot.drives
-    ):
-        return ""
-    return (
-        " Its size is in units of the drive gains: if all of them are off by some share, so is it, and its interval "
-        "does not say so. A known mass would tell the gains."
-    )
-
-
-def _told(other: EffectChoice, choice: EffectChoice, joint: str) -> list[str]:
-    if other.effect != choice.effect:
-        return [other.effect]
-    return [name for name in other.joints if name != joint]
-
-
-def _values(grown: Identification, choice: EffectChoice, joint: str) -> list[ChangedValue]:
-    """The parameters of a change; what says how large it is comes first, of a mass itself or its first moment."""
-    parameters, kept = grown.parameters, grown.model.kept
-    found = []
-    for k, (one, column) in enumerate(zip(parameters, kept, strict=True)):
-        if (column.effect, column.runs, column.link) == (choice.effect, choice.runs, joint):
-            before = next(
-                (
-                    other.value
-                    for other, plain in zip(parameters, kept, strict=True)
-                    if (plain.effect, plain.parameter, plain.link, plain.runs)
-                    == (column.effect, column.parameter, joint, ())
-                ),
-                None,
-            )
-            found.append((k, column.parameter, ChangedValue(one.name, one.value, one.unit, one.interval, before)))
-    if effect_by_id(choice.effect).in_some_runs:
-        moment = _moment(grown, [k for k, name, _ in found if name in _MOMENTS])
-        # A mass that only the joints before it feel is known as part of others.
-        mass = [value for _, name, value in found if name == _MASS and value.interval[0] * value.interval[1] > 0]
-        first = [*mass, *([moment] if moment else [])]
-        return [*first, *(value for _, _, value in found if value not in first)]
-    surest = sorted(found, key=lambda item: -_sureness(item[2]))
-    return [value for _, _, value in surest]
-
-
-def _sureness(value: ChangedValue) -> float:
-    return abs(value.value) / max(value.interval[1] - value.interval[0], np.finfo(float).tiny)
-
-
-def _moment(grown: Identification, moments: Sequence[int]) -> ChangedValue | None:
-    """The size of a first moment, m l, from its components; its deviation is that along its direction."""
-    if not moments:
-        return None
-    index = np.array(moments, dtype=np.intp)
-    components = grown.values[index]
-    size = float(np.linalg.norm(components))
-    direction = components / max(size, np.finfo(float).tiny)
-    covariance = grown.statistics.covariance[np.ix_(index, index)]
-    deviation = float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
-    half = float(stdtrit(grown.statistics.freedom[index].min(), 0.975)) * deviation
-    return ChangedValue("m l", size, "kg m", (size - half, size + half))
-
-
-def _said(choice: EffectChoice, value: ChangedValue) -> str:
-    place = f" on {', '.join(choice.joints)}" if choice.joints else ""
-    low, high = value.interval
-    unit = "" if value.unit == "-" else f" {value.unit}"
-    was = "" if value.before is None else f", {value.before:.3g} before"
-    return (
-        f"{effect_by_id(choice.effect).title}{place}: {value.parameter} differs by {value.value:+.3g}{unit} "
-        f"({low:+.3g} to {high:+.3g}{was})."
-    )
 
 
 def summary_of(changes: Sequence[Change]) -> str:

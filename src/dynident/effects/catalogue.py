@@ -137,11 +137,12 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
 
 
 def is_change(choice: EffectChoice, since: tuple[str, ...]) -> bool:
-    """Whether a choice is something that a robot may come to have, in the runs `since` a baseline and no others.
+    """Whether a choice is something that a robot may come to have, from one of the runs `since` a baseline to the last.
 
     What happens in a run, a touch, is none.
     """
-    return bool(since) and choice.runs == since and effect_by_id(choice.effect).may_change
+    lasts = bool(choice.runs) and choice.runs == since[-len(choice.runs) :]
+    return lasts and effect_by_id(choice.effect).may_change
 
 
 def check_shape(choice: EffectChoice, pointer: str = "") -> None:

@@ -80,7 +80,7 @@ def build_pool(
     given = leads or Leads()
     choices = [choice for effect in chosen for choice in _choices(effect, model, given)]
     shown = [choice for choice in choices if resolved is None or shows(choice, model.robot, resolved)]
-    changed = [choice for effect in chosen if effect.may_change for choice in _changes(effect, model, given)]
+    changed = [choice for effect in chosen if effect.may_change for choice in changes_in(effect, model, given)]
     return replace(pool_of(model, [*shown, *changed]), since=given.since)
 
 
@@ -134,7 +134,7 @@ def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     return choices
 
 
-def _changes(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
+def changes_in(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     """An effect in the later runs alone: what it is more, or less, than before.
 
     Friction of all joints together is asked about where no temperature can say that they were warm.

@@ -23,7 +23,7 @@ _PAUSE = 0.1
 
 
 class Stack:
-    """Inner products of one joint's columns and Y over rows of one kind, stretch by stretch: `values` (s, p + 1, p + 1).
+    """Inner products of one joint's columns and Y over rows of one kind, by stretch: `values` (s, p + 1, p + 1).
 
     Never copied as a whole: there may be gigabytes of them.
     """
@@ -59,7 +59,9 @@ class Products:
     run: IntArray
 
     @classmethod
-    def of(cls, grams: Iterable[FloatArray], position: Iterable[IntArray], counts: FloatArray, run: IntArray) -> Products:
+    def of(
+        cls, grams: Iterable[FloatArray], position: Iterable[IntArray], counts: FloatArray, run: IntArray
+    ) -> Products:
         """From the products (s, p_j + 1, p_j + 1) of every joint."""
         return cls(tuple((Stack(gram),) for gram in grams), tuple(position), counts, run)
 

@@ -1,0 +1,144 @@
+"""How large a change is: its parameters' values with their intervals, from any model that has it as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import stdtrit
+
+from dynident.diagnosis.result import Change, ChangedValue, RankedEffect
+from dynident.diagnosis.search.state import Finding
+from dynident.effects import Column, EffectChoice, effect_by_id
+from dynident.estimation import Statistics
+from dynident.identification import Identification
+from dynident.robot.model import FloatArray, Robot
+
+_NOTICED = 0.05
+"""Share of what a parameter was before from which on anybody would call it another one."""
+
+_MASS, _MOMENTS = "Mp", ("MXp", "MYp", "MZp")
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """Estimated columns: values (c,) and how sure they are."""
+
+    robot: Robot
+    columns: tuple[Column, ...]
+    values: FloatArray
+    statistics: Statistics
+
+    @classmethod
+    def of(cls, identification: Identification) -> Estimates:
+        """Those of an identified model."""
+        model = identification.model
+        return cls(model.robot, model.kept, identification.values, identification.statistics)
+
+    def interval(self, k: int) -> tuple[float, float]:
+        """Where the true value of a parameter lies with a probability of 95 %."""
+        half = float(self.statistics.half_widths()[k])
+        return float(self.values[k]) - half, float(self.values[k]) + half
+
+
+def changes_at(estimates: Estimates, pick: Finding, one: RankedEffect) -> Iterator[Change]:
+    """A finding, joint by joint, where the difference is large enough to be called one."""
+    for joint in one.choice.joints or ("",):
+        values = _values(estimates, one.choice, joint)
+        if not values or not _noticed(values[0]):
+            continue
+        others = [item.candidate.choice for item in pick.equal]
+        names = [name for other in others for name in _told(other, one.choice, joint)]
+        choice = replace(one.choice, joints=(joint,) if joint else ())
+        for effect in effect_by_id(choice.effect).changes_with:
+            values += _values(estimates, replace(choice, effect=effect, shape=()), joint)
+        yield Change(
+            choice=choice,
+            main=values[0],
+            more=tuple(values[1:]),
+            p_value=one.p_value,
+            evidence=f"{_said(choice, values[0])} {one.evidence}{_in_units_of(estimates.robot, choice)}",
+            equivalent=tuple(dict.fromkeys(names)),
+        )
+
+
+def _noticed(value: ChangedValue) -> bool:
+    return value.before is None or abs(value.value) >= _NOTICED * abs(value.before)
+
+
+def _in_units_of(robot: Robot, choice: EffectChoice) -> str:
+    """What the size of a mass rests on, where torque is current times a gain."""
+    if not effect_by_id(choice.effect).in_some_runs or all(drive.gain in (None, 1.0) for drive in robot.drives):
+        return ""
+    return (
+        " Its size is in units of the drive gains: if all of them are off by some share, so is it, and its interval "
+        "does not say so. A known mass would tell the gains."
+    )
+
+
+def _told(other: EffectChoice, choice: EffectChoice, joint: str) -> list[str]:
+    if other.effect != choice.effect:
+        return [other.effect]
+    return [name for name in other.joints if name != joint]
+
+
+def _values(estimates: Estimates, choice: EffectChoice, joint: str) -> list[ChangedValue]:
+    """The parameters of a change; what says how large it is comes first, of a mass itself or its first moment."""
+    found = []
+    for k, column in enumerate(estimates.columns):
+        if (column.effect, column.runs, column.link) == (choice.effect, choice.runs, joint):
+            value = ChangedValue(
+                column.name, float(estimates.values[k]), column.unit, estimates.interval(k), _before(estimates, column)
+            )
+            found.append((k, column.parameter, value))
+    if effect_by_id(choice.effect).in_some_runs:
+        moment = _moment(estimates, [k for k, name, _ in found if name in _MOMENTS])
+        # A mass that only the joints before it feel is known as part of others.
+        mass = [value for _, name, value in found if name == _MASS and value.interval[0] * value.interval[1] > 0]
+        first = [*mass, *([moment] if moment else [])]
+        return [*first, *(value for _, _, value in found if value not in first)]
+    surest = sorted(found, key=lambda item: -_sureness(item[2]))
+    return [value for _, _, value in surest]
+
+
+def _before(estimates: Estimates, column: Column) -> float | None:
+    """What the parameter was before a change: in the model, and what earlier changes have made of it."""
+    place = (column.effect, column.parameter, column.link)
+    own = [
+        (other.runs, float(value))
+        for other, value in zip(estimates.columns, estimates.values, strict=True)
+        if (other.effect, other.parameter, other.link) == place
+    ]
+    if all(runs for runs, _ in own):
+        return None
+    return sum(value for runs, value in own if not runs or len(runs) > len(column.runs))
+
+
+def _sureness(value: ChangedValue) -> float:
+    return abs(value.value) / max(value.interval[1] - value.interval[0], np.finfo(float).tiny)
+
+
+def _moment(estimates: Estimates, moments: Sequence[int]) -> ChangedValue | None:
+    """The size of a first moment, m l, from its components; its deviation is that along its direction."""
+    if not moments:
+        return None
+    index = np.array(moments, dtype=np.intp)
+    components = estimates.values[index]
+    size = float(np.linalg.norm(components))
+    direction = components / max(size, np.finfo(float).tiny)
+    covariance = estimates.statistics.covariance[np.ix_(index, index)]
+    deviation = float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
+    half = float(stdtrit(estimates.statistics.freedom[index].min(), 0.975)) * deviation
+    return ChangedValue("m l", size, "kg m", (size - half, size + half))
+
+
+def _said(choice: EffectChoice, value: ChangedValue) -> str:
+    place = f" on {', '.join(choice.joints)}" if choice.joints else ""
+    low, high = value.interval
+    unit = "" if value.unit == "-" else f" {value.unit}"
+    was = "" if value.before is None else f", {value.before:.3g} before"
+    return (
+        f"{effect_by_id(choice.effect).title}{place}: {value.parameter} differs by {value.value:+.3g}{unit} "
+        f"({low:+.3g} to {high:+.3g}{was})."
+    )

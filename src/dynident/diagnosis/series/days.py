@@ -1,0 +1,151 @@
+"""Recordings of one day, reduced once to the columns of the model and of all that may have changed from day to day."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dynident.diagnosis.candidates.pool import changes_in
+from dynident.diagnosis.comparing.noise import sensor_noise
+from dynident.diagnosis.residuals.leads import Leads
+from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, effect_by_id
+from dynident.effects.catalogue import joints_of
+from dynident.errors import DynidentError
+from dynident.estimation import Reduction
+from dynident.identification import Identification
+from dynident.identification.checks import check_runs, check_temperature
+from dynident.identification.data import parted
+from dynident.progress import Progress, silent
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model import Model
+from dynident.regressors.observation import Observation
+from dynident.regressors.stream import reduce_recordings
+from dynident.robot.model import FloatArray
+
+_ANY = ("any",)
+
+
+@dataclass(frozen=True)
+class Possible:
+    """Something that a robot may come to have, or more or less of it: `columns` are its numbers in the measure's W."""
+
+    choice: EffectChoice
+    columns: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Measure:
+    """What every day is reduced to: W of the model and, behind it, of all that may change; the same for all days.
+
+    `possible` may differ from some day on; `lasting` would be missing in the model on all days alike: the same, and
+    what depends on the temperature. `reference` (14 n,) is what loads are predicted with.
+    """
+
+    model: Model
+    observation: Observation
+    possible: tuple[Possible, ...]
+    lasting: tuple[Possible, ...]
+    preprocessing: Preprocessing
+    reference: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Day:
+    """One day's recordings, reduced to a measure's columns; `floor` (n,): the sensors' noise in them, N m or N."""
+
+    name: str
+    reduction: Reduction
+    floor: FloatArray
+
+
+def what_may_change(identification: Identification, *, with_temperature: bool = False) -> Measure:
+    """Build the columns that a series of days is judged by, for a model.
+
+    Parameters
+    ----------
+    identification : the model, of any strategy and estimator
+    with_temperature : bool
+        Whether all recordings have the joints' temperatures: friction that follows them is then told from wear.
+    """
+    model = identification.model
+    columns: list[Column] = list(model.kept)
+    index = {column.key: k for k, column in enumerate(columns)}
+
+    def numbered(choices: Sequence[EffectChoice]) -> tuple[Possible, ...]:
+        found: dict[tuple[int, ...], Possible] = {}
+        for choice in choices:
+            effect = effect_by_id(choice.effect)
+            made = effect.columns(model.signals, joints_of(choice, model.robot), choice.shape_values)
+            numbers = []
+            for column in made:
+                if not column.torque.nnz():
+                    continue
+                if column.key not in index:
+                    index[column.key] = len(columns)
+                    columns.append(column)
+                numbers.append(index[column.key])
+            if numbers:
+                found.setdefault(tuple(numbers), Possible(choice, tuple(numbers)))
+        return tuple(found.values())
+
+    leads = Leads(has_temperature=with_temperature, since=_ANY)
+    # What shows where a joint starts, or by a constant of its own, needs rows and rounds that a series does not keep.
+    plain = [effect for effect in CATALOGUE.values() if effect.may_change and not effect.shapes]
+    changing = [_everywhere(choice) for effect in plain for choice in changes_in(effect, model, leads)]
+    warm = [one for one in CATALOGUE.values() if with_temperature and one.needs_temperature and not one.shapes]
+    free = [effect for effect in warm if all(choice.effect != effect.id for choice in model.effects)]
+    lasting = [EffectChoice(effect.id, joints) for effect in free for joints in _places(effect, model)]
+    possible = numbered(changing)
+    # A function that the model lacks on all days shows in each as its motion happens to show it.
+    general = [one.choice for one in possible if not _is_known(one, model) and not _in_some_runs(one)]
+    added = numbered([*lasting, *general])
+    return Measure(
+        model,
+        Observation.of(model.robot, columns, model.signals),
+        possible,
+        added,
+        identification.preprocessing,
+        identification.next_reference(),
+    )
+
+
+def _places(effect: Effect, model: Model) -> list[tuple[str, ...]]:
+    """Every joint that an effect may sit on, and all of them: an arm gets warm as a whole."""
+    names = tuple(model.robot.joint_names[j] for j in effect.applicable(model.robot))
+    return [(name,) for name in names] + ([names] if len(names) > 1 else [])
+
+
+def _is_known(possible: Possible, model: Model) -> bool:
+    return max(possible.columns) < model.n_parameters
+
+
+def _in_some_runs(possible: Possible) -> bool:
+    return effect_by_id(possible.choice.effect).in_some_runs
+
+
+def _everywhere(choice: EffectChoice) -> EffectChoice:
+    return EffectChoice(choice.effect, choice.joints, choice.shape)
+
+
+def measured(measure: Measure, name: str, recordings: Sequence[Recording], progress: Progress = silent) -> Day:
+    """Reduce the recordings of one day; tests of single joints' friction are left out.
+
+    Raises
+    ------
+    DynidentError
+        Where there is nothing but such tests, a temperature that the model needs is missing, or the model has effects
+        of single runs: on another day there are other ones.
+    """
+    effects = measure.model.effects
+    if any(choice.runs for choice in effects):
+        raise DynidentError(
+            "the model has effects that are in some runs only; take a model without them",
+            pointer="/identification_id",
+            title="Effects of single runs",
+        )
+    ordinary, _ = parted(recordings)
+    check_runs(effects, ordinary)
+    check_temperature(effects, ordinary, ())
+    check_temperature([possible.choice for possible in measure.lasting], ordinary, ())
+    reduction = reduce_recordings(measure.observation, ordinary, measure.preprocessing, measure.reference, progress)
+    return Day(name, reduction, sensor_noise(ordinary, measure.preprocessing))

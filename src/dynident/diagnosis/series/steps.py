@@ -1,0 +1,144 @@
+"""Columns that are there from some day on, without a copy of anything: products of the days before count as zero."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dynident.diagnosis.candidates.gathering import Elsewhere, PhasedProducts
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.products import IntArray, Products, Stack
+from dynident.diagnosis.series.days import Day, Measure, Possible
+from dynident.effects import EffectChoice
+from dynident.estimation import EquationFactors, Reduction, concatenate
+from dynident.robot.model import FloatArray
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """A column of the measure's W, `number`, that is there from day `since` on: 0 for all days."""
+
+    number: int
+    since: int = 0
+
+
+def choice_since(possible: Possible, since: int, names: Sequence[str]) -> EffectChoice:
+    """What is there from a day on, as a choice whose runs are the days."""
+    return replace(possible.choice, runs=tuple(names[since:]) if since else ())
+
+
+class SteppedStack(Stack):
+    """Products of one joint's columns, some of them from some day on.
+
+    Parameters
+    ----------
+    values : (s, p + 1, p + 1)
+    places : (v + 1,)
+        Where each of the v columns, and Y behind them, stands in `values`.
+    since : (v + 1,)
+        The day from which on it is there.
+    day : (s,)
+        The day of every stretch.
+    """
+
+    def __init__(self, values: FloatArray, places: IntArray, since: IntArray, day: IntArray) -> None:
+        super().__init__(values)
+        self._places, self._since, self._day = places, since, day
+
+    @cached_property
+    def total(self) -> FloatArray:
+        """(v + 1, v + 1): over all stretches."""
+        days = int(self._day.max(initial=0)) + 1
+        each = np.array([self.values[self._day == k].sum(axis=0) for k in range(days)])
+        later = np.cumsum(each[::-1], axis=0)[::-1]
+        both = np.maximum(self._since[:, None], self._since)
+        return np.asarray(later[both, self._places[:, None], self._places])
+
+    def taken(self, rows: IntArray, columns: IntArray) -> FloatArray:
+        """(s, *shape): the products at these places, whose shapes are broadcast."""
+        found = super().taken(self._places[rows], self._places[columns])
+        both = np.maximum(self._since[rows], self._since[columns])
+        day = self._day.reshape(-1, *([1] * both.ndim))
+        return np.asarray(np.where(day >= both, found, 0.0))
+
+
+def stepped_pool(measure: Measure, names: Sequence[str]) -> tuple[Pool, tuple[Stepped, ...]]:
+    """All that may have changed from any day on but the first, and what each of its columns is.
+
+    The pool's W says which columns there are and on which joints they act; it is evaluated nowhere.
+    """
+    wide = measure.observation
+    n_wide = wide.n_columns
+    changing = sorted({k for one in measure.possible for k in one.columns})
+    columns, made = list(wide.columns), [Stepped(k) for k in range(n_wide)]
+    rows, numbers = [wide.entry_rows], [wide.entry_columns]
+    number_of: dict[Stepped, int] = {column: k for k, column in enumerate(made)}
+    for since in range(1, len(names)):
+        for k in changing:
+            acting = wide.entry_rows[wide.entry_columns == k]
+            rows.append(acting)
+            numbers.append(np.full(len(acting), len(columns), dtype=np.intp))
+            number_of[Stepped(k, since)] = len(columns)
+            columns.append(replace(wide.columns[k], runs=tuple(names[since:])))
+            made.append(Stepped(k, since))
+    observation = replace(
+        wide, columns=tuple(columns), entry_rows=np.concatenate(rows), entry_columns=np.concatenate(numbers)
+    )
+    places = [(one, since) for since in range(1, len(names)) for one in measure.possible]
+    candidates = [_candidate(one, since, names, number_of) for one, since in places]
+    candidates += [_candidate(one, 0, names, number_of) for one in measure.lasting]
+    pool = Pool(observation, measure.model.n_parameters, tuple(candidates), tuple(names[1:]))
+    return pool, tuple(made)
+
+
+def _candidate(possible: Possible, since: int, names: Sequence[str], number_of: dict[Stepped, int]) -> Candidate:
+    choice = choice_since(possible, since, names)
+    columns = tuple(number_of[Stepped(k, since)] for k in possible.columns)
+    return Candidate(choice.effect, choice.joints, choice.shape, columns, choice.runs)
+
+
+def stepped_products(days: Sequence[Day], columns: Sequence[Stepped]) -> PhasedProducts:
+    """Inner products of the days' columns, the later ones zero before their day; the runs are the days."""
+    day = np.repeat(np.arange(len(days)), [one.reduction.n_stretches for one in days])
+    number = np.array([column.number for column in columns], dtype=np.intp)
+    since = np.array([column.since for column in columns], dtype=np.intp)
+    stacks, position, counts = [], [], []
+    for j, equation in enumerate(days[0].reduction.equations):
+        factors = np.concatenate([one.reduction.equations[j].factors for one in days])
+        where = np.full(days[0].reduction.n_columns, -1, dtype=np.intp)
+        where[equation.columns] = np.arange(len(equation.columns))
+        have = np.flatnonzero(where[number] >= 0)
+        places = np.append(where[number[have]], len(equation.columns))
+        own = np.full(len(columns), -1, dtype=np.intp)
+        own[have] = np.arange(len(have))
+        values = factors.transpose(0, 2, 1) @ factors
+        stacks.append((SteppedStack(values, places, np.append(since[have], 0), day),))
+        position.append(own)
+        counts.append(np.concatenate([one.reduction.equations[j].counts for one in days]))
+    moving = Products(tuple(stacks), tuple(position), np.array(counts).T.astype(np.float64), day)
+    nowhere = Elsewhere((), np.zeros_like(moving.counts), np.zeros((len(columns), moving.n_joints), dtype=bool))
+    return PhasedProducts(moving, nowhere, nowhere)
+
+
+def reduction_of(days: Sequence[Day], columns: Sequence[Stepped], which: Sequence[int] | None = None) -> Reduction:
+    """The rows of some of the days, all unless they are named, with these columns."""
+    chosen = range(len(days)) if which is None else which
+    return concatenate([_with(days[k].reduction, columns, k) for k in chosen])
+
+
+def _with(reduction: Reduction, columns: Sequence[Stepped], day: int) -> Reduction:
+    equations = []
+    for equation in reduction.equations:
+        where = {int(column): place for place, column in enumerate(equation.columns)}
+        own = [k for k, column in enumerate(columns) if column.number in where]
+        change = np.zeros((len(equation.columns) + 1, len(own) + 1))
+        change[-1, -1] = 1.0
+        for new, k in enumerate(own):
+            if day >= columns[k].since:
+                change[where[columns[k].number], new] = 1.0
+        changed: EquationFactors = equation.changed(change, np.array(own, dtype=np.intp))
+        equations.append(changed)
+    return Reduction(len(columns), tuple(equations), reduction.spans)
