@@ -9,7 +9,15 @@ import httpx2
 
 from dynident_client.inputs import Designs, Measurements, Robots, Simulations
 from dynident_client.jobs import Jobs
-from dynident_client.outputs import Comparisons, Diagnoses, DriveGainSets, Identifications, Reports, Validations
+from dynident_client.outputs import (
+    Comparisons,
+    Diagnoses,
+    DriveGainSets,
+    Identifications,
+    Reports,
+    SeriesOfDays,
+    Validations,
+)
 from dynident_client.transport import Transport
 
 
@@ -43,6 +51,7 @@ class Client:
         self.identifications = Identifications(self._transport)
         self.comparisons = Comparisons(self._transport)
         self.diagnoses = Diagnoses(self._transport)
+        self.series = SeriesOfDays(self._transport)
         self.validations = Validations(self._transport)
         self.drive_gains = DriveGainSets(self._transport)
         self.reports = Reports(self._transport)

@@ -6,7 +6,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from dynident_client.collection import Collection
-from dynident_client.records import Comparison, Diagnosis, DriveGains, Identification, Record, Report, Validation, id_of
+from dynident_client.records import (
+    Comparison,
+    Diagnosis,
+    DriveGains,
+    Identification,
+    Record,
+    Report,
+    Series,
+    Validation,
+    id_of,
+)
 
 Effects = Sequence[Mapping[str, Any] | str]
 
@@ -166,6 +176,41 @@ class Diagnoses(Collection[Diagnosis]):
     def evidence(self, diagnosis: Record | str, rank: int, joint: str | None = None) -> dict[str, Any]:
         """Read the figure behind a ranked effect: the residual over what it depends on, with the fitted effect."""
         return dict(self._transport.get(f"{self.path}/{id_of(diagnosis)}/evidence", rank=rank, joint=joint))
+
+
+class SeriesOfDays(Collection[Series]):
+    """Robots over many days."""
+
+    kind = Series
+
+    def create(
+        self,
+        identification: Record | str,
+        days: Sequence[Sequence[Record | str]],
+        *,
+        names: Sequence[str] | None = None,
+        continues: Record | str | None = None,
+        name: str | None = None,
+    ) -> Series:
+        """Say what has changed over the days, from which day on, and how every parameter went.
+
+        `days`: the measurements of each, in their order; `names` of the days. `continues`: a series of the same model
+        whose days come first and are not read again.
+        """
+        asked: list[dict[str, Any]] = [{"measurement_ids": [id_of(one) for one in day]} for day in days]
+        for day, called in zip(asked, names or (), strict=False):
+            day["name"] = called
+        body = {
+            "identification_id": id_of(identification),
+            "days": asked,
+            "continues": None if continues is None else id_of(continues),
+            "name": name,
+        }
+        return self._post(body)
+
+    def figure(self, series: Record | str) -> bytes:
+        """Read the drawing of all courses, an SVG."""
+        return self._transport.get_bytes(f"{self.path}/{id_of(series)}/figure")
 
 
 class Validations(Collection[Validation]):

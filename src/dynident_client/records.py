@@ -152,6 +152,12 @@ class Diagnosis(Computed):
     path = "/v1/diagnoses"
 
 
+class Series(Computed):
+    """A robot over many days."""
+
+    path = "/v1/series"
+
+
 class Validation(Computed):
     """A trial of a model."""
 

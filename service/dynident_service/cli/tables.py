@@ -11,6 +11,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from dynident.diagnosis import Comparison
+from dynident.diagnosis.series import Series
 from dynident.errors import DynidentError
 from dynident.excitation import Design, design_table
 from dynident.excitation.formats.ros2 import joint_trajectory
@@ -65,3 +66,22 @@ def comparison_table(found: Comparison) -> pa.Table:
     for index, joint in enumerate(found.joint_names):
         columns[f"phase_{joint}"] = _PHASES[found.phase[:, index]]
     return pa.table(columns)
+
+
+def courses_table(found: Series) -> pa.Table:
+    """A row a parameter and day: parameter, effect, joint, unit, day, value and the ends of its 95 % interval."""
+    rows = [
+        {
+            "parameter": course.parameter,
+            "effect": course.effect,
+            "joint": course.joint,
+            "unit": course.unit,
+            "day": day,
+            "value": float(course.values[k]),
+            "lower": float(course.intervals[k, 0]),
+            "upper": float(course.intervals[k, 1]),
+        }
+        for course in found.courses
+        for k, day in enumerate(found.days)
+    ]
+    return pa.Table.from_pylist(rows)

@@ -29,6 +29,7 @@ PATHS: dict[str, str] = {
     "drive_gains": "drive_gains",
     "simulation": "simulations",
     "report": "reports",
+    "series": "series",
 }
 
 

@@ -17,6 +17,7 @@ PREFIXES = {
     "drive_gains": "gai",
     "simulation": "sim",
     "report": "rep",
+    "series": "ser",
     "job": "job",
 }
 

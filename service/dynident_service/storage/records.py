@@ -18,6 +18,7 @@ Kind = Literal[
     "drive_gains",
     "simulation",
     "report",
+    "series",
 ]
 JobKind = Literal[
     "design",
@@ -30,6 +31,7 @@ JobKind = Literal[
     "drive_gains",
     "simulation",
     "report",
+    "series",
 ]
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 

@@ -7,6 +7,7 @@ from dynident_service.work import (
     drive_gains,
     identifications,
     reports,
+    series,
     simulations,
     validations,
 )
@@ -18,6 +19,7 @@ __all__ = [
     "drive_gains",
     "identifications",
     "reports",
+    "series",
     "simulations",
     "validations",
 ]

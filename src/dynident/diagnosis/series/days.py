@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cached_property
+
+import numpy as np
 
 from dynident.diagnosis.candidates.pool import changes_in
 from dynident.diagnosis.comparing.noise import sensor_noise
@@ -48,14 +52,28 @@ class Measure:
     preprocessing: Preprocessing
     reference: FloatArray
 
+    @cached_property
+    def digest(self) -> str:
+        """What tells it from others: its columns, what loads are predicted with, the filters."""
+        columns = [column.key for column in self.observation.columns]
+        known = hashlib.sha256(repr((columns, asdict(self.preprocessing))).encode())
+        known.update(np.ascontiguousarray(self.reference).tobytes())
+        return known.hexdigest()
+
 
 @dataclass(frozen=True, eq=False)
 class Day:
-    """One day's recordings, reduced to a measure's columns; `floor` (n,): the sensors' noise in them, N m or N."""
+    """One day's recordings, reduced to a measure's columns; `floor` (n,): the sensors' noise in them, N m or N.
+
+    `measure` is that one's digest. `source` tells the recordings from others, where the caller says it: a digest of
+    their content.
+    """
 
     name: str
     reduction: Reduction
     floor: FloatArray
+    measure: str
+    source: str = ""
 
 
 def what_may_change(identification: Identification, *, with_temperature: bool = False) -> Measure:
@@ -127,7 +145,9 @@ def _everywhere(choice: EffectChoice) -> EffectChoice:
     return EffectChoice(choice.effect, choice.joints, choice.shape)
 
 
-def measured(measure: Measure, name: str, recordings: Sequence[Recording], progress: Progress = silent) -> Day:
+def measured(
+    measure: Measure, name: str, recordings: Sequence[Recording], progress: Progress = silent, source: str = ""
+) -> Day:
     """Reduce the recordings of one day; tests of single joints' friction are left out.
 
     Raises
@@ -148,4 +168,10 @@ def measured(measure: Measure, name: str, recordings: Sequence[Recording], progr
     check_temperature(effects, ordinary, ())
     check_temperature([possible.choice for possible in measure.lasting], ordinary, ())
     reduction = reduce_recordings(measure.observation, ordinary, measure.preprocessing, measure.reference, progress)
-    return Day(name, reduction, sensor_noise(ordinary, measure.preprocessing))
+    return Day(name, reduction, sensor_noise(ordinary, measure.preprocessing), measure.digest, source)
+
+
+def free_name(name: str, days: Sequence[Day]) -> str:
+    """A name that none of the days has yet: robots record into files of one name in folders of many."""
+    taken = {day.name for day in days}
+    return next(one for one in (name, *(f"{name} ({k})" for k in range(2, len(days) + 3))) if one not in taken)

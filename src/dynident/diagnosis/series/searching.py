@@ -18,7 +18,7 @@ from dynident.progress import Progress
 from dynident.robot.model import FloatArray
 
 _AS_MUCH = 0.9
-"""Of what a change explains: what was there all the time and says so much of it leaves nothing that need have changed."""
+"""Of what a change explains: what was there all along and says so much of it leaves no change."""
 
 MOST_CHANGES = 12
 """A robot that differs in more is another robot on other days."""

@@ -83,7 +83,7 @@ def _check(measure: Measure, days: Sequence[Day], names: Sequence[str]) -> None:
         twice = next(name for name in names if list(names).count(name) > 1)
         raise DynidentError(f"two days are called {twice!r}; give each a name of its own", pointer="/days")
     for day in days:
-        if day.reduction.n_columns != measure.observation.n_columns:
+        if day.measure != measure.digest:
             raise DynidentError(f"day {day.name!r} was reduced for another model; reduce it again", pointer="/days")
 
 

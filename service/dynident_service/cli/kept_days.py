@@ -1,0 +1,48 @@
+"""Days from files, and from the file that keeps those of before."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from dynident.diagnosis.series import Day, Measure, free_name, measured, resumed, what_may_change
+from dynident.identification import Identification
+from dynident.progress import Progress, part
+from dynident_service.cli.inputs import FileOptions, loaded
+
+
+def days_of(
+    identification: Identification,
+    paths: Sequence[Path],
+    options: FileOptions,
+    keep: Path | None,
+    progress: Progress,
+) -> tuple[Measure, tuple[Day, ...]]:
+    """The measure and the days: those that are kept first, in their order, then the new ones.
+
+    Whether the temperatures are taken in is decided by the first files: all of them have to have them.
+    """
+    robot = identification.model.robot
+    days: tuple[Day, ...] = ()
+    content = keep.read_bytes() if keep is not None and keep.exists() else None
+    with loaded(paths, robot, options, part(progress, 0.0, 0.6)) as (given, _):
+        recordings = [item.recording for item in given]
+        if content is None:
+            warm = all(recording.has_temperature for recording in recordings)
+            measure = what_may_change(identification, with_temperature=warm)
+        else:
+            measure, days = resumed(identification, content)
+        found = list(days)
+        sources = [_digest(path) for path in paths]
+        for number, (recording, source) in enumerate(zip(recordings, sources, strict=True)):
+            if any(day.source == source for day in found):
+                continue
+            told = part(progress, 0.6 + 0.4 * number / len(paths), 0.6 + 0.4 * (number + 1) / len(paths))
+            found.append(measured(measure, free_name(recording.name, found), [recording], told, source))
+    return measure, tuple(found)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

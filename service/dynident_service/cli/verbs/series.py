@@ -1,0 +1,77 @@
+"""`dynident series`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Units, Windows
+
+
+def series(
+    model: ModelArgument,
+    days: Annotated[
+        list[Path],
+        typer.Argument(metavar="MEASUREMENT…", help="One file a day, in their order.", show_default=False),
+    ],
+    columns: Columns,
+    units: Units,
+    windows: Windows,
+    accept: Accept,
+    keep: Annotated[
+        Path | None,
+        typer.Option(
+            "--keep",
+            metavar="FILE",
+            help="Where days are kept: those in it come first and are not read again, new ones are added.",
+            show_default=False,
+        ),
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option("--figure", metavar="FILE.svg", help="Every parameter's course, drawn.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="FILE", help="Every parameter's course, as .csv or .parquet.", show_default=False
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what has changed in a robot over many days, and from which day on.
+
+    The first day is what the others are compared with; motions may differ from day to day.
+    """
+    from dynident.diagnosis.series import days_to_bytes
+    from dynident.diagnosis.series import series as series_of
+    from dynident.progress import part
+    from dynident.reports.figures.courses import courses_figure
+    from dynident_service.adapters.series import describe_series
+    from dynident_service.cli import inputs, shown_series, tables, terminal
+    from dynident_service.cli.kept_days import days_of
+    from dynident_service.models.common import plain
+
+    identification = inputs.model_of(model)
+    if out is not None:
+        tables.check_ending(out)
+    options = inputs.FileOptions(columns, units, windows, accept)
+    with terminal.progress_bar("compare the days") as progress:
+        measure, measured = days_of(identification, days, options, keep, part(progress, 0.0, 0.5))
+        found = series_of(measure, measured, part(progress, 0.5, 1.0))
+    if keep is not None:
+        inputs.write_whole(keep, days_to_bytes(measure, measured))
+    if figure is not None:
+        inputs.write_whole(figure, str(courses_figure(found)).encode())
+    if out is not None:
+        tables.write_table(tables.courses_table(found), out)
+    if as_json:
+        terminal.print_json(plain(describe_series(found)))
+        return
+    console = terminal.out()
+    shown_series.show_series(console, found, identification.model.robot)
+    for path, what in ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to")):
+        if path is not None:
+            console.print(f"{what} {path}", markup=False)

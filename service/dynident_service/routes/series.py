@@ -1,0 +1,79 @@
+"""Series of days: what has changed in a robot, and since when."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from dynident_service.models.common import Page, plain
+from dynident_service.models.series import SeriesRequest, SeriesView
+from dynident_service.problems import unusable
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.needs import needed_measurements, needed_model
+from dynident_service.services import ServicesDep
+from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+
+router = APIRouter(prefix="/v1/series", tags=["series"])
+
+JOB = NewJob("series", "dynident_service.work.series:follow_robot")
+
+
+@router.post("", status_code=202)
+def create_series_of_days(
+    body: SeriesRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
+) -> SeriesView:
+    """Say what has changed in a robot over many days, from which day on, and give every parameter's course."""
+    model = needed_model(services, body.identification_id)
+    robot = services.resources.get("robot", model.one("robot"))
+    needs = [RestsOn(model.id, "identification", "identification", "/identification_id")]
+    if body.continues is None and len(body.days) == 1:
+        raise unusable("a series takes two days at least; give more, or the series that this one continues", "/days")
+    if body.continues is not None:
+        earlier = succeeded(services.resources.get("series", body.continues))
+        if earlier.one("identification") != model.id:
+            detail = f"{body.continues} is of another model; continue a series of {model.id}, or begin a new one."
+            raise unusable(detail, "/continues")
+        needs.append(RestsOn(earlier.id, "series", "continues", "/continues"))
+    used: set[str] = set()
+    for number, day in enumerate(body.days):
+        pointer = f"/days/{number}/measurement_ids"
+        for index, identifier in enumerate(day.measurement_ids):
+            if identifier in used:
+                raise unusable(f"{identifier} is there twice; each measurement is of one day.", f"{pointer}/{index}")
+            used.add(identifier)
+        needs += needed_measurements(services, robot, day.measurement_ids, "measurement", pointer)
+    new = NewResource("series", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
+    return show(make(services, new, response))
+
+
+@router.get("")
+def list_series_of_days(
+    services: ServicesDep, query: ListQueryDep, identification_id: Annotated[str | None, Query()] = None
+) -> Page[SeriesView]:
+    """List the series, newest first; those of one identification if asked."""
+    return page_of(services, "series", query, show, identification_id)
+
+
+@router.get("/{series_id}")
+def get_series_of_days(series_id: str, services: ServicesDep) -> SeriesView:
+    """Show a series, with its result once there is one."""
+    return show(services.resources.get("series", series_id))
+
+
+@router.get("/{series_id}/figure", response_class=Response, responses={200: {"content": {"image/svg+xml": {}}}})
+def get_courses_figure(series_id: str, services: ServicesDep) -> Response:
+    """Draw every parameter's course, with its intervals."""
+    found = succeeded(services.resources.get("series", series_id))
+    return Response(services.objects.get(found.objects["figure"].key), media_type="image/svg+xml")
+
+
+@router.delete("/{series_id}", status_code=204)
+def delete_series_of_days(series_id: str, services: ServicesDep) -> None:
+    """Delete a series; 409 while others rest on it."""
+    services.resources.delete("series", series_id)
+
+
+def show(resource: Resource) -> SeriesView:
+    """Show a stored series."""
+    return computed(SeriesView, resource)

@@ -1,0 +1,54 @@
+"""Jobs that follow a robot over many days."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+
+from dynident.diagnosis.series import Day, Measure, days_to_bytes, free_name, measured, resumed, what_may_change
+from dynident.diagnosis.series import series as series_of
+from dynident.errors import DynidentError
+from dynident.progress import part
+from dynident.reports.figures.courses import courses_figure
+from dynident_service.adapters.series import describe_series
+from dynident_service.jobs.work import Outcome, Task
+from dynident_service.models.common import plain
+from dynident_service.models.series import Day as AskedDay
+from dynident_service.models.series import SeriesRequest
+from dynident_service.work.means import model_by_id, recordings_by_id
+
+
+def follow_robot(task: Task) -> Outcome:
+    """Say what has changed over the days, since when, and how each parameter went."""
+    request = SeriesRequest.model_validate(task.subject.request)
+    measure, days = _begun(task, request)
+    for number, asked in enumerate(request.days):
+        days.append(_day(task, measure, asked, days, f"/days/{number}"))
+        task.progress(0.5 * (number + 1) / len(request.days), days[-1].name)
+    found = series_of(measure, days, part(task.progress, 0.5, 0.95))
+    kept = task.keep("days", days_to_bytes(measure, days))
+    drawn = task.keep("figure", str(courses_figure(found)).encode(), "image/svg+xml")
+    return Outcome(plain(describe_series(found)), (kept, drawn))
+
+
+def _begun(task: Task, request: SeriesRequest) -> tuple[Measure, list[Day]]:
+    """What days are reduced to, and those of the series that this one continues.
+
+    The temperatures are taken in where the first day of all has them.
+    """
+    model = model_by_id(task, request.identification_id)
+    if request.continues is None:
+        first = recordings_by_id(task, request.days[0].measurement_ids)
+        return what_may_change(model, with_temperature=all(one.has_temperature for one in first)), []
+    earlier = task.resources.get("series", request.continues)
+    content = task.objects.get(earlier.objects["days"].key)
+    measure, days = resumed(model, content)
+    return measure, list(days)
+
+
+def _day(task: Task, measure: Measure, asked: AskedDay, before: Sequence[Day], pointer: str) -> Day:
+    recordings = recordings_by_id(task, asked.measurement_ids)
+    source = hashlib.sha256(",".join(asked.measurement_ids).encode()).hexdigest()
+    if any(day.source == source for day in before):
+        raise DynidentError("these measurements are a day of the series already", pointer=pointer, title="Twice")
+    return measured(measure, asked.name or free_name(recordings[0].name, before), recordings, source=source)
