@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from dynident.identification.mistakes import checks_against
 from dynident.recordings import (
     Check,
     JointLimits,
@@ -47,6 +48,7 @@ def import_file(
             JointLimits(joint.kind, joint.limits.position, joint.limits.velocity, joint.limits.effort)
             for joint in robot.joints
         ],
+        against=checks_against(robot),
     )
 
 

@@ -19,6 +19,7 @@ from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation.observation.row_models import ROW_MODELS, RowModelName
 from dynident.identification import Identification, from_bytes
+from dynident.identification.mistakes import checks_against
 from dynident.progress import Progress, part
 from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.robot import Description, Drive, Robot, coupling_matrix, robot_from_description
@@ -152,6 +153,7 @@ def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetada
             coupling=coupling_matrix(robot),
             metadata=metadata,
             limits=[JointLimits(j.kind, j.limits.position, j.limits.velocity, j.limits.effort) for j in robot.joints],
+            against=checks_against(robot),
             progress=progress,
         )
     except RecordingError as error:

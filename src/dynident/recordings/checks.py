@@ -8,7 +8,7 @@ from dynident.recordings.checks_of_motion import motion_checks
 from dynident.recordings.checks_of_torque import torque_checks
 from dynident.recordings.columns import Layout
 from dynident.recordings.sampling import RawSample
-from dynident.recordings.types import Check, JointLimits, Recording, RecordingError
+from dynident.recordings.types import Check, JointLimits, ModelChecks, Recording, RecordingError
 
 
 def run_checks(
@@ -18,8 +18,9 @@ def run_checks(
     limits: tuple[JointLimits, ...],
     found: tuple[Check, ...],
     accept: tuple[str, ...],
+    against: ModelChecks | None = None,
 ) -> tuple[Check, ...]:
-    """Run the checks of motion and torque and judge them together with those of time.
+    """Run the checks of motion and torque, `against` the robot among them, and judge them together with those of time.
 
     Findings of checks that the user has accepted by name count as warnings.
 
@@ -32,7 +33,7 @@ def run_checks(
     checks += motion_checks(recording, sample, layout, limits)
     # Wrong units would only make the evidence of torque against motion misleading.
     if not any(check.status == "error" for check in _accepted(checks, accept)):
-        checks += torque_checks(recording, sample, layout, limits)
+        checks += torque_checks(recording, sample, layout, limits, against)
     judged = _accepted(checks, accept)
     wrong = [check for check in judged if check.status == "error"]
     if wrong:

@@ -9,7 +9,16 @@ from dynident.recordings import evidence as against_motion
 from dynident.recordings.columns import Layout
 from dynident.recordings.evidence import Evidence
 from dynident.recordings.sampling import RawSample
-from dynident.recordings.types import BoolArray, Check, FloatArray, IntArray, JointLimits, Recording, Status
+from dynident.recordings.types import (
+    BoolArray,
+    Check,
+    FloatArray,
+    IntArray,
+    JointLimits,
+    ModelChecks,
+    Recording,
+    Status,
+)
 
 SATURATED = 5e-3
 """Torque counts as saturated where it stays within this share of its range at its extreme."""
@@ -31,9 +40,16 @@ LATE_CERTAIN = 0.02
 
 
 def torque_checks(
-    recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
+    recording: Recording,
+    sample: RawSample,
+    layout: Layout,
+    limits: tuple[JointLimits, ...],
+    against: ModelChecks | None = None,
 ) -> list[Check]:
-    """Check the torques of the windows' rows: by themselves, then against the motion."""
+    """Check the torques of the windows' rows: by themselves, then against the motion.
+
+    What a model of the robot says of order and signs goes before what friction alone tells.
+    """
     checks = [_saturation(sample, layout, limits), _constant(recording, sample, layout)]
     if any(check.status == "error" for check in checks):
         return checks
@@ -41,10 +57,24 @@ def torque_checks(
     if evidence is None:
         nothing = "The recording is too short, or moves too little, to tell without a model."
         return [*checks, *(Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))]
+    return [
+        *checks,
+        *_columns(recording, evidence, layout, sample, against),
+        _alignment(recording, evidence, layout, sample),
+    ]
+
+
+def _columns(
+    recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample, against: ModelChecks | None
+) -> tuple[Check, ...]:
+    """Whether every torque is that of its joint, and turned the right way."""
+    q, tau = ([column.source for column in columns] for columns in (layout.q, layout.tau))
+    told = against(recording, q, tau) if against is not None and recording.role != "friction" else None
+    if told is not None:
+        return told
     order = _order(recording, evidence, layout, sample)
     # A torque of another joint's has no sign to speak of.
-    sign = _sign(recording, evidence, layout, sample) if order.status == "ok" else []
-    return [*checks, order, *sign, _alignment(recording, evidence, layout, sample)]
+    return (order, *(_sign(recording, evidence, layout, sample) if order.status == "ok" else ()))
 
 
 def _saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:

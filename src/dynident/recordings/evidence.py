@@ -95,7 +95,7 @@ def gather(recording: Recording) -> Evidence | None:
         choice = choose_preprocessing([recording])
     except DynidentError:
         return None
-    stretch = _shortened(recording, choice.decimation)
+    stretch = shortened(recording, choice.decimation)
     blocks = [block for block in filtered_blocks(stretch, choice) if block.used.any()]
     if not blocks:
         return None
@@ -192,7 +192,7 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     return basis
 
 
-def _shortened(recording: Recording, decimation: int) -> Recording:
+def shortened(recording: Recording, decimation: int) -> Recording:
     """Cut a long recording down to evenly spread stretches of its windows' neighbourhood."""
     allowed = MAX_ROWS * decimation
     if recording.n_samples <= allowed:

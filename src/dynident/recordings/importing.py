@@ -25,6 +25,7 @@ from dynident.recordings.types import (
     FloatArray,
     IntArray,
     JointLimits,
+    ModelChecks,
     Recording,
     RecordingError,
     RecordingMetadata,
@@ -43,6 +44,7 @@ def import_recording(
     coupling: FloatArray | None = None,
     metadata: RecordingMetadata | None = None,
     limits: Sequence[JointLimits] | None = None,
+    against: ModelChecks | None = None,
     progress: Progress = silent,
 ) -> tuple[Recording, tuple[Check, ...]]:
     """Read a CSV or Parquet file, check it, and store it in SI units on a uniform grid as a canonical Parquet file.
@@ -58,6 +60,8 @@ def import_recording(
     coupling : (n, n) as `coupling_matrix` gives it, where motors act on several joints
     metadata : RecordingMetadata
     limits : JointLimits of each joint
+    against : ModelChecks, optional
+        What a model of the robot says of order and signs of the columns; without it friction alone tells.
 
     Returns
     -------
@@ -101,7 +105,7 @@ def import_recording(
             )
             sink.describe(recording)
         found = [torque_source, *time_checks(base, layout.t.source)]
-        checks = run_checks(recording, sample, layout, limits, tuple(found), metadata.accept)
+        checks = run_checks(recording, sample, layout, limits, tuple(found), metadata.accept, against)
         progress(1.0, "stored")
         os.replace(temporary, destination)
     except BaseException:

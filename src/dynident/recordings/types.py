@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
@@ -48,6 +48,16 @@ class Check:
     column: str = ""
     row: int | None = None
     time: float | None = None
+
+
+class ModelChecks(Protocol):
+    """What a model of the robot says of a recording, given the user's names of its position and torque columns.
+
+    None where it says nothing.
+    """
+
+    def __call__(self, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
+        """Look at a recording."""
 
 
 class RecordingError(DynidentError):

@@ -1,0 +1,86 @@
+"""Gross mistakes as findings of a recording's checks, each with its cure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynident.identification.mistakes.search import Finding, mistakes_in
+from dynident.identification.mistakes.swaps import Kind, Mistake
+from dynident.recordings.types import Check, ModelChecks, Recording
+from dynident.robot.model import Robot
+
+_CHECK: dict[Kind, str] = {
+    "torques swapped": "torque_order",
+    "positions swapped": "joint_order",
+    "joints swapped": "joint_order",
+    "torque turned": "torque_sign",
+    "position turned": "joint_sign",
+    "joint turned": "joint_sign",
+}
+
+
+def checks_against(robot: Robot) -> ModelChecks:
+    """What a robot's own dynamics say of order and signs of the columns, for `import_recording`.
+
+    The function that is given back takes a recording and the user's names of its position and torque columns; it gives
+    None where they say nothing.
+    """
+
+    def looked_at(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
+        found = mistakes_in(robot, recording)
+        if found is None:
+            return None
+        mistakes, left = found
+        wrong = {_CHECK[one.mistake.kind] for one in mistakes}
+        fine = f"No other order or sign of the columns explains the torque better; on average {left:.0%} are left."
+        passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong]
+        return (*passed, *(_check(one, recording, q, tau) for one in mistakes))
+
+    return looked_at
+
+
+def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Check:
+    told = _told(one.mistake, recording, q, tau)
+    twins = "; or ".join(_told(twin, recording, q, tau) for twin in one.alike[:2])
+    doubt = f" (Or, which this data cannot tell from it, {twins}.)" if twins else ""
+    columns = tau if "torque" in one.mistake.kind else q
+    return Check(
+        _CHECK[one.mistake.kind],
+        "error",
+        f"It seems that {told}: as the columns are, {one.left_with:.0%} of an average joint's torque cannot be "
+        f"explained by the robot's dynamics, put right {one.left_without:.0%}. {_cure(one.mistake, q, tau)}{doubt}",
+        columns[one.mistake.joints[0]],
+    )
+
+
+def _told(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+    names = [recording.joint_names[j] for j in one.joints]
+    if len(names) == 2:
+        first, second = names
+        what = {
+            "torques swapped": f"the torques of {first} and {second} ({tau[one.joints[0]]}, {tau[one.joints[1]]})",
+            "positions swapped": f"the positions of {first} and {second} ({q[one.joints[0]]}, {q[one.joints[1]]})",
+            "joints swapped": f"{first} and {second}, positions and torques alike,",
+        }
+        return f"{what[one.kind]} stand in each other's place"
+    joint = one.joints[0]
+    what = {
+        "torque turned": f"the torque of {names[0]} ({tau[joint]}) has the opposite sign",
+        "position turned": f"the position of {names[0]} ({q[joint]}) has the opposite sign",
+        "joint turned": f"position and torque of {names[0]} ({q[joint]}, {tau[joint]}) have the opposite sign",
+    }
+    return what[one.kind]
+
+
+def _cure(one: Mistake, q: Sequence[str], tau: Sequence[str]) -> str:
+    if len(one.joints) == 1:
+        kept = "the joint's axis in the description" if one.kind != "torque turned" else "the sign of its drive gain"
+        return f"Turn the column round, or {kept}."
+    first, second = (joint + 1 for joint in one.joints)
+    pairs = []
+    if one.kind != "torques swapped":
+        pairs += [(f"q{first}", q[second - 1]), (f"q{second}", q[first - 1])]
+    if one.kind != "positions swapped":
+        pairs += [(f"tau{first}", tau[second - 1]), (f"tau{second}", tau[first - 1])]
+    told = ", ".join(f'"{key}": "{source}"' for key, source in pairs)
+    return f'Map them: "columns": {{{told}}}.'

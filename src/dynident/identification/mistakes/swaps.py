@@ -1,0 +1,78 @@
+"""What may be wrong with the columns of a recording, each as the change of its signals that would put it right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+from dynident.recordings.types import BoolArray, IntArray
+from dynident.robot.model import FloatArray
+
+Kind = Literal[
+    "torques swapped", "positions swapped", "joints swapped", "torque turned", "position turned", "joint turned"
+]
+
+_SWAPS: tuple[Kind, ...] = ("torques swapped", "positions swapped", "joints swapped")
+_TURNS: tuple[Kind, ...] = ("torque turned", "position turned", "joint turned")
+_OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned")
+_OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Filtered rows of a recording: q, dq, ddq and tau (m, n), and the block of time (m,) that each is in."""
+
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    tau: FloatArray
+    block: IntArray
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One mistake: two joints whose columns stand in each other's place, or one whose sign is turned round.
+
+    Of a joint that is swapped or turned, both position and torque are.
+    """
+
+    kind: Kind
+    joints: tuple[int, ...]
+
+    def mended(self, motion: Motion) -> Motion:
+        """The recording without the mistake, if it is the one that was made."""
+        n = motion.q.shape[1]
+        order, sign = np.arange(n), np.ones(n)
+        if len(self.joints) == 2:
+            first, second = self.joints
+            order[first], order[second] = second, first
+        else:
+            sign[self.joints[0]] = -1.0
+        q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
+        if self.kind in _OF_POSITION:
+            q, dq, ddq = (signal[:, order] * sign for signal in (q, dq, ddq))
+        if self.kind in _OF_TORQUE:
+            tau = tau[:, order] * sign
+        return Motion(q, dq, ddq, tau, motion.block)
+
+
+def mistakes_among(moving: BoolArray, alike: BoolArray) -> Iterator[Mistake]:
+    """All single mistakes that may have been made.
+
+    Parameters
+    ----------
+    moving : (n,)
+        Joints that move: of the others nothing can be told.
+    alike : (n, n)
+        Which joints are of one kind: a position in m is not taken for one in rad.
+    """
+    joints = [int(j) for j in np.flatnonzero(moving)]
+    for first, second in combinations(joints, 2):
+        if alike[first, second]:
+            yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
+    for joint in joints:
+        yield from (Mistake(kind, (joint,)) for kind in _TURNS)

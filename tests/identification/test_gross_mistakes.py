@@ -1,0 +1,139 @@
+"""Columns in another order and signs turned round are noticed with their cure; right recordings pass."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+
+from dynident.identification.mistakes import Mistake, checks_against, mistakes_in
+from dynident.recordings import JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
+from dynident.robot import Robot
+
+ROBOT = arm("ur10")
+EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
+Q, TAU = ([f"{name}{k + 1}" for k in range(6)] for name in ("q", "tau"))
+
+
+@cache
+def measured(seed: int = 3) -> tuple[Motion, np.ndarray]:
+    motion = fourier_motion(ROBOT, 20.0, 200.0, seed)
+    friction = 0.04 * EFFORT * np.sign(motion.dq) + 0.03 * EFFORT * motion.dq
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + friction
+    return motion, tau + 0.005 * EFFORT * np.random.default_rng(seed).normal(size=tau.shape)
+
+
+def recorded(mistake: Mistake | None = None, seed: int = 3) -> Recording:
+    motion, tau = measured(seed)
+    q = motion.q
+    if mistake is not None:
+        order, sign = np.arange(6), np.ones(6)
+        if len(mistake.joints) == 2:
+            order[list(mistake.joints)] = mistake.joints[::-1]
+        else:
+            sign[mistake.joints[0]] = -1.0
+        q = q[:, order] * sign if "torque" not in mistake.kind else q
+        tau = tau[:, order] * sign if "position" not in mistake.kind else tau
+    return record(ROBOT, replace(motion, q=q), tau)
+
+
+def test_a_right_recording_has_no_mistake_in_it_and_it_is_said_how_much_the_robot_leaves() -> None:
+    found, left = mistakes_in(ROBOT, recorded()) or ((), 1.0)
+    assert found == ()
+    assert left < 0.1
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        Mistake("torques swapped", (0, 1)),
+        Mistake("torques swapped", (3, 4)),
+        Mistake("positions swapped", (1, 2)),
+        Mistake("joints swapped", (0, 2)),
+        Mistake("torque turned", (1,)),
+        Mistake("torque turned", (4,)),
+        Mistake("position turned", (2,)),
+        Mistake("joint turned", (1,)),
+    ],
+    ids=str,
+)
+def test_a_mistake_is_named(made: Mistake) -> None:
+    found, left = mistakes_in(ROBOT, recorded(made)) or ((), 1.0)
+    assert len(found) == 1
+    assert made in (found[0].mistake, *found[0].alike)
+    assert found[0].left_with > 1.1 * found[0].left_without
+    assert left == pytest.approx(found[0].left_without)
+
+
+def test_two_mistakes_at_once_are_both_named() -> None:
+    motion, tau = measured()
+    wrong = tau[:, [1, 0, 2, 3, 4, 5]] * [1, 1, -1, 1, 1, 1]
+    found, _ = mistakes_in(ROBOT, record(ROBOT, motion, wrong)) or ((), 1.0)
+    assert {one.mistake for one in found} == {Mistake("torques swapped", (0, 1)), Mistake("torque turned", (2,))}
+
+
+def test_a_motion_that_is_too_short_to_tell_is_not_judged() -> None:
+    motion, tau = measured()
+    few = slice(0, 300)
+    short = Motion(motion.t[few], motion.q[few], motion.dq[few], motion.ddq[few])
+    assert mistakes_in(ROBOT, record(ROBOT, short, tau[few])) is None
+    assert checks_against(ROBOT)(record(ROBOT, short, tau[few]), Q, TAU) is None
+
+
+def test_a_robot_too_long_to_be_tried_while_somebody_waits_is_not_judged() -> None:
+    long = Robot(ROBOT.name, ROBOT.joints * 3, ROBOT.gravity, ROBOT.drives * 3, ROBOT.description, None)
+    assert mistakes_in(long, recorded()) is None
+
+
+def test_every_kind_of_finding_says_what_is_wrong_and_what_would_be_right() -> None:
+    check = checks_against(ROBOT)
+    words = {
+        Mistake("torques swapped", (0, 1)): ("torque_order", '"tau1": "tau2", "tau2": "tau1"'),
+        Mistake("positions swapped", (1, 2)): ("joint_order", '"q2": "q3", "q3": "q2"'),
+        Mistake("torque turned", (1,)): ("torque_sign", "tau2"),
+        Mistake("position turned", (2,)): ("joint_sign", "q3"),
+    }
+    for made, (name, cure) in words.items():
+        told = check(recorded(made), Q, TAU)
+        assert told is not None
+        (wrong,) = [one for one in told if one.status == "error"]
+        assert wrong.name == name
+        assert cure in wrong.detail
+        assert {one.name for one in told} == {"torque_order", "joint_order", "torque_sign", "joint_sign"}
+    assert {one.status for one in check(recorded(), Q, TAU) or ()} == {"ok"}
+
+
+def written(path: Path, order: list[int]) -> Path:
+    motion, tau = measured()
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["t", *Q, *TAU])
+        writer.writerows(np.column_stack([motion.t, motion.q, tau[:, order]]))
+    return path
+
+
+def brought_in(path: Path, *accept: str) -> Recording:
+    return import_recording(
+        path,
+        path.with_suffix(".checked.parquet"),
+        joint_names=ROBOT.joint_names,
+        limits=[
+            JointLimits(one.kind, one.limits.position, one.limits.velocity, one.limits.effort) for one in ROBOT.joints
+        ],
+        metadata=RecordingMetadata(accept=accept),
+        against=checks_against(ROBOT),
+    )[0]
+
+
+def test_a_file_with_torques_in_another_order_is_refused_unless_its_user_knows_better(tmp_path: Path) -> None:
+    wrong = written(tmp_path / "wrong.csv", [1, 0, 2, 3, 4, 5])
+    with pytest.raises(RecordingError, match="stand in each other's place") as refused:
+        brought_in(wrong)
+    assert refused.value.pointer == "tau1"
+    assert brought_in(wrong, "torque_order").n == 6
+    assert brought_in(written(tmp_path / "right.csv", [0, 1, 2, 3, 4, 5])).n == 6
