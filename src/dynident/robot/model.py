@@ -81,7 +81,7 @@ class Description:
     """The text a robot was made from, kept as it came."""
 
     format: Literal["urdf", "modified_dh"]
-    content: str
+    content: str = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +100,11 @@ class Robot:
     description: Description
     inertias: FloatArray | None = None
     locked_joints: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        gains = sum(drive.gain is not None for drive in self.drives)
+        known = f", {gains} with a drive gain" if gains else ""
+        return f"Robot({self.name}: {self.n} joints{known}: {', '.join(self.joint_names)})"
 
     @property
     def n(self) -> int:
