@@ -14,14 +14,17 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from dynident.desk.robots import with_gains as set_gains
 from dynident.diagnosis import Diagnosis
-from dynident.effects import DEFAULT_EFFECTS, EffectChoice
+from dynident.effects import EffectChoice
+from dynident.effects.written import written_effects
 from dynident.errors import DynidentError
 from dynident.excitation.observation.row_models import ROW_MODELS, RowModelName
 from dynident.identification import Identification, from_bytes
 from dynident.progress import Progress, part
 from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
-from dynident.robot import Description, Drive, Robot, coupling_matrix, robot_from_description
+from dynident.recordings.names import unique_names
+from dynident.robot import Description, Robot, coupling_matrix, robot_from_description
 from dynident.robot.well_known import library_names, robot_from_library
 from dynident_service.adapters.diagnoses import diagnosis_of
 from dynident_service.adapters.identifications import check_effects
@@ -70,12 +73,7 @@ def robot_of(text: str, gains: str = "") -> Robot:
 
 def with_gains(robot: Robot, gains: str) -> Robot:
     """The robot with drive gains stated on the command line."""
-    if not gains:
-        return robot
-    stated = parsing.drive_gains(gains, robot.joint_names)
-    drives = zip(robot.joint_names, robot.drives, strict=True)
-    changed = (Drive(stated[name], coupling=one.coupling) if name in stated else one for name, one in drives)
-    return replace(robot, drives=tuple(changed))
+    return set_gains(robot, parsing.drive_gains(gains, robot.joint_names)) if gains else robot
 
 
 def _known_robot(text: str) -> Robot:
@@ -122,7 +120,7 @@ def loaded(
     measurements, others : each with its checks
     """
     everything = [*paths, *others]
-    names = parsing.unique_names(everything)
+    names = unique_names(everything)
     windows = parsing.windows_of(options.windows, names)
     columns, units = parsing.pairs(options.columns, "--columns"), parsing.pairs(options.units, "--units")
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
@@ -190,14 +188,7 @@ def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
 
 def named_effects(given: Sequence[str]) -> tuple[EffectChoice, ...]:
     """The effects that were named, as they were written."""
-    choices: list[EffectChoice] = []
-    for text in parsing.effect_texts(given):
-        if text == "default":
-            choices += DEFAULT_EFFECTS
-            continue
-        name, joints, shape = parsing.effect_parts(text, "--effects")
-        choices.append(EffectChoice(name, joints, tuple(sorted(shape.items()))))
-    return tuple(choices)
+    return written_effects(given, "--effects")
 
 
 def model_of(path: Path) -> Identification:

@@ -32,7 +32,8 @@ class EquationFactors:
     beside: Beside | None = None
 
     def __repr__(self) -> str:
-        return f"EquationFactors({len(self.columns)} columns, {int(self.counts.sum())} rows in {len(self.counts)} stretches)"
+        rows = int(self.counts.sum())
+        return f"EquationFactors({len(self.columns)} columns, {rows} rows in {len(self.counts)} stretches)"
 
     @cached_property
     def joined(self) -> FloatArray:
