@@ -108,7 +108,16 @@ def __getattr__(name: str) -> Any:
     home = _HOME_OF.get(name)
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(home), name)
+    try:
+        value = globals()[name] = getattr(import_module(home), name)
+    except ModuleNotFoundError as missing:
+        if (missing.name or "").startswith("dynident"):
+            raise
+        raise ModuleNotFoundError(
+            f"dynident.{name} needs the package {missing.name}, which the light installation leaves out; install it "
+            "with: pip install 'dynident[science]'",
+            name=missing.name,
+        ) from missing
     return value
 
 
