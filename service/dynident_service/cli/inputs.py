@@ -25,11 +25,12 @@ from dynident.progress import Progress, part
 from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.names import unique_names
 from dynident.robot import Description, Robot, coupling_matrix, robot_from_description
-from dynident.robot.well_known import library_names, robot_from_library
+from dynident.robot.well_known import robot_from_library
 from dynident_service.adapters.diagnoses import diagnosis_of
 from dynident_service.adapters.identifications import check_effects
 from dynident_service.adapters.robots import robot_from_request
 from dynident_service.cli import parsing
+from dynident_service.cli.files import check_readable, check_robot
 from dynident_service.models.robots import RobotRequest
 from dynident_service.problems import fields_of
 
@@ -77,13 +78,8 @@ def with_gains(robot: Robot, gains: str) -> Robot:
 
 
 def _known_robot(text: str) -> Robot:
-    if text in library_names():
-        return robot_from_library(text)
-    raise DynidentError(
-        f"there is neither a file nor a well-known arm {text!r}; the arms are: {', '.join(library_names())}",
-        pointer="ROBOT",
-        title="Unknown robot",
-    )
+    check_robot(text)
+    return robot_from_library(text)
 
 
 def _robot_from_file(path: Path) -> Robot:
@@ -140,7 +136,7 @@ def loaded(
 
 
 def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress) -> Loaded:
-    _check_readable(path)
+    check_readable(path)
     try:
         recording, checks = import_recording(
             path,
@@ -193,7 +189,7 @@ def named_effects(given: Sequence[str]) -> tuple[EffectChoice, ...]:
 
 def model_of(path: Path) -> Identification:
     """Read an identified model."""
-    _check_readable(path)
+    check_readable(path)
     try:
         return from_bytes(path.read_bytes())
     except DynidentError as error:
@@ -225,18 +221,11 @@ def document_of(path: Path) -> Mapping[str, Any]:
 
 def read_text(path: Path) -> str:
     """Read a text file."""
-    _check_readable(path)
+    check_readable(path)
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise DynidentError(f"{path.name} is no text: {error}", pointer=str(path)) from error
-
-
-def _check_readable(path: Path) -> None:
-    if not path.is_file():
-        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
-    if not os.access(path, os.R_OK):
-        raise DynidentError(f"{path} may not be read", pointer=str(path), title="Unreadable file")
 
 
 def write_whole(path: Path, content: bytes) -> None:
