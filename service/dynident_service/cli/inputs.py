@@ -10,29 +10,31 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
 from dynident.desk.robots import with_gains as set_gains
-from dynident.diagnosis import Diagnosis
 from dynident.effects import EffectChoice
 from dynident.effects.written import written_effects
 from dynident.errors import DynidentError
-from dynident.excitation.observation.row_models import ROW_MODELS, RowModelName
 from dynident.identification import Identification, from_bytes
 from dynident.progress import Progress, part
 from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.names import unique_names
 from dynident.robot import Description, Robot, coupling_matrix, robot_from_description
 from dynident.robot.well_known import robot_from_library
-from dynident_service.adapters.diagnoses import diagnosis_of
 from dynident_service.adapters.identifications import check_effects
 from dynident_service.adapters.robots import robot_from_request
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
 from dynident_service.models.robots import RobotRequest
 from dynident_service.problems import fields_of
+
+if TYPE_CHECKING:
+    # Loaded by those who need them: other commands need not wait.
+    from dynident.diagnosis import Diagnosis
+    from dynident.excitation.observation.row_models import RowModelName
 
 # How the contract words it, and the same in the words of the command line.
 _REWORDED = (
@@ -169,6 +171,8 @@ def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
 
 def row_model_of(name: str) -> RowModelName:
     """The identification model that a design is for, by its name."""
+    from dynident.excitation.observation.row_models import ROW_MODELS
+
     for known in ROW_MODELS:
         if name == known:
             return known
@@ -199,6 +203,8 @@ def model_of(path: Path) -> Identification:
 
 def stored_diagnosis(path: Path) -> Diagnosis:
     """Read what `dynident diagnose --out` wrote."""
+    from dynident_service.adapters.diagnoses import diagnosis_of
+
     try:
         return diagnosis_of(document_of(path))
     except ValidationError as error:
