@@ -103,23 +103,25 @@ _HOMES = {
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 
-def __getattr__(name: str) -> Any:
-    # The science takes a second or two to load: only who uses it waits for it.
-    home = _HOME_OF.get(name)
-    if home is None:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    try:
-        value = globals()[name] = getattr(import_module(home), name)
-    except ModuleNotFoundError as missing:
-        if (missing.name or "").startswith("dynident"):
-            raise
-        raise ModuleNotFoundError(
-            f"dynident.{name} needs the package {missing.name}, which the light installation leaves out; install it "
-            "with: pip install 'dynident[science]'",
-            name=missing.name,
-        ) from missing
-    return value
+if not TYPE_CHECKING:
+    # Not for the eyes of type checkers, to whom every name would then be there.
 
+    def __getattr__(name: str) -> Any:
+        # The science takes a second or two to load: only who uses it waits for it.
+        home = _HOME_OF.get(name)
+        if home is None:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        try:
+            value = globals()[name] = getattr(import_module(home), name)
+        except ModuleNotFoundError as missing:
+            if (missing.name or "").startswith("dynident"):
+                raise
+            raise ModuleNotFoundError(
+                f"dynident.{name} needs the package {missing.name}, which the light installation leaves out; "
+                "install it with: pip install 'dynident[science]'",
+                name=missing.name,
+            ) from missing
+        return value
 
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})

@@ -118,7 +118,7 @@ class Recordings(Sequence[CheckedRecording]):
                 f"{item.recording.sampling_rate:.4g} Hz",
                 f"{item.recording.n_samples * item.recording.period:.4g} s",
                 str(len(item.recording.segments)),
-                "; ".join(f"{start:g} to {end:g} s" for start, end in item.recording.windows) or "all",
+                _windows(item.recording),
                 str(len(item.findings)),
             )
             for item in self.items
@@ -161,10 +161,16 @@ def _checked(item: object) -> CheckedRecording:
 
 def _line(recording: Recording) -> str:
     runs = f" in {len(recording.segments)} runs" if len(recording.segments) > 1 else ""
+    used = f"; used: {_windows(recording)}" if recording.windows else ""
     return (
         f"{recording.name}: {recording.n} joints, {recording.n_samples} samples at {recording.sampling_rate:.4g} Hz, "
-        f"{recording.n_samples * recording.period:.4g} s{runs}"
+        f"{recording.n_samples * recording.period:.4g} s{runs}{used}"
     )
+
+
+def _windows(recording: Recording) -> str:
+    texts = [f"{start:g} to {end:g} s" for start, end in recording.windows]
+    return ", ".join(texts if len(texts) <= _SHOWN else [*texts[:_SHOWN], "…"]) or "all"
 
 
 def _told(items: Iterable[CheckedRecording]) -> Iterator[str]:
