@@ -117,6 +117,8 @@ def test_recordings_come_by_number_by_slice_and_by_name(runs: dy.Recordings) -> 
     assert runs.names == ("run1", "run2")
     assert runs["run2"] is runs[1]
     assert runs[:1].names == ("run1",)
+    assert "run2" in runs
+    assert "run2" not in runs[:1]
     assert (runs[1:] + runs[:1]).names == ("run2", "run1")
     with pytest.raises(KeyError, match="run1, run2"):
         runs["run3"]

@@ -149,6 +149,21 @@ def test_figures_go_to_svg_files_alone(shown: dict[str, Any], tmp_path: Path) ->
         shown["model"].plot().save(tmp_path / "figure.png")
 
 
+def test_parameters_come_by_number_by_slice_and_by_name(better: dy.Model, model: dy.Model) -> None:
+    assert better.parameters["Fst1"] is better.parameters[-1]
+    assert [one.name for one in better.parameters[:2]] == ["ZZ1", "ZZ2"]
+    assert "Fst1" in better.parameters
+    assert "Fst1" not in model.parameters
+    with pytest.raises(KeyError, match="no parameter 'Fst9'; there are: ZZ1"):
+        better.parameters["Fst9"]
+
+
+def test_windows_are_printed_with_the_recording(desk: Path, robot: dy.Robot) -> None:
+    made = dy.read_recordings(desk / "run1.csv", robot=robot, windows=[(2, 9.5), (12, 18)])
+    assert "used: 2 to 9.5 s, 12 to 18 s" in repr(made)
+    assert "2 to 9.5 s, 12 to 18 s" in made._repr_html_()
+
+
 def test_parameters_become_a_frame_of_pandas(better: dy.Model) -> None:
     pandas = pytest.importorskip("pandas")
     frame = better.parameters.to_frame()

@@ -81,6 +81,9 @@ class Parameters(Sequence[IdentifiedParameter]):
             return found
         return self.items[index]
 
+    def __contains__(self, item: object) -> bool:
+        return any(item == (one.name if isinstance(item, str) else one) for one in self.items)
+
     def __repr__(self) -> str:
         title = f"Parameters({len(self.items)}; .to_frame() gives all)"
         return text_table(title, _COLUMNS, [_row(one) for one in self.items[:_SHOWN]], len(self.items), right_from=2)

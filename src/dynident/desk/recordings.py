@@ -99,6 +99,9 @@ class Recordings(Sequence[CheckedRecording]):
             return found
         return self.items[index]
 
+    def __contains__(self, item: object) -> bool:
+        return item in self.names if isinstance(item, str) else item in self.items
+
     def __add__(self, other: Recordings) -> Recordings:
         return Recordings(self.items + other.items)
 
