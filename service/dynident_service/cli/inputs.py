@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from dynident.desk.robots import load_robot
 from dynident.desk.robots import with_gains as set_gains
 from dynident.effects import EffectChoice
 from dynident.effects.written import written_effects
@@ -22,14 +23,10 @@ from dynident.identification import Identification, from_bytes
 from dynident.progress import Progress, part
 from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.names import unique_names
-from dynident.robot import Description, Robot, coupling_matrix, robot_from_description
-from dynident.robot.well_known import robot_from_library
+from dynident.robot import Robot, coupling_matrix
 from dynident_service.adapters.identifications import check_effects
-from dynident_service.adapters.robots import robot_from_request
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
-from dynident_service.models.robots import RobotRequest
-from dynident_service.problems import fields_of
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
@@ -45,7 +42,6 @@ _REWORDED = (
     (re.compile(r'say "role": "friction" for'), "give it as --friction if it is"),
     (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give --drive-gains in N m/A"),
 )
-_URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')
 
 
 @dataclass(frozen=True)
@@ -69,42 +65,13 @@ class Loaded:
 
 def robot_of(text: str, gains: str = "") -> Robot:
     """The robot that an argument means: a file, or a well-known arm."""
-    path = Path(text)
-    robot = _robot_from_file(path) if path.is_file() else _known_robot(text)
-    return with_gains(robot, gains)
+    check_robot(text)
+    return with_gains(load_robot(text), gains)
 
 
 def with_gains(robot: Robot, gains: str) -> Robot:
     """The robot with drive gains stated on the command line."""
     return set_gains(robot, parsing.drive_gains(gains, robot.joint_names)) if gains else robot
-
-
-def _known_robot(text: str) -> Robot:
-    check_robot(text)
-    return robot_from_library(text)
-
-
-def _robot_from_file(path: Path) -> Robot:
-    content = read_text(path)
-    if content.lstrip().startswith("<"):
-        named = _URDF_NAME.search(content)
-        return robot_from_description(named[1] if named else path.stem, Description("urdf", content))
-    try:
-        document = json.loads(content)
-    except json.JSONDecodeError as error:
-        raise DynidentError(
-            f"{path.name} is neither XML (URDF) nor JSON: {error}",
-            pointer=str(path),
-            title="Unusable robot description",
-        ) from error
-    if not (isinstance(document, dict) and "description" in document):
-        return robot_from_description(path.stem, Description("modified_dh", content))
-    try:
-        request = RobotRequest.model_validate({"name": path.stem, **document})
-    except ValidationError as error:
-        first = fields_of(list(error.errors()), document)[0]
-        raise DynidentError(first.detail, pointer=first.pointer, title="Unusable robot") from error
-    return robot_from_request(request)
 
 
 @contextmanager

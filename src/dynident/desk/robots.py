@@ -16,6 +16,7 @@ from dynident.robot.json_fields import expect_mapping, expect_number, expect_num
 _TITLE = "Unusable robot"
 _URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')
 _FIELDS = ("name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance")
+_CONTENT = "/description/content"
 _DRIVE = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
 
 DriveGains = Mapping[str, float] | Sequence[float]
@@ -99,19 +100,30 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         arm = _known(str(source))
         return robot_from_description(name or arm.name, arm.description, **stated)
     content = _text_of(path)
+    place_of_content = _CONTENT
     try:
         if content.lstrip().startswith("<"):
             named = _URDF_NAME.search(content)
             called = name or (named[1] if named else path.stem)
             return robot_from_description(called, Description("urdf", content), **stated)
-        document = parse_json(content, "", _TITLE)
+        document = _parsed(content)
         if not (isinstance(document, dict) and "description" in document):
             return robot_from_description(name or path.stem, Description("modified_dh", content), **stated)
+        place_of_content = ""
         return _from_document(document, name or str(document.get("name") or path.stem), stated)
     except DynidentError as error:
-        error.detail = f"{path.name}: {f'{error.pointer}: ' if error.pointer else ''}{error.detail}"
-        error.args = (error.detail,)
+        # A description that is the file itself stands nowhere else in it.
+        place = error.pointer.removeprefix(place_of_content)
+        error.detail = f"{path.name}: {f'{place}: ' if place else ''}{error.detail}"
+        error.pointer, error.args = place, (error.detail,)
         raise
+
+
+def _parsed(content: str) -> Any:
+    try:
+        return parse_json(content, "", _TITLE)
+    except DynidentError as error:
+        raise DynidentError(f"this is neither XML (URDF) nor JSON: {error.detail}", title=error.title) from error
 
 
 def _known(name: str) -> Robot:
