@@ -21,7 +21,7 @@ from dynident.recordings import Recording
 from dynident.reports.figures.candidates import candidates_figure
 from dynident.reports.figures.design import design_figure
 from dynident.reports.figures.evidence import evidence_figure
-from dynident.reports.figures.ladder import ladder_figure
+from dynident.reports.figures.ladder import models_figure
 from dynident.reports.figures.residuals import residual_figure
 from dynident.reports.figures.torque import torque_figure
 from dynident_service.cli import inputs
@@ -82,15 +82,10 @@ def _both(first: Identification, found: Diagnosis, recordings: list[Recording]) 
 
 def _ladder(model: Identification, found: Diagnosis) -> str:
     models = list(model.ladder())
-    held_out = [one.held_out for one in models if one.held_out is not None]
-    measured = (held_out[-1].measured / held_out[-1].counts) ** 0.5
-    return ladder_figure(
-        [one.fit.relative_total for one in models],
-        [errors.relative_total for errors in held_out],
-        [errors.relative for errors in held_out],
-        found.noise_floor / measured,
-        model.model.robot.joint_names,
-    )
+    held_out = models[-1].held_out
+    assert held_out is not None
+    measured = (held_out.measured / held_out.counts) ** 0.5
+    return models_figure(models, found.noise_floor / measured)
 
 
 def main() -> None:

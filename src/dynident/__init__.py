@@ -1,1 +1,131 @@
-"""The dynamic model of a robot, identified from measurements."""
+"""The dynamic model of a robot, identified from measurements.
+
+    import dynident as dy
+
+    robot = dy.load_robot("arm.urdf")
+    runs = dy.read_recordings("run1.csv", "run2.csv", robot=robot)
+    model = dy.identify(robot, runs[:1], validation=runs[1:])
+    found = dy.diagnose(model)
+    better = model.extend(found)
+
+Names are loaded when they are used: `import dynident` alone loads no numpy. What lies below has rooms of its own, such
+as `dynident.identification`, `dynident.excitation` and `dynident.simulation`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from dynident.version import __version__
+
+if TYPE_CHECKING:
+    from dynident.desk.changing import Changes, changes
+    from dynident.desk.comparing import ComparedRecording, Comparisons, compare
+    from dynident.desk.designing import DesignedMotion, design
+    from dynident.desk.diagnosing import DiagnosedModel, diagnose
+    from dynident.desk.figure import Figure
+    from dynident.desk.following import FollowedRobot, series
+    from dynident.desk.identifying import identify, load_model
+    from dynident.desk.model import Ladder, Model
+    from dynident.desk.parameters import ErrorTable, JointError, Parameters
+    from dynident.desk.reading import read_recordings
+    from dynident.desk.recordings import CheckedRecording, Recordings
+    from dynident.desk.reporting import Report, report
+    from dynident.desk.robots import load_robot
+    from dynident.desk.validating import Validation, Validations, validate
+    from dynident.effects import EffectChoice
+    from dynident.errors import DynidentError
+    from dynident.excitation import DesignRequest, Surroundings
+    from dynident.identification import IdentificationChoices
+    from dynident.recordings import RecordingError
+    from dynident.robot import Drive, Limits, Robot
+
+__all__ = [
+    "Changes",
+    "CheckedRecording",
+    "ComparedRecording",
+    "Comparisons",
+    "DesignRequest",
+    "DesignedMotion",
+    "DiagnosedModel",
+    "Drive",
+    "DynidentError",
+    "EffectChoice",
+    "ErrorTable",
+    "Figure",
+    "FollowedRobot",
+    "IdentificationChoices",
+    "JointError",
+    "Ladder",
+    "Limits",
+    "Model",
+    "Parameters",
+    "RecordingError",
+    "Recordings",
+    "Report",
+    "Robot",
+    "Surroundings",
+    "Validation",
+    "Validations",
+    "__version__",
+    "changes",
+    "compare",
+    "design",
+    "diagnose",
+    "identify",
+    "load_model",
+    "load_robot",
+    "read_recordings",
+    "report",
+    "series",
+    "validate",
+]
+
+_HOMES = {
+    "dynident.desk.changing": ("Changes", "changes"),
+    "dynident.desk.comparing": ("ComparedRecording", "Comparisons", "compare"),
+    "dynident.desk.designing": ("DesignedMotion", "design"),
+    "dynident.desk.diagnosing": ("DiagnosedModel", "diagnose"),
+    "dynident.desk.figure": ("Figure",),
+    "dynident.desk.following": ("FollowedRobot", "series"),
+    "dynident.desk.identifying": ("identify", "load_model"),
+    "dynident.desk.model": ("Ladder", "Model"),
+    "dynident.desk.parameters": ("ErrorTable", "JointError", "Parameters"),
+    "dynident.desk.reading": ("read_recordings",),
+    "dynident.desk.recordings": ("CheckedRecording", "Recordings"),
+    "dynident.desk.reporting": ("Report", "report"),
+    "dynident.desk.robots": ("load_robot",),
+    "dynident.desk.validating": ("Validation", "Validations", "validate"),
+    "dynident.effects": ("EffectChoice",),
+    "dynident.errors": ("DynidentError",),
+    "dynident.excitation": ("DesignRequest", "Surroundings"),
+    "dynident.identification": ("IdentificationChoices",),
+    "dynident.recordings": ("RecordingError",),
+    "dynident.robot": ("Drive", "Limits", "Robot"),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+
+if not TYPE_CHECKING:
+    # Not for the eyes of type checkers, to whom every name would then be there.
+
+    def __getattr__(name: str) -> Any:
+        # The science takes a second or two to load: only who uses it waits for it.
+        home = _HOME_OF.get(name)
+        if home is None:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        try:
+            value = globals()[name] = getattr(import_module(home), name)
+        except ModuleNotFoundError as missing:
+            if (missing.name or "").startswith("dynident"):
+                raise
+            raise ModuleNotFoundError(
+                f"dynident.{name} needs the package {missing.name}, which the light installation leaves out; "
+                "install it with: pip install 'dynident[science]'",
+                name=missing.name,
+            ) from missing
+        return value
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})

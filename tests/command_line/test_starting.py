@@ -29,6 +29,29 @@ def test_the_version_is_told_without_loading_the_science() -> None:
     assert done.stdout.splitlines() == [f"dynident {__version__}", "[] 0"]
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["identify", "ur10", "nowhere.csv"], "there is no file nowhere.csv"),
+        (["identify", "nobody", "nowhere.csv"], "neither a file nor a well-known arm 'nobody'"),
+        (["identify", "ur10", __file__, "--friction", "nowhere.csv"], "there is no file nowhere.csv"),
+        (["extend", "nowhere.npz", "run1.csv"], "there is no file nowhere.npz"),
+        (["changes", __file__, "--before", __file__, "--after", "nowhere.csv"], "there is no file nowhere.csv"),
+        (["design", "ur10", "--limits", "nowhere.json"], "there is no file nowhere.json"),
+    ],
+)
+def test_a_file_that_is_not_there_is_told_without_loading_the_science(arguments: list[str], told: str) -> None:
+    program = (
+        "import sys; from dynident_service.cli.app import app\n"
+        f"try:\n    app({arguments!r}, prog_name='dynident')\nexcept SystemExit as end:\n    code = end.code or 0\n"
+        "heavy = {'numpy', 'scipy', 'casadi', 'pinocchio', 'pyarrow', 'matplotlib', 'fastapi'}\n"
+        "print(sorted(heavy & set(sys.modules)), code)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["[] 2"]
+    assert told in done.stderr
+
+
 def test_every_verb_explains_itself() -> None:
     overview = dynident("--help")
     for verb in VERBS:

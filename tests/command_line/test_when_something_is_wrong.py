@@ -177,6 +177,34 @@ def test_a_bad_file_is_refused_by_its_column(case: str, desk: Path, tmp_path: Pa
     assert [path.name for path in tmp_path.iterdir()] == ["bad.csv"]
 
 
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ('{"joints": [{"sigma": 4}]}', "bad.json: /joints/0/sigma: Expected 0 (revolute) or 1 (prismatic)."),
+        ('{"description": {"format": "sdf"}}', "bad.json: /description/format: Expected urdf or modified_dh."),
+        ("t,q1", "bad.json: this is neither XML (URDF) nor JSON: line 1:"),
+    ],
+)
+def test_a_bad_robot_is_refused_by_its_place_said_once(content: str, told: str, desk: Path, tmp_path: Path) -> None:
+    (tmp_path / "bad.json").write_text(content, encoding="utf-8")
+    answer = dynident("identify", tmp_path / "bad.json", desk / "run1.csv")
+    assert answer.code == 2
+    assert f"\n  {told}" in answer.err
+
+
+def test_a_robot_as_the_service_takes_it_is_read_with_its_gains(desk: Path, tmp_path: Path) -> None:
+    table = json.loads((desk / "arm.json").read_text(encoding="utf-8"))
+    drives = {name: {"drive_gain": 2.0} for name in JOINTS}
+    document = {"name": "cell", "description": {"format": "modified_dh", "content": table}, "drives": drives}
+    (tmp_path / "cell.json").write_text(json.dumps(document), encoding="utf-8")
+    currents = {name.replace("tau", "current"): values for name, values in run1(desk).items()}
+    pacsv.write_csv(pa.table(currents), tmp_path / "currents.csv")
+    answer = dynident("identify", tmp_path / "cell.json", tmp_path / "currents.csv", "--json")
+    assert answer.code == 0, answer.err
+    values = {one["name"]: one["value"] for one in answer.document["parameters"]}
+    assert values["Fc2"] == pytest.approx(6.0, rel=0.05)
+
+
 def test_what_the_user_accepts_is_only_a_warning(desk: Path, tmp_path: Path) -> None:
     pacsv.write_csv(pa.table(run1(desk, tau1=-run1(desk)["tau1"])), tmp_path / "odd.csv")
     answer = dynident("identify", desk / "arm.json", tmp_path / "odd.csv", "--accept", "torque_sign", "--json")

@@ -12,6 +12,7 @@ import typer
 from dynident.errors import Cancelled, DynidentError
 from dynident.version import __version__
 from dynident_service.cli.failures import CANCELLED, MISUSED, tell_failure
+from dynident_service.cli.files import check_inputs
 from dynident_service.cli.verbs import (
     changes,
     compare,
@@ -65,6 +66,7 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def guarded(*arguments: Any, **options: Any) -> None:
         try:
+            check_inputs(command, options)
             command(*arguments, **options)
         except DynidentError as error:
             tell_failure(error, bool(options.get("as_json")))

@@ -16,7 +16,7 @@ def tell_failure(error: DynidentError, as_json: bool) -> None:
 
     The problem is the one that the service answers with (RFC 9457).
     """
-    where = f"{error.pointer}: " if error.pointer else ""
+    where = f"{error.pointer}: " if error.pointer and error.pointer not in error.detail else ""
     print(f"dynident: {error.title}\n  {where}{error.detail}", file=sys.stderr)
     checks = [
         check for check in getattr(error, "checks", ()) if check.status == "error" and check.detail not in error.detail

@@ -10,26 +10,29 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from dynident.diagnosis import Diagnosis
-from dynident.effects import DEFAULT_EFFECTS, EffectChoice
+from dynident.desk.robots import load_robot
+from dynident.desk.robots import with_gains as set_gains
+from dynident.effects import EffectChoice
+from dynident.effects.written import written_effects
 from dynident.errors import DynidentError
-from dynident.excitation.observation.row_models import ROW_MODELS, RowModelName
 from dynident.identification import Identification, from_bytes
 from dynident.identification.mistakes import checks_against
 from dynident.progress import Progress, part
 from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
-from dynident.robot import Description, Drive, Robot, coupling_matrix, robot_from_description
-from dynident.robot.well_known import library_names, robot_from_library
-from dynident_service.adapters.diagnoses import diagnosis_of
+from dynident.recordings.names import unique_names
+from dynident.robot import Robot, coupling_matrix
 from dynident_service.adapters.identifications import check_effects
-from dynident_service.adapters.robots import robot_from_request
 from dynident_service.cli import parsing
-from dynident_service.models.robots import RobotRequest
-from dynident_service.problems import fields_of
+from dynident_service.cli.files import check_readable, check_robot
+
+if TYPE_CHECKING:
+    # Loaded by those who need them: other commands need not wait.
+    from dynident.diagnosis import Diagnosis
+    from dynident.excitation.observation.row_models import RowModelName
 
 # How the contract words it, and the same in the words of the command line.
 _REWORDED = (
@@ -40,7 +43,6 @@ _REWORDED = (
     (re.compile(r'say "role": "friction" for'), "give it as --friction if it is"),
     (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give --drive-gains in N m/A"),
 )
-_URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')
 
 
 @dataclass(frozen=True)
@@ -64,52 +66,13 @@ class Loaded:
 
 def robot_of(text: str, gains: str = "") -> Robot:
     """The robot that an argument means: a file, or a well-known arm."""
-    path = Path(text)
-    robot = _robot_from_file(path) if path.is_file() else _known_robot(text)
-    return with_gains(robot, gains)
+    check_robot(text)
+    return with_gains(load_robot(text), gains)
 
 
 def with_gains(robot: Robot, gains: str) -> Robot:
     """The robot with drive gains stated on the command line."""
-    if not gains:
-        return robot
-    stated = parsing.drive_gains(gains, robot.joint_names)
-    drives = zip(robot.joint_names, robot.drives, strict=True)
-    changed = (Drive(stated[name], coupling=one.coupling) if name in stated else one for name, one in drives)
-    return replace(robot, drives=tuple(changed))
-
-
-def _known_robot(text: str) -> Robot:
-    if text in library_names():
-        return robot_from_library(text)
-    raise DynidentError(
-        f"there is neither a file nor a well-known arm {text!r}; the arms are: {', '.join(library_names())}",
-        pointer="ROBOT",
-        title="Unknown robot",
-    )
-
-
-def _robot_from_file(path: Path) -> Robot:
-    content = read_text(path)
-    if content.lstrip().startswith("<"):
-        named = _URDF_NAME.search(content)
-        return robot_from_description(named[1] if named else path.stem, Description("urdf", content))
-    try:
-        document = json.loads(content)
-    except json.JSONDecodeError as error:
-        raise DynidentError(
-            f"{path.name} is neither XML (URDF) nor JSON: {error}",
-            pointer=str(path),
-            title="Unusable robot description",
-        ) from error
-    if not (isinstance(document, dict) and "description" in document):
-        return robot_from_description(path.stem, Description("modified_dh", content))
-    try:
-        request = RobotRequest.model_validate({"name": path.stem, **document})
-    except ValidationError as error:
-        first = fields_of(list(error.errors()), document)[0]
-        raise DynidentError(first.detail, pointer=first.pointer, title="Unusable robot") from error
-    return robot_from_request(request)
+    return set_gains(robot, parsing.drive_gains(gains, robot.joint_names)) if gains else robot
 
 
 @contextmanager
@@ -123,7 +86,7 @@ def loaded(
     measurements, others : each with its checks
     """
     everything = [*paths, *others]
-    names = parsing.unique_names(everything)
+    names = unique_names(everything)
     windows = parsing.windows_of(options.windows, names)
     columns, units = parsing.pairs(options.columns, "--columns"), parsing.pairs(options.units, "--units")
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
@@ -143,7 +106,7 @@ def loaded(
 
 
 def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress) -> Loaded:
-    _check_readable(path)
+    check_readable(path)
     try:
         recording, checks = import_recording(
             path,
@@ -177,6 +140,8 @@ def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
 
 def row_model_of(name: str) -> RowModelName:
     """The identification model that a design is for, by its name."""
+    from dynident.excitation.observation.row_models import ROW_MODELS
+
     for known in ROW_MODELS:
         if name == known:
             return known
@@ -192,19 +157,12 @@ def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
 
 def named_effects(given: Sequence[str]) -> tuple[EffectChoice, ...]:
     """The effects that were named, as they were written."""
-    choices: list[EffectChoice] = []
-    for text in parsing.effect_texts(given):
-        if text == "default":
-            choices += DEFAULT_EFFECTS
-            continue
-        name, joints, shape = parsing.effect_parts(text, "--effects")
-        choices.append(EffectChoice(name, joints, tuple(sorted(shape.items()))))
-    return tuple(choices)
+    return written_effects(given, "--effects")
 
 
 def model_of(path: Path) -> Identification:
     """Read an identified model."""
-    _check_readable(path)
+    check_readable(path)
     try:
         return from_bytes(path.read_bytes())
     except DynidentError as error:
@@ -214,6 +172,8 @@ def model_of(path: Path) -> Identification:
 
 def stored_diagnosis(path: Path) -> Diagnosis:
     """Read what `dynident diagnose --out` wrote."""
+    from dynident_service.adapters.diagnoses import diagnosis_of
+
     try:
         return diagnosis_of(document_of(path))
     except ValidationError as error:
@@ -236,18 +196,11 @@ def document_of(path: Path) -> Mapping[str, Any]:
 
 def read_text(path: Path) -> str:
     """Read a text file."""
-    _check_readable(path)
+    check_readable(path)
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise DynidentError(f"{path.name} is no text: {error}", pointer=str(path)) from error
-
-
-def _check_readable(path: Path) -> None:
-    if not path.is_file():
-        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
-    if not os.access(path, os.R_OK):
-        raise DynidentError(f"{path} may not be read", pointer=str(path), title="Unreadable file")
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-
-def _known_arms() -> list[str]:
-    # Their names alone: importing the room of robots would take longer than most commands.
-    names = (entry.name for entry in (files("dynident") / "robot" / "library").iterdir())
-    return sorted(name.removesuffix(".json") for name in names if name.endswith(".json"))
-
+from dynident_service.cli.files import A_ROBOT, TO_READ, known_arms
 
 RobotArgument = Annotated[
     str,
     typer.Argument(
         metavar="ROBOT",
         help="A URDF file, a JSON file (a modified Denavit-Hartenberg table, or a robot as the service takes it), or "
-        f"a well-known arm: {', '.join(_known_arms())}.",
+        f"a well-known arm: {', '.join(known_arms())}.",
         show_default=False,
     ),
+    A_ROBOT,
 ]
 ModelArgument = Annotated[
-    Path, typer.Argument(metavar="MODEL", help="A model that `dynident identify --out` wrote.", show_default=False)
+    Path,
+    typer.Argument(metavar="MODEL", help="A model that `dynident identify --out` wrote.", show_default=False),
+    TO_READ,
 ]
 Measurements = Annotated[
     list[Path],
@@ -34,6 +31,7 @@ Measurements = Annotated[
         help="CSV or Parquet files with the columns t, q1… and tau1… or current1… (or q_<joint>…).",
         show_default=False,
     ),
+    TO_READ,
 ]
 Validation = Annotated[
     list[Path],
@@ -45,6 +43,7 @@ Validation = Annotated[
         default_factory=list,
         show_default=False,
     ),
+    TO_READ,
 ]
 Columns = Annotated[
     list[str],

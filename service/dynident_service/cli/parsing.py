@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 
 from dynident.errors import DynidentError
 
@@ -94,31 +93,6 @@ def _check_apart(name: str, windows: Sequence[Window]) -> None:
             )
 
 
-def effect_texts(given: Sequence[str]) -> list[str]:
-    """Effects with commas between, or given one by one; the word `default` stands for the four usual ones."""
-    texts: list[str] = []
-    for item in [item for text in given for item in _items(text)]:
-        # Values of shape constants, and joints, may themselves follow commas: they carry on the effect before.
-        if texts and "=" in item and ":" not in item and "@" not in item and ":" in texts[-1]:
-            texts[-1] += f",{item}"
-        else:
-            texts.append(item)
-    return texts
-
-
-def effect_parts(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[str, float]]:
-    """Take `effect@joint+joint:constant=value` apart: id, joints, shape constants."""
-    head, _, constants = text.partition(":")
-    name, sign, joints = head.partition("@")
-    if not name.strip() or (sign and not joints.strip()):
-        raise DynidentError(
-            f"cannot read {text!r}; write effect, effect@joint, effect@joint+joint or effect@joint:constant=value",
-            pointer=pointer,
-        )
-    shape = {key: number(value, pointer) for key, value in pairs([constants], pointer).items()} if constants else {}
-    return name.strip(), tuple(joint.strip() for joint in joints.split("+") if joint.strip()), shape
-
-
 def preprocessing_request(text: str) -> Mapping[str, object] | str:
     """`auto`, or pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `none` for no filter."""
     if text.strip() == "auto":
@@ -128,17 +102,6 @@ def preprocessing_request(text: str) -> Mapping[str, object] | str:
         name: words[value] if value in words else number(value, f"--preprocessing {name}")
         for name, value in pairs([text], "--preprocessing").items()
     }
-
-
-def unique_names(paths: Iterable[Path]) -> list[str]:
-    """A name for every file: its stem, with a number behind it where two files share one."""
-    names: list[str] = []
-    for path in paths:
-        name, count = path.stem, 2
-        while name in names:
-            name, count = f"{path.stem}_{count}", count + 1
-        names.append(name)
-    return names
 
 
 def _items(text: str) -> list[str]:

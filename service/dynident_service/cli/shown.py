@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from dynident.diagnosis import Comparison, Diagnosis, Judgement
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.estimation import Errors
 from dynident.identification import Identification
@@ -19,6 +19,9 @@ from dynident.reports.words import JUDGED, place_text, standing_text
 from dynident.robot import Robot
 from dynident_service.cli.inputs import Loaded
 from dynident_service.cli.terminal import table
+
+if TYPE_CHECKING:
+    from dynident.diagnosis import Comparison, Diagnosis, Judgement
 
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
 

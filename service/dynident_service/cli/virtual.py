@@ -12,13 +12,13 @@ import pyarrow.parquet as pq
 from scipy.interpolate import CubicSpline
 
 from dynident.effects import effect_by_id
+from dynident.effects.written import effect_parts, effect_texts
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.progress import Progress
 from dynident.robot import Robot
 from dynident.simulation import Reference, TrueEffect
 from dynident_service.adapters import simulations
-from dynident_service.cli import parsing
 from dynident_service.models.simulations import TrueEffect as WireEffect
 
 _TITLE = "Unusable trajectory"
@@ -29,8 +29,8 @@ FloatArray = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 def true_effects(given: Sequence[str], robot: Robot) -> tuple[TrueEffect, ...]:
     """The effects of a virtual robot: of a usual size, or with the values stated."""
     asked = []
-    for index, text in enumerate(parsing.effect_texts(given)):
-        name, joints, values = parsing.effect_parts(text, "--effects")
+    for index, text in enumerate(effect_texts(given)):
+        name, joints, values = effect_parts(text, "--effects")
         run = values.pop("run", None)
         shapes = {spec.name for spec in effect_by_id(name, f"/effects/{index}").shapes}
         asked.append(

@@ -46,7 +46,7 @@ def changes_at(estimates: Estimates, pick: Finding, one: RankedEffect) -> Iterat
     """A finding, joint by joint, where the difference is large enough to be called one."""
     for joint in one.choice.joints or ("",):
         values = _values(estimates, one.choice, joint)
-        if not values or not _noticed(values[0]):
+        if not values or not _noticed(values[0]) or _may_be_none(values[0]):
             continue
         others = [item.candidate.choice for item in pick.equal]
         names = [name for other in others for name in _told(other, one.choice, joint)]
@@ -65,6 +65,12 @@ def changes_at(estimates: Estimates, pick: Finding, one: RankedEffect) -> Iterat
 
 def _noticed(value: ChangedValue) -> bool:
     return value.before is None or abs(value.value) >= _NOTICED * abs(value.before)
+
+
+def _may_be_none(value: ChangedValue) -> bool:
+    """Whether the data do not tell the difference from none: what was found is then something without a name."""
+    low, high = value.interval
+    return low <= 0.0 <= high
 
 
 def _in_units_of(robot: Robot, choice: EffectChoice) -> str:

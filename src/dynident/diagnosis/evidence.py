@@ -54,6 +54,9 @@ class Evidence:
     count: FloatArray
     explained: float
 
+    def __repr__(self) -> str:
+        return f"Evidence({self.effect} on {self.joint} over {self.variable}: explains {self.explained:.1%})"
+
 
 @dataclass(frozen=True, eq=False)
 class _Rows:

@@ -159,3 +159,7 @@ class Diagnosis:
     failure_map: tuple[FailureSpot, ...]
     next_experiment: NextExperiment | None
     changes: tuple[Change, ...] | None = None
+
+    def __repr__(self) -> str:
+        since = "" if self.changes is None else f", {len(self.changes)} changes"
+        return f"Diagnosis({self.verdict}{since}: {self.summary})"

@@ -31,6 +31,10 @@ class EquationFactors:
     counts: IntArray
     beside: Beside | None = None
 
+    def __repr__(self) -> str:
+        rows = int(self.counts.sum())
+        return f"EquationFactors({len(self.columns)} columns, {rows} rows in {len(self.counts)} stretches)"
+
     @cached_property
     def joined(self) -> FloatArray:
         """(p + 1, p + 1): the factor of all stretches together."""
@@ -100,6 +104,12 @@ class Reduction:
     n_columns: int
     equations: tuple[EquationFactors, ...]
     spans: FloatArray
+
+    def __repr__(self) -> str:
+        return (
+            f"Reduction({len(self.equations)} equations of {self.n_columns} columns, {self.n_rows} rows in "
+            f"{self.n_stretches} stretches)"
+        )
 
     @property
     def n_stretches(self) -> int:

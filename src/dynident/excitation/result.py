@@ -54,6 +54,13 @@ class Design:
     expected: tuple[ExpectedParameter, ...] = ()
     runs: tuple[Run, ...] = ()
 
+    def __repr__(self) -> str:
+        return (
+            f"Design({self.request.kind}: {len(self.joint_names)} joints, {self.n_samples} samples at "
+            f"{self.sampling_rate:g} Hz, {self.duration:.4g} s, condition number "
+            f"{self.criterion_values.condition_number:.4g})"
+        )
+
     @property
     def n_samples(self) -> int:
         """Number of samples N."""

@@ -91,6 +91,13 @@ class Identification:
     standard: StandardParameters | None = None
     not_essential: tuple[int, ...] = ()
 
+    def __repr__(self) -> str:
+        held_out = "no held-out data" if self.held_out is None else f"held out {self.held_out.relative_total:.2%}"
+        return (
+            f"Identification({self.model.robot.name}: {self.model.n_parameters} base parameters, {self.choices.model} "
+            f"model, {self.choices.estimator}; error of the fit {self.fit.relative_total:.2%}, {held_out})"
+        )
+
     @property
     def values(self) -> FloatArray:
         """Base parameters χ (b,)."""

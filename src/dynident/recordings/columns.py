@@ -164,6 +164,26 @@ def _torque_of(current: Column, joint_name: str, gain: float | None) -> Column:
     return Column(current.source, current.factor * gain, current.offset * gain)
 
 
+def surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetadata) -> Check | None:
+    """The finding that a file has columns of one more joint than the robot's n; None where it has not.
+
+    Columns are counted in the robot's order: where it lacks a joint of the file that is not the last one, all joints
+    behind it would be taken for others.
+    """
+    mapped = {name.casefold() for name in metadata.columns.values()}
+    there = {name.casefold(): name for name in names if name.casefold() not in mapped}
+    found = [there[name] for name in (f"q{n + 1}", f"tau{n + 1}", f"current{n + 1}") if name in there]
+    if len(found) < 2:
+        return None
+    return Check(
+        "joint_columns",
+        "warning",
+        f"The file has {' and '.join(found)}, and the robot {n} joints: columns are counted in its order, and these "
+        "are not used. If the joint that the robot lacks is not the last one of the file, map the others by columns.",
+        column=found[0],
+    )
+
+
 def _torque_source(from_current: list[str], unused: list[str], coupled: bool) -> Check:
     if from_current:
         detail = f"Torque is drive gain x current [12.17] in {_shortened(from_current)}."

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynident.progress import Progress, part, silent
 from dynident.recordings.checks import run_checks
-from dynident.recordings.columns import Column, Layout, find_columns
+from dynident.recordings.columns import Column, Layout, find_columns, surplus_columns
 from dynident.recordings.conditioning import Conditioner
 from dynident.recordings.raw import RawRows, RawSource, open_source
 from dynident.recordings.sampling import RawSample, SampleCollector
@@ -104,7 +104,8 @@ def import_recording(
                 has_command=bool(layout.q_command),
             )
             sink.describe(recording)
-        found = [torque_source, *time_checks(base, layout.t.source)]
+        surplus = surplus_columns(source.names, len(joint_names), metadata)
+        found = [torque_source, *([] if surplus is None else [surplus]), *time_checks(base, layout.t.source)]
         checks = run_checks(recording, sample, layout, limits, tuple(found), metadata.accept, against)
         progress(1.0, "stored")
         os.replace(temporary, destination)

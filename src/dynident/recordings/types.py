@@ -196,6 +196,13 @@ class Recording:
     has_wrench: bool = False
     has_command: bool = False
 
+    def __repr__(self) -> str:
+        runs = f" in {len(self.segments)} runs" if len(self.segments) > 1 else ""
+        return (
+            f"Recording({self.name}: {self.n} joints, {self.n_samples} samples at {self.sampling_rate:.4g} Hz, "
+            f"{self.n_samples * self.period:.4g} s{runs})"
+        )
+
     @property
     def n(self) -> int:
         """Number of joints."""

@@ -44,6 +44,9 @@ class BaseParameters:
     without_effect: tuple[int, ...]
     rank: int
 
+    def __repr__(self) -> str:
+        return f"BaseParameters({self.count} of {len(self.names)} standard parameters)"
+
     @property
     def count(self) -> int:
         """Number of base parameters."""

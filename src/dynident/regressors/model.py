@@ -35,6 +35,10 @@ class Model:
     base: BaseParameters
     observation: Observation
 
+    def __repr__(self) -> str:
+        effects = ", ".join(dict.fromkeys(choice.effect for choice in self.effects))
+        return f"Model({self.robot.name}: {self.n_parameters} base parameters of {effects})"
+
     @property
     def kept(self) -> tuple[Column, ...]:
         """Columns of the base parameters."""

@@ -33,6 +33,9 @@ class KeptRows:
     recordings: tuple[Recording, ...]
     samples: tuple[tuple[FilteredSamples, ...], ...]
 
+    def __repr__(self) -> str:
+        return f"KeptRows({', '.join(recording.name for recording in self.recordings)})"
+
     def of(self, recording: Recording, preprocessing: Preprocessing) -> tuple[FilteredSamples, ...] | None:
         """What is kept of a recording; None where nothing is."""
         if preprocessing != self.preprocessing:

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from dynident.reports.run import ReportedRun
-from dynident.reports.validated import ReportedTable, ReportedValidation
 
 if TYPE_CHECKING:
     from dynident.reports.report import html_report
+    from dynident.reports.run import ReportedRun
+    from dynident.reports.validated import ReportedTable, ReportedValidation
 
 __all__ = ["ReportedRun", "ReportedTable", "ReportedValidation", "html_report"]
 
 
-def __getattr__(name: str) -> Any:
-    # Matplotlib takes longer to load than most commands to run: only who draws waits for it.
-    if name == "html_report":
-        from dynident.reports.report import html_report
+_HOMES = {
+    "ReportedRun": "dynident.reports.run",
+    "ReportedTable": "dynident.reports.validated",
+    "ReportedValidation": "dynident.reports.validated",
+    "html_report": "dynident.reports.report",
+}
 
-        return html_report
+
+def __getattr__(name: str) -> Any:
+    # Matplotlib takes longer to load than most commands to run: only who draws waits for it. Who writes numbers in
+    # words waits for nothing.
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -9,6 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.html import block, paragraph, table
+
 FloatArray = NDArray[np.float64]
 
 INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
@@ -81,7 +83,7 @@ class Description:
     """The text a robot was made from, kept as it came."""
 
     format: Literal["urdf", "modified_dh"]
-    content: str
+    content: str = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,25 @@ class Robot:
     description: Description
     inertias: FloatArray | None = None
     locked_joints: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        gains = sum(drive.gain is not None for drive in self.drives)
+        known = f", {gains} with a drive gain" if gains else ""
+        return f"Robot({self.name}: {self.n} joints{known}: {', '.join(self.joint_names)})"
+
+    def _repr_html_(self) -> str:
+        columns = ("joint", "kind", "after", "position", "velocity", "effort", "drive gain")
+        rows = [
+            (
+                joint.name,
+                joint.kind,
+                self.joints[joint.parent].name if joint.parent >= 0 else "base",
+                *_limit_texts(joint),
+                "–" if drive.gain is None else f"{drive.gain:.4g}",
+            )
+            for joint, drive in zip(self.joints, self.drives, strict=True)
+        ]
+        return block(paragraph(f"{self.name}: {self.n} joints", strong=True), table(columns, rows, right_from=3))
 
     @property
     def n(self) -> int:
@@ -126,3 +147,12 @@ class Robot:
             chain.append(joint)
             joint = self.joints[joint].parent
         return tuple(reversed(chain))
+
+
+def _limit_texts(joint: Joint) -> tuple[str, str, str]:
+    """Limits of position, velocity and effort with their units; "–" where none is known."""
+    limits, angle = joint.limits, "rad" if joint.kind == "revolute" else "m"
+    position = "–" if limits.position is None else f"{limits.position[0]:.4g} … {limits.position[1]:.4g} {angle}"
+    velocity = "–" if limits.velocity is None else f"{limits.velocity:.4g} {angle}/s"
+    effort = "–" if limits.effort is None else f"{limits.effort:.4g} {joint.effort_unit}"
+    return position, velocity, effort

@@ -7,15 +7,18 @@ from typing import Annotated
 
 import typer
 
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Out, Units, Windows
 
 _Before = Annotated[
     list[Path],
     typer.Option("--before", metavar="FILE", help="Earlier measurement; may be repeated.", show_default=False),
+    TO_READ,
 ]
 _After = Annotated[
     list[Path],
     typer.Option("--after", metavar="FILE", help="Later measurement; may be repeated.", show_default=False),
+    TO_READ,
 ]
 
 

@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Out, Units, Windows
 
 
 def compare(
     model: ModelArgument,
     measurement: Annotated[
-        Path, typer.Argument(metavar="MEASUREMENT", help="CSV or Parquet file.", show_default=False)
+        Path, typer.Argument(metavar="MEASUREMENT", help="CSV or Parquet file.", show_default=False), TO_READ
     ],
     columns: Columns,
     units: Units,
@@ -28,6 +29,7 @@ def compare(
             default_factory=list,
             show_default=False,
         ),
+        TO_READ,
     ],
     out: Out = None,
     as_json: Json = False,

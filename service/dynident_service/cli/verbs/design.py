@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Accept, Columns, DriveGains, Effects, Json, RobotArgument, Seed, Units, Windows
 
 
@@ -52,6 +53,7 @@ def design(
             metavar="FILE",
             help='Tighter limits for this experiment, JSON: {"joint": {"position": [lo, hi], "velocity": …}}.',
         ),
+        TO_READ,
     ] = None,
     surroundings: Annotated[
         Path | None,
@@ -60,6 +62,7 @@ def design(
             metavar="FILE",
             help='What not to touch, JSON: {"floor": z, "boxes": […], "walls": […], "tool_range": {…}, …}.',
         ),
+        TO_READ,
     ] = None,
     meshes: Annotated[
         list[Path] | None,
@@ -75,6 +78,7 @@ def design(
             metavar="FILE",
             help="Design the next experiment that a diagnosis proposes (`dynident diagnose --out`).",
         ),
+        TO_READ,
     ] = None,
     model: Annotated[
         str, typer.Option("--model", help="Rows that the criterion is computed from: dynamic, filtered, energy, power.")
@@ -82,6 +86,7 @@ def design(
     earlier: Annotated[
         list[Path] | None,
         typer.Option("--earlier", metavar="FILE", help="Measurement that the experiment complements; may be repeated."),
+        TO_READ,
     ] = None,
     drive_gains: DriveGains = "",
     seed: Seed = 0,

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import (
     Accept,
     Columns,
@@ -35,6 +36,7 @@ def extend(
         typer.Option(
             "--diagnosis", metavar="FILE", help="Add what a diagnosis recommends (`dynident diagnose --out`)."
         ),
+        TO_READ,
     ] = None,
     out: Out = None,
     as_json: Json = False,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynident.errors import DynidentError
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import (
     Accept,
     Columns,
@@ -37,6 +38,7 @@ def gains(
             help="Measurement of the same motion with the load; may be repeated.",
             show_default=False,
         ),
+        TO_READ,
     ],
     columns: Columns,
     units: Units,
@@ -51,6 +53,7 @@ def gains(
             show_default=False,
             default_factory=list,
         ),
+        TO_READ,
     ],
     weigh_unloaded: Annotated[
         list[Path],
@@ -61,6 +64,7 @@ def gains(
             show_default=False,
             default_factory=list,
         ),
+        TO_READ,
     ],
     mass: Annotated[float, typer.Option("--mass", help="What the load weighs, kg.", show_default=False)],
     centre: Annotated[

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import (
     Accept,
     Columns,
@@ -46,6 +47,7 @@ def identify(
             default_factory=list,
             show_default=False,
         ),
+        TO_READ,
     ],
     drive_gains: DriveGains = "",
     model: Model = "dynamic",

@@ -7,13 +7,16 @@ from typing import Annotated
 
 import typer
 
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Json, ModelArgument
 
 
 def ladder(
     model: ModelArgument,
     against: Annotated[
-        Path | None, typer.Option("--against", metavar="MODEL", help="Another model, whose ladder is set beside it.")
+        Path | None,
+        typer.Option("--against", metavar="MODEL", help="Another model, whose ladder is set beside it."),
+        TO_READ,
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import (
     Accept,
     Columns,
@@ -28,13 +29,14 @@ def report(
     windows: Windows,
     accept: Accept,
     diagnosis: Annotated[
-        Path | None, typer.Option("--diagnosis", metavar="FILE", help="What `dynident diagnose --out` wrote.")
+        Path | None, typer.Option("--diagnosis", metavar="FILE", help="What `dynident diagnose --out` wrote."), TO_READ
     ] = None,
     validated: Annotated[
         list[Path] | None,
         typer.Option(
             "--validated", metavar="FILE", help="What `dynident validate --out` wrote; repeat it.", show_default=False
         ),
+        TO_READ,
     ] = None,
     title: Annotated[str, typer.Option("--title", help="The heading; the robot's name by default.")] = "",
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file.")] = Path("report.html"),

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Units, Windows
 
 
@@ -15,6 +16,7 @@ def series(
     days: Annotated[
         list[Path],
         typer.Argument(metavar="MEASUREMENT…", help="One file a day, in their order.", show_default=False),
+        TO_READ,
     ],
     columns: Columns,
     units: Units,

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import DriveGains, Json, RobotArgument, Seed
 
 
@@ -31,6 +32,7 @@ def simulate(
             help="What `dynident design` wrote: t, q_<joint>… and, unless they are to follow from q, dq_… and ddq_…. "
             "A random motion otherwise.",
         ),
+        TO_READ,
     ] = None,
     drive_gains: DriveGains = "",
     rate: Annotated[float, typer.Option("--rate", help="Sampling rate of the sensors in Hz.")] = 500.0,

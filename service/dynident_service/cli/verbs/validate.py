@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Out, Seed, Units, Validation, Windows
 
 
@@ -33,6 +34,7 @@ def validate(
             "simulation: the motion; payload: runs with the load.",
             show_default=False,
         ),
+        TO_READ,
     ] = None,
     methods: Annotated[
         list[str] | None,
@@ -57,6 +59,7 @@ def validate(
     unloaded: Annotated[
         list[Path] | None,
         typer.Option("--unloaded", metavar="FILE", help="For payload: runs without the load.", show_default=False),
+        TO_READ,
     ] = None,
     seed: Seed = 0,
     out: Out = None,

@@ -80,6 +80,12 @@ class Comparison:
     free: BoolArray
     temperature: FloatArray | None = None
 
+    def __repr__(self) -> str:
+        return (
+            f"Comparison({len(self.joint_names)} joints, {len(self.t)} rows: relative error "
+            f"{self.errors.relative_total:.2%}, {self.moving_errors.relative_total:.2%} where joints move)"
+        )
+
     @property
     def raw_residual(self) -> FloatArray:
         """(m, n): measured minus predicted, also where a joint stands and the prediction has no sign of friction."""

@@ -39,6 +39,7 @@ _AGAINST = 0.5
 
 _LEAST, _MOST = 0.02, 3.0
 _RIDGE = 1e-6
+_QUIET = 1e-12
 _MOST_MISTAKES = 3
 
 
@@ -100,13 +101,15 @@ class _Judge:
         """What the robot leaves of the torque, each block of time told by the others."""
         grams, moving = self._grams(motion), _moving(motion)
         measured = grams[:, :, -1, -1].sum(axis=0)
-        noise = np.sqrt(np.maximum(measured, np.finfo(float).tiny))
+        # A joint without torque, or none that is left, must not get an infinite weight.
+        least = max(_QUIET * float(measured.max(initial=0.0)), np.finfo(float).tiny)
+        noise = np.sqrt(np.maximum(measured, least))
         squares, values = grams[:, :, -1, -1], np.zeros((_BLOCKS, self.n_columns))
         for _ in range(2):
             values = self._fitted(grams, noise)
             residual = np.concatenate([-values, np.ones((_BLOCKS, 1))], axis=1)
             squares = (np.einsum("bjik,bk->bji", grams, residual) * residual[:, None, :]).sum(axis=2)
-            noise = np.sqrt(np.maximum(squares.sum(axis=0), 1e-9 * np.maximum(measured, np.finfo(float).tiny)))
+            noise = np.sqrt(np.maximum(squares.sum(axis=0), least))
         usual = np.maximum(measured / _BLOCKS, np.finfo(float).tiny)
         shares = np.clip(np.sqrt(np.maximum(squares, 0.0) / usual), _LEAST, _MOST)
         rest = squares.sum(axis=0)

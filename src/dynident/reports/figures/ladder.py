@@ -8,8 +8,30 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
+from dynident.identification import Identification
 from dynident.reports.figures.svg import FIT, FLOOR, HELD_OUT, RUNGS, panel_title, panels, shortened, to_svg
 from dynident.robot.model import FloatArray
+
+_NEAR_THE_AXIS = 0.12
+
+
+def models_figure(models: Sequence[Identification], floor: FloatArray | None = None) -> Markup:
+    """The ladder of some models, the first one first: held-out errors where all of them were tried on such data.
+
+    Parameters
+    ----------
+    models : at least one
+    floor : (n,) relative error that sensor noise alone leaves, or None where it is not known
+    """
+    tried = [model.held_out for model in models if model.held_out is not None]
+    held_out = tried if len(tried) == len(models) else None
+    return ladder_figure(
+        [model.fit.relative_total for model in models],
+        [item.relative_total for item in held_out] if held_out else None,
+        [item.relative for item in held_out or [model.fit for model in models]],
+        floor,
+        models[-1].model.robot.joint_names,
+    )
 
 
 def ladder_figure(
@@ -31,7 +53,7 @@ def ladder_figure(
     figure, grid = panels(1, 2, max(2.4, 0.36 * len(joint_names) + 0.7), widths=(2, 3), gap=gap)
     left, right = grid[0]
     _totals(left, fits, held_out)
-    _joints(right, per_joint, floor, joint_names)
+    _joints(right, per_joint, floor, joint_names, "fit" if held_out is None else "held out")
     shown = held_out if held_out is not None else fits
     kind = "held-out" if held_out is not None else "fit"
     return to_svg(
@@ -49,21 +71,24 @@ def _totals(axes: Axes, fits: Sequence[float], held_out: Sequence[float] | None)
     for name, values, colour, marker in lines:
         axes.plot(steps, 100 * np.asarray(values), color=colour, marker=marker, linewidth=1.6, label=name)
     scaled = 100 * np.array([values for _, values, _, _ in lines])
+    top = 1.2 * float(scaled.max())
     for step in steps:
-        # The higher of the two has its figure above it, the lower one below.
+        # The higher of the two has its figure above it, the lower one below, or beside it where the axis is near.
         for rank, value in enumerate(sorted(scaled[:, step])):
-            shift = -13 if rank == 0 and len(lines) > 1 else 8
-            axes.annotate(
-                f"{value:.3g}", (step, value), (0, shift), textcoords="offset points", ha="center", fontsize=8
-            )
+            shift, side = (0, 8), "center"
+            if rank == 0 and len(lines) > 1:
+                shift, side = ((0, -13), "center") if value > _NEAR_THE_AXIS * top else ((7, -4), "left")
+            axes.annotate(f"{value:.3g}", (step, value), shift, textcoords="offset points", ha=side, fontsize=8)
     axes.set_xticks(steps, [f"model {k + 1}" for k in steps])
     axes.set_xlim(-0.4, len(fits) - 0.6)
-    axes.set_ylim(0, 100 * 1.2 * max(max(fits), max(held_out or [0.0])))
+    axes.set_ylim(0, top)
     panel_title(axes, "relative error, all joints (%)")
     axes.legend(fontsize=8, frameon=False, loc="lower left")
 
 
-def _joints(axes: Axes, per_joint: Sequence[FloatArray], floor: FloatArray | None, joint_names: Sequence[str]) -> None:
+def _joints(
+    axes: Axes, per_joint: Sequence[FloatArray], floor: FloatArray | None, joint_names: Sequence[str], kind: str
+) -> None:
     places = np.arange(len(joint_names))[::-1]
     values = 100 * np.array(per_joint)
     axes.hlines(places, values.min(axis=0), values.max(axis=0), color="#cccccc", linewidth=2.5, zorder=1)
@@ -77,5 +102,7 @@ def _joints(axes: Axes, per_joint: Sequence[FloatArray], floor: FloatArray | Non
     axes.set_ylim(-0.6, len(joint_names) - 0.4)
     axes.set_xlim(left=0)
     axes.set_xlabel("relative error (%)", fontsize=8)
-    panel_title(axes, "relative error per joint (%)")
-    axes.legend(fontsize=8, frameon=False, loc="best")
+    panel_title(axes, f"relative error per joint (%), {kind}")
+    if len(values) > 1 or floor is not None:
+        # Beside a single model a legend would look like one joint more.
+        axes.legend(fontsize=8, frameon=False, loc="best")

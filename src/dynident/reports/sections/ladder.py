@@ -13,7 +13,7 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.gain import best_rung
-from dynident.reports.figures.ladder import ladder_figure
+from dynident.reports.figures.ladder import models_figure
 from dynident.reports.numbers import percent
 from dynident.reports.section import Section
 from dynident.reports.words import best_rung_text, place_text, rung_mark, shape_text
@@ -74,13 +74,7 @@ def ladder_section(identification: Identification, diagnosis: Diagnosis | None) 
         "held out" if held_out else "fit",
         best_rung_text(best, len(models)),
         floor is not None,
-        ladder_figure(
-            [model.fit.relative_total for model in models],
-            [item.relative_total for item in held_out] if held_out else None,
-            [item.relative for item in errors],
-            floor,
-            names,
-        ),
+        models_figure(models, floor),
     )
     return Section("ladder", "The ladder of models", "ladder", content)
 

@@ -1,0 +1,65 @@
+"""Files that a command reads: looked for before anything is loaded that takes time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, get_origin, get_type_hints
+
+from dynident.errors import DynidentError
+
+
+@dataclass(frozen=True)
+class LookedFor:
+    """Beside an option: what it names has to be there; `check` takes one value and raises `DynidentError`."""
+
+    check: Callable[[Any], None]
+
+
+def check_inputs(command: Callable[..., None], given: Mapping[str, Any]) -> None:
+    """Raise `DynidentError` where an option of a command names what is not there."""
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        if get_origin(hint) is Annotated:
+            for marker in hint.__metadata__:
+                if isinstance(marker, LookedFor):
+                    for value in _values(given.get(name)):
+                        marker.check(value)
+
+
+def _values(given: Any) -> Iterator[Any]:
+    if isinstance(given, (list, tuple)):
+        yield from given
+    elif given is not None:
+        yield given
+
+
+def check_readable(path: Path) -> None:
+    """Raise where a file is not there or may not be read."""
+    if not path.is_file():
+        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
+    if not os.access(path, os.R_OK):
+        raise DynidentError(f"{path} may not be read", pointer=str(path), title="Unreadable file")
+
+
+def check_robot(text: str) -> None:
+    """Raise where there is neither such a file nor such an arm."""
+    if not Path(text).is_file() and text not in known_arms():
+        raise DynidentError(
+            f"there is neither a file nor a well-known arm {text!r}; the arms are: {', '.join(known_arms())}",
+            pointer="ROBOT",
+            title="Unknown robot",
+        )
+
+
+def known_arms() -> list[str]:
+    """Names of the arms that come along, sorted."""
+    # Their names alone: importing the room of robots would take longer than most commands.
+    names = (entry.name for entry in (files("dynident") / "robot" / "library").iterdir())
+    return sorted(name.removesuffix(".json") for name in names if name.endswith(".json"))
+
+
+TO_READ = LookedFor(check_readable)
+A_ROBOT = LookedFor(check_robot)

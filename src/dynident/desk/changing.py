@@ -1,0 +1,149 @@
+"""What has changed in a robot between two days."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+from dynident.desk.diagnosing import check_some
+from dynident.desk.figure import Figure, figure_of
+from dynident.desk.identifying import as_model
+from dynident.desk.model import Model
+from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
+from dynident.desk.texts import text_table
+from dynident.diagnosis import Change, Diagnosis
+from dynident.diagnosis import diagnose as diagnose_model
+from dynident.errors import DynidentError
+from dynident.html import block, folded, listed, paragraph, table
+from dynident.identification import Identification
+from dynident.progress import Progress, silent
+from dynident.reports.numbers import number, p_value
+from dynident.reports.words import place_text, title_of
+from dynident.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Changes(Sequence[Change]):
+    """What differs between two sets of recordings of one robot; none where nothing does.
+
+    `diagnosis` also tells what the model lacks before and after.
+    """
+
+    model: Model
+    before: Recordings
+    after: Recordings
+    diagnosis: Diagnosis
+
+    @property
+    def summary(self) -> str:
+        """What has changed, in a few sentences."""
+        return self.diagnosis.summary
+
+    @property
+    def items(self) -> tuple[Change, ...]:
+        """The changes, each with its values, intervals and evidence."""
+        return self.diagnosis.changes or ()
+
+    def plot(self) -> Figure:
+        """Draw every change with its 95 % interval.
+
+        Raises
+        ------
+        DynidentError
+            Where nothing has changed.
+        """
+        from dynident.reports.figures.changes import changes_figure
+
+        if not self.items:
+            raise DynidentError(f"there is no change to draw: {self.summary}")
+        return figure_of([changes_figure(self.items)], "what has changed, with intervals of 95 %")
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Change]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int) -> Change: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Change, ...]: ...
+    def __getitem__(self, index: int | slice) -> Change | tuple[Change, ...]:
+        return self.items[index]
+
+    def __repr__(self) -> str:
+        head = f"Changes({len(self.items)}): {self.summary}"
+        rows = list(_rows(self.items, self.model.robot))
+        return text_table(head, _COLUMNS, rows, len(rows), right_from=3) if rows else head
+
+    def _repr_html_(self) -> str:
+        rows = list(_rows(self.items, self.model.robot))
+        invisible = ", ".join(dict.fromkeys(title_of(one.effect) for one in self.diagnosis.not_visible))
+        return block(
+            paragraph(self.summary, strong=True),
+            table(_COLUMNS, rows, right_from=3) if rows else "",
+            folded("evidence", listed(one.evidence for one in self.items)) if self.items else "",
+            paragraph(f"These motions could not have shown: {invisible}.") if invisible else "",
+        )
+
+
+def changes(
+    model: Model | Identification,
+    *,
+    before: SomeRecordings,
+    after: SomeRecordings,
+    candidates: Sequence[str] | None = None,
+    progress: Progress = silent,
+) -> Changes:
+    """Say what has changed in a robot between two sets of recordings, whose motions may differ.
+
+    Parameters
+    ----------
+    model : Model
+        Of this robot; it says which effects are there. It is identified anew on both sets.
+    before, after : recordings
+    candidates : effect ids, optional
+        Only these; the whole catalogue otherwise.
+
+    Raises
+    ------
+    DynidentError
+        Where one of the two is empty, or the same recording is in both.
+    """
+    known, earlier, later = as_model(model), as_recordings(before), as_recordings(after)
+    check_some(earlier, "before")
+    check_some(later, "after")
+    sources = {id(one.source) for one in earlier.recordings}
+    twice = [one.name for one in later.recordings if id(one.source) in sources]
+    if twice:
+        raise DynidentError(
+            f"{', '.join(twice)} is on both sides; give earlier recordings as before, later ones as after",
+            title="One recording on both sides",
+        )
+    found = diagnose_model(
+        known.identification,
+        later.recordings,
+        baseline=earlier.recordings,
+        candidates=candidates,
+        progress=progress,
+    )
+    return Changes(known, earlier, later, found)
+
+
+_COLUMNS = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
+
+
+def _rows(items: Sequence[Change], robot: Robot) -> Iterator[tuple[str, ...]]:
+    for one in items:
+        for value in (one.main, *one.more):
+            yield (
+                title_of(one.choice.effect),
+                place_text(one.choice.joints, robot),
+                value.parameter,
+                "–" if value.before is None else number(value.before),
+                f"{'+' if value.value > 0 else ''}{number(value.value)}",
+                " to ".join(number(end) for end in value.interval),
+                "" if value.unit == "-" else value.unit,
+                p_value(one.p_value) if value is one.main else "",
+            )

@@ -1,0 +1,181 @@
+"""Exciting trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from dynident.desk.choosing import checked_effects, named_effects
+from dynident.desk.diagnosing import DiagnosedModel
+from dynident.desk.figure import Figure, check_folder, figure_of
+from dynident.desk.recordings import SomeRecordings, as_recordings
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.excitation import (
+    CriterionChoice,
+    Design,
+    DesignRequest,
+    Surroundings,
+    design_experiment,
+    write_design,
+)
+from dynident.excitation.formats.ros2 import joint_trajectory
+from dynident.html import block, folded, listed, paragraph, table
+from dynident.progress import Progress, silent
+from dynident.reports.numbers import number, percent
+from dynident.robot import Limits, Robot
+
+_ENDINGS = (".csv", ".parquet", ".yaml")
+_NEAREST = 5
+
+
+@dataclass(frozen=True, eq=False)
+class DesignedMotion:
+    """A motion within the robot's limits: `design` as the library knows it."""
+
+    robot: Robot
+    design: Design
+
+    @property
+    def summary(self) -> str:
+        """What the design is worth, in a few sentences."""
+        found = self.design
+        baseline = found.baseline
+        beside = (
+            ""
+            if baseline is None
+            else f"; the best of {baseline.count} random motions reaches {number(baseline.best.condition_number)}"
+        )
+        nearest = max(found.margins, key=lambda margin: margin.share)
+        return (
+            f"{found.duration:.3g} s from rest to rest, {found.n_samples} samples at {found.sampling_rate:g} Hz. "
+            f"Condition number {number(found.criterion_values.condition_number)}{beside}. Nearest limit: "
+            f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, used to {percent(nearest.share)}."
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the trajectory: t, q_<joint>…, dq_<joint>…, ddq_<joint>… as .csv or .parquet, or .yaml for ROS 2.
+
+        Raises
+        ------
+        DynidentError
+            For another ending, or a folder that is not there.
+        """
+        path = Path(path)
+        if path.suffix not in _ENDINGS:
+            raise DynidentError(
+                f"cannot write {path.name}; the file's ending has to be .csv, .parquet or .yaml (ROS 2)",
+                pointer=str(path),
+            )
+        check_folder(path)
+        if path.suffix == ".yaml":
+            found = self.design
+            lines = joint_trajectory(found.joint_names, found.t, found.q, found.dq, found.ddq)
+            path.write_text("".join(lines), encoding="utf-8")
+        else:
+            write_design(self.design, path)
+
+    def plot(self) -> Figure:
+        """Draw the joints within their limits, how they cover speed and place, and where the tool goes."""
+        from dynident.reports.figures.design import design_figure
+
+        return figure_of([design_figure(self.design, self.robot)], f"designed motion of {self.robot.name}")
+
+    def __repr__(self) -> str:
+        return f"DesignedMotion({self.robot.name}): {self.summary}"
+
+    def _repr_html_(self) -> str:
+        nearest = sorted(self.design.margins, key=lambda margin: -margin.share)[:_NEAREST]
+        rows = [
+            (m.joint, m.limit.replace("_", " "), number(m.value), number(m.bound), percent(m.share)) for m in nearest
+        ]
+        return block(
+            paragraph(f"Motion of {self.robot.name}", strong=True),
+            paragraph(self.summary),
+            table(("joint", "nearest limits", "reached", "allowed", "used"), rows, right_from=2),
+            folded("notes", listed(self.design.notes)) if self.design.notes else "",
+        )
+
+
+def design(
+    robot: Robot,
+    request: DesignRequest | DiagnosedModel | None = None,
+    *,
+    kind: str | None = None,
+    effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
+    criterion: str | CriterionChoice | None = None,
+    duration: float | None = None,
+    periods: int | None = None,
+    sampling_rate: float | None = None,
+    limits: Mapping[str, Limits] | None = None,
+    surroundings: Surroundings | None = None,
+    time_budget: float | None = None,
+    seed: int | None = None,
+    earlier: SomeRecordings = (),
+    progress: Progress = silent,
+) -> DesignedMotion:
+    """Design a motion that excites the parameters, within the robot's limits and clear of itself.
+
+    Parameters
+    ----------
+    robot : Robot
+    request : DesignRequest or diagnosis, optional
+        Everything that can be asked for; of a diagnosis, the next experiment that it proposes. What is said beside it
+        wins.
+    kind : str, optional
+        "optimized" (where nothing is said), "random", "sequential", "constant_velocity", "slow_sweep", "reversals".
+    effects : texts or choices, optional
+        What is to be identified: ["default", "offset"].
+    criterion : str or CriterionChoice, optional
+        "condition_number" (where nothing is said), "d_optimal", …
+    duration : float, optional
+        One period in s.
+    periods : int, optional
+        How often it is repeated.
+    sampling_rate : float, optional
+        Hz.
+    limits : mapping of joint name to Limits, optional
+        Tighter ones than the robot's.
+    surroundings : Surroundings, optional
+        Floor, walls, boxes; itself where nothing is said.
+    time_budget : float, optional
+        Seconds of optimisation; the best so far is taken.
+    seed : int, optional
+        The same seed gives the same motion.
+    earlier : recordings
+        Runs that the motion is to complement.
+
+    Raises
+    ------
+    DynidentError
+        Where that cannot be designed; it names the limit in the way.
+    """
+    asked = _asked(request)
+    motion: dict[str, Any] = {"duration": duration, "periods": periods, "sampling_rate": sampling_rate}
+    stated: dict[str, Any] = {
+        "kind": kind,
+        "effects": None if effects is None else checked_effects(named_effects(effects), robot),
+        "criterion": CriterionChoice(criterion) if isinstance(criterion, str) else criterion,
+        "limits": limits,
+        "surroundings": surroundings,
+        "time_budget": time_budget,
+        "seed": seed,
+        "trajectory": replace(asked.trajectory, **{key: value for key, value in motion.items() if value is not None}),
+    }
+    wanted = replace(asked, **{key: value for key, value in stated.items() if value is not None})
+    found = design_experiment(robot, wanted, progress, as_recordings(earlier).recordings)
+    return DesignedMotion(robot, found)
+
+
+def _asked(request: DesignRequest | DiagnosedModel | None) -> DesignRequest:
+    if isinstance(request, DesignRequest):
+        return request
+    if request is None:
+        return DesignRequest()
+    if request.next_experiment is None:
+        raise DynidentError(
+            "the diagnosis proposes no experiment: nothing is left to decide", title="Nothing to design"
+        )
+    return request.next_experiment.design

@@ -1,0 +1,193 @@
+"""Recordings from files."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from dynident.desk.recordings import CheckedRecording, Recordings
+from dynident.desk.robots import DriveGains, with_gains
+from dynident.errors import DynidentError
+from dynident.identification.mistakes import checks_against
+from dynident.progress import Progress, part, silent
+from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
+from dynident.recordings.names import unique_names
+from dynident.robot import Robot, coupling_matrix
+
+Role = Literal["identification", "validation", "friction", "payload"]
+
+# How the checks word it for a request over HTTP, and the same as arguments of Python.
+_REWORDED = (
+    (re.compile(r'say "accept": (\["\w+"\])'), r"say accept=\1"),
+    (re.compile(r'"units": (\{[^}]*\})'), r"units=\1"),
+    (re.compile(r'Name it by columns, (\{"\w+": "…"\})'), r"Name it by columns=\1"),
+    (re.compile(r'say "role": "(\w+)" for'), r'say role="\1" for'),
+    (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give drive_gains in N m/A"),
+)
+
+
+def read_recordings(
+    *paths: str | Path,
+    robot: Robot,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    windows: Sequence[tuple[float, float]] = (),
+    role: Role | None = None,
+    drive_gains: DriveGains | None = None,
+    payload: Mapping[str, Any] | None = None,
+    torque_delay: float = 0.0,
+    accept: Sequence[str] = (),
+    folder: str | Path | None = None,
+    progress: Progress = silent,
+) -> Recordings:
+    """Read CSV or Parquet files, and check what usually goes wrong in them.
+
+    Files hold the columns `t`, `q1`, … (or `q_<joint>`, …) and `tau1`, … or `current1`, …; see docs/my-robot.md. What
+    is said here is said of all of them: read files that differ by a call each, and join the results with +.
+
+    A checked recording is kept as a Parquet file in SI units on an even grid of time, since it may be larger than
+    memory. Without `folder` that file is temporary: it is removed when nothing that reads it is left, at the latest
+    when Python ends.
+
+    Parameters
+    ----------
+    paths : path
+        Each recording is called after its file, without the ending.
+    robot : Robot
+        Whose joints the columns are of; its limits are checked against, and its drive gains turn currents to torques.
+    columns : mapping of our name to the file's
+        {"q1": "shoulder_angle", "tau1": "torque_a"}
+    units : mapping of a kind of signal, or of one column, to its unit
+        {"q": "deg", "t": "ms"}; SI where nothing is said.
+    windows : pairs (from, to)
+        Seconds of t to use; all of them where there are none.
+    role : "identification", "validation", "friction" or "payload"
+        "friction" for runs at constant velocity, one joint at a time.
+    drive_gains : mapping of joint name to float, or one float a joint
+        G_T of [12.17] in N m (N) per unit of current, for these files instead of the robot's.
+    payload : mapping, optional
+        The known load of these runs: {"mass": kg, "centre": [x, y, z] in m}.
+    torque_delay : float
+        Seconds by which the torque in the files is late.
+    accept : names of checks
+        What these find is reported, and blocks nothing.
+    folder : path, optional
+        Where checked recordings are kept, as `<name>.checked.parquet`; `dynident.recordings.open_recording` opens them.
+
+    Returns
+    -------
+    Recordings
+        In the order of the files; its `findings` are what the checks warn of.
+
+    Raises
+    ------
+    DynidentError
+        For a file that is not there, or no file at all.
+    RecordingError
+        Where files cannot be used: one error for all of them, with everything that was found in its text and `checks`.
+    """
+    files = [_readable(path) for path in paths]
+    if not files:
+        raise DynidentError("give at least one file to read", title="No such file")
+    machine = robot if drive_gains is None else with_gains(robot, drive_gains)
+    kept = Path(_temporary_folder().name if folder is None else folder)
+    kept.mkdir(parents=True, exist_ok=True)
+    found: list[CheckedRecording] = []
+    failures: list[tuple[Path, RecordingError]] = []
+    for index, (path, name) in enumerate(zip(files, unique_names(files), strict=True)):
+        metadata = RecordingMetadata(
+            name=name,
+            columns=dict(columns or {}),
+            units=dict(units or {}),
+            role=role,
+            windows=tuple((float(start), float(end)) for start, end in windows),
+            payload=payload,
+            torque_delay=torque_delay,
+            accept=tuple(accept),
+        )
+        share = part(progress, index / len(files), (index + 1) / len(files))
+        try:
+            found.append(_read(path, kept, machine, metadata, temporary=folder is None, progress=share))
+        except RecordingError as error:
+            failures.append((path, error))
+    if failures:
+        raise _together(failures, len(files)) from failures[0][1]
+    return Recordings(tuple(found))
+
+
+def _read(
+    path: Path, folder: Path, robot: Robot, metadata: RecordingMetadata, *, temporary: bool, progress: Progress
+) -> CheckedRecording:
+    if temporary:
+        with tempfile.NamedTemporaryFile(dir=folder, suffix=".parquet", delete=False) as made:
+            destination = Path(made.name)
+    else:
+        destination = folder / f"{metadata.name}.checked.parquet"
+    try:
+        recording, checks = import_recording(
+            path,
+            destination,
+            joint_names=robot.joint_names,
+            gains=[drive.gain for drive in robot.drives],
+            coupling=coupling_matrix(robot),
+            metadata=metadata,
+            limits=[JointLimits(j.kind, j.limits.position, j.limits.velocity, j.limits.effort) for j in robot.joints],
+            against=checks_against(robot),
+            progress=progress,
+        )
+    except BaseException:
+        if temporary:
+            destination.unlink(missing_ok=True)
+        raise
+    if temporary:
+        _remove_when_unused(recording, destination)
+    return CheckedRecording(recording, tuple(replace(one, detail=_reworded(one.detail)) for one in checks), robot)
+
+
+@cache
+def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
+    """One for the process, gone when it ends."""
+    return tempfile.TemporaryDirectory(prefix="dynident-", ignore_cleanup_errors=True)
+
+
+def _remove_when_unused(recording: Recording, path: Path) -> None:
+    # Copies of a recording (other windows, another name) share the source that reads the file.
+    weakref.finalize(recording.source, path.unlink, missing_ok=True)
+
+
+def _readable(path: str | Path) -> Path:
+    if not isinstance(path, (str, Path)):
+        raise DynidentError(f"{path!r} is no path; give the files one by one: read_recordings(*paths, robot=robot)")
+    found = Path(path)
+    if not found.is_file():
+        raise DynidentError(f"there is no file {found}", pointer=str(found), title="No such file")
+    return found
+
+
+def _together(failures: Sequence[tuple[Path, RecordingError]], n_files: int) -> RecordingError:
+    """One error of all that cannot be used, with every blocking finding in it."""
+    texts, checks = [], list[Check]()
+    for path, error in failures:
+        own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
+        more = [f"\n    also {check.name.replace('_', ' ')}: {_reworded(check.detail)}" for check in own]
+        texts.append(f"{path.name}: {_reworded(error.detail)}{''.join(more)}")
+        checks += error.checks
+    _, first = failures[0]
+    if len(failures) == 1:
+        return RecordingError(
+            texts[0], pointer=first.pointer, title=first.title, row=first.row, time=first.time, checks=tuple(checks)
+        )
+    told = "\n  ".join([f"{len(failures)} of {n_files} files cannot be used:", *texts])
+    return RecordingError(told, pointer=first.pointer, title=first.title, checks=tuple(checks))
+
+
+def _reworded(detail: str) -> str:
+    for pattern, words in _REWORDED:
+        detail = pattern.sub(words, detail)
+    return detail

@@ -1,0 +1,182 @@
+"""Checked recordings, with all that was found in them, as one collection."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+from dynident.desk.figure import Figure, figure_of
+from dynident.errors import DynidentError
+from dynident.html import block, listed, paragraph, table
+from dynident.recordings import Check, Recording
+from dynident.robot import Robot
+
+_MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
+_SHOWN = 8
+_LONGEST = 160
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedRecording:
+    """One recording that may be identified from, its checks, and the robot: `recording` as the library knows it."""
+
+    recording: Recording
+    checks: tuple[Check, ...] = ()
+    robot: Robot | None = None
+
+    @property
+    def name(self) -> str:
+        """What the recording is called: the file's name without its ending."""
+        return self.recording.name
+
+    @property
+    def findings(self) -> tuple[Check, ...]:
+        """What the checks did not find in order."""
+        return tuple(check for check in self.checks if check.status != "ok")
+
+    def plot(self) -> Figure:
+        """Draw position and torque of every joint over time."""
+        from dynident.reports.figures.recording import recording_figure
+
+        slides = () if self.robot is None else tuple(joint.kind == "prismatic" for joint in self.robot.joints)
+        return figure_of([recording_figure(self.recording, slides)], f"recording {self.name}")
+
+    def __repr__(self) -> str:
+        found = len(self.findings)
+        words = f", {found} finding{'s' if found > 1 else ''} (.findings)" if found else ""
+        return f"CheckedRecording({_line(self.recording)}{words})"
+
+    def _repr_html_(self) -> str:
+        return Recordings((self,))._repr_html_()
+
+
+@dataclass(frozen=True, eq=False)
+class Recordings(Sequence[CheckedRecording]):
+    """Recordings in the order of their files: `runs[0]`, `runs[:1]`, or by name, `runs["run2"]`."""
+
+    items: tuple[CheckedRecording, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the recordings are called."""
+        return tuple(item.name for item in self.items)
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings as the functions of the library take them."""
+        return tuple(item.recording for item in self.items)
+
+    @property
+    def findings(self) -> dict[str, tuple[Check, ...]]:
+        """What the checks did not find in order, by recording; only those that have any."""
+        return {item.name: item.findings for item in self.items if item.findings}
+
+    def plot(self) -> Figure:
+        """Draw position and torque of every joint over time, one recording below the other."""
+        if not self.items:
+            raise DynidentError("there is no recording to draw")
+        svgs = [item.plot().svg for item in self.items]
+        return figure_of(svgs, f"recordings {', '.join(self.names)}", self.names)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[CheckedRecording]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int | str) -> CheckedRecording: ...
+    @overload
+    def __getitem__(self, index: slice) -> Recordings: ...
+    def __getitem__(self, index: int | str | slice) -> CheckedRecording | Recordings:
+        if isinstance(index, slice):
+            return Recordings(self.items[index])
+        if isinstance(index, str):
+            found = next((item for item in self.items if item.name == index), None)
+            if found is None:
+                raise KeyError(f"there is no recording {index!r}; there are: {', '.join(self.names)}")
+            return found
+        return self.items[index]
+
+    def __contains__(self, item: object) -> bool:
+        return item in self.names if isinstance(item, str) else item in self.items
+
+    def __add__(self, other: Recordings) -> Recordings:
+        return Recordings(self.items + other.items)
+
+    def __repr__(self) -> str:
+        lines = [f"  {_line(item.recording)}" for item in self.items[:_SHOWN]]
+        lines += [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
+        told = list(_told(self.items))
+        lines += [text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…" for text in told[:_SHOWN]]
+        lines += [f"  … and {len(told) - _SHOWN} more findings (.findings)"] if len(told) > _SHOWN else []
+        return "\n".join([f"Recordings({len(self.items)})", *lines])
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                item.name,
+                str(item.recording.n_samples),
+                f"{item.recording.sampling_rate:.4g} Hz",
+                f"{item.recording.n_samples * item.recording.period:.4g} s",
+                str(len(item.recording.segments)),
+                _windows(item.recording),
+                str(len(item.findings)),
+            )
+            for item in self.items
+        ]
+        columns = ("recording", "samples", "rate", "duration", "runs", "windows", "findings")
+        return block(
+            paragraph(f"{len(self.items)} recording{'' if len(self.items) == 1 else 's'}", strong=True),
+            table(columns, rows),
+            listed(text.strip() for text in _told(self.items)),
+        )
+
+
+SomeRecordings = Recordings | CheckedRecording | Recording | Iterable[CheckedRecording | Recording]
+"""What functions take for recordings: several or one, as `read_recordings` or the library gives them."""
+
+
+def as_recordings(given: SomeRecordings) -> Recordings:
+    """All that was given as one collection.
+
+    Raises
+    ------
+    DynidentError
+        For a file's name, or anything else that is no recording.
+    """
+    if isinstance(given, Recordings):
+        return given
+    items = [given] if isinstance(given, (CheckedRecording, Recording, str)) else list(given)
+    return Recordings(tuple(_checked(item) for item in items))
+
+
+def _checked(item: object) -> CheckedRecording:
+    if isinstance(item, CheckedRecording):
+        return item
+    if isinstance(item, Recording):
+        return CheckedRecording(item)
+    raise DynidentError(
+        f"{item!r} is no recording; read files with read_recordings(…, robot=robot) first", title="Not a recording"
+    )
+
+
+def _line(recording: Recording) -> str:
+    runs = f" in {len(recording.segments)} runs" if len(recording.segments) > 1 else ""
+    used = f"; used: {_windows(recording)}" if recording.windows else ""
+    return (
+        f"{recording.name}: {recording.n} joints, {recording.n_samples} samples at {recording.sampling_rate:.4g} Hz, "
+        f"{recording.n_samples * recording.period:.4g} s{runs}{used}"
+    )
+
+
+def _windows(recording: Recording) -> str:
+    texts = [f"{start:g} to {end:g} s" for start, end in recording.windows]
+    return ", ".join(texts if len(texts) <= _SHOWN else [*texts[:_SHOWN], "…"]) or "all"
+
+
+def _told(items: Iterable[CheckedRecording]) -> Iterator[str]:
+    for item in items:
+        for check in item.findings:
+            yield f"  {_MARKS[check.status]} {item.name}, {check.name.replace('_', ' ')}: {check.detail}"

@@ -1,0 +1,99 @@
+"""One HTML file about a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from dynident.desk.designing import DesignedMotion
+from dynident.desk.diagnosing import DiagnosedModel
+from dynident.desk.figure import check_folder
+from dynident.desk.model import Model
+from dynident.desk.validating import Validations
+from dynident.diagnosis import compare
+from dynident.errors import DynidentError
+from dynident.progress import Progress, part, silent
+from dynident.reports import ReportedRun, ReportedValidation
+
+_ENDINGS = (".html", ".htm")
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A page that needs nothing beside it; a notebook shows it in a frame."""
+
+    title: str
+    html: str
+
+    def save(self, path: str | Path) -> None:
+        """Write the page.
+
+        Raises
+        ------
+        DynidentError
+            For an ending other than .html, or a folder that is not there.
+        """
+        path = Path(path)
+        if path.suffix not in _ENDINGS:
+            raise DynidentError(f"cannot write {path.name}; the file's ending has to be .html", pointer=str(path))
+        check_folder(path)
+        path.write_text(self.html, encoding="utf-8")
+
+    def __repr__(self) -> str:
+        return f"Report({self.title}, {len(self.html) // 1000} kB; save(…) writes it as HTML)"
+
+    def _repr_html_(self) -> str:
+        style = "width:100%;height:700px;border:1px solid #ccc"
+        title, page = escape(self.title, quote=True), escape(self.html, quote=True)
+        return f'<iframe title="{title}" style="{style}" srcdoc="{page}"></iframe>'
+
+
+def report(
+    model: Model,
+    *,
+    diagnosis: DiagnosedModel | None = None,
+    validations: Validations | None = None,
+    design: DesignedMotion | None = None,
+    title: str = "",
+    progress: Progress = silent,
+) -> Report:
+    """Tell everything about a model in one HTML page: errors, figures, parameters, data.
+
+    Parameters
+    ----------
+    model : Model
+        With its recordings.
+    diagnosis : diagnosis, optional
+        Of this model, or of the one that it was extended from.
+    validations : validations, optional
+    design : designed motion, optional
+        The experiment that the data come from.
+    title : str
+        The heading; the robot's name where nothing is said.
+
+    Raises
+    ------
+    DynidentError
+        Where the model has no recordings.
+    """
+    from dynident.reports import html_report
+
+    model.check_data("report on the model")
+    everything = [*((item, False) for item in model.recordings), *((item, True) for item in model.validation)]
+    runs = []
+    for index, (item, held_out) in enumerate(everything):
+        share = part(progress, 0.8 * index / len(everything), 0.8 * (index + 1) / len(everything))
+        comparison = compare(model.identification, item.recording, share)
+        runs.append(ReportedRun(item.recording, comparison, held_out, item.checks))
+    heading = title or f"Identification of {model.robot.name}"
+    page = html_report(
+        model.identification,
+        runs,
+        diagnosis=None if diagnosis is None else diagnosis.diagnosis,
+        design=None if design is None else design.design,
+        validations=[ReportedValidation(one.title, one.judged) for one in validations or ()],
+        title=heading,
+    )
+    progress(1.0, "written")
+    return Report(heading, page)

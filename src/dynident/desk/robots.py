@@ -1,0 +1,205 @@
+"""Robots from whatever describes them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from dynident.errors import DynidentError
+from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
+from dynident.robot.json_fields import expect_mapping, expect_number, expect_numbers, expect_text, parse_json
+
+_TITLE = "Unusable robot"
+_URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')
+_FIELDS = ("name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance")
+_CONTENT = "/description/content"
+_DRIVE = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
+
+DriveGains = Mapping[str, float] | Sequence[float]
+"""Drive gains [12.17] in N m (N) per unit of current: by joint, or one a joint in the robot's order."""
+
+
+def load_robot(
+    source: str | Path,
+    *,
+    name: str = "",
+    limits: Mapping[str, Limits] | None = None,
+    drives: Mapping[str, Drive] | None = None,
+    drive_gains: DriveGains | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+) -> Robot:
+    """Read a robot.
+
+    Parameters
+    ----------
+    source : str or path
+        A URDF file; a JSON file with a modified Denavit-Hartenberg table (see `dynident.robot.modified_dh`) or with a
+        robot as `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as "ur10".
+    name : str
+        What to call it; otherwise what the file calls it, or the file itself is called.
+    limits : mapping of joint name to Limits
+        They win over the file's, field by field.
+    drives : mapping of joint name to Drive
+        Drive chains [12.17]; they win over the file's.
+    drive_gains : mapping of joint name to float, or one float a joint
+        G_T of [12.17] in N m (N) per unit of current, for recordings that hold currents; instead of `drives`.
+    locked_joints : mapping of joint name to position
+        These joints (rad, m) do not move and are in no recording: a gripper's, for instance.
+    gravity : (x, y, z), optional
+        In the base frame, m/s².
+
+    Raises
+    ------
+    DynidentError
+        Where there is neither such a file nor such an arm, or the file describes no robot; says where in the file.
+    """
+    stated: dict[str, Any] = {
+        "limits": dict(limits or {}),
+        "drives": dict(drives or {}),
+        "locked_joints": dict(locked_joints or {}),
+        "gravity": None if gravity is None else tuple(gravity),
+    }
+    robot = _read(source, name, stated)
+    return robot if drive_gains is None else with_gains(robot, drive_gains)
+
+
+def with_gains(robot: Robot, gains: DriveGains) -> Robot:
+    """The robot with these drive gains; what motors are coupled to stays.
+
+    Raises
+    ------
+    DynidentError
+        For a joint that there is not, or another number of gains than of joints.
+    """
+    if not isinstance(gains, Mapping):
+        if len(gains) != robot.n:
+            raise DynidentError(
+                f"{len(gains)} drive gains for {robot.n} joints ({', '.join(robot.joint_names)}); give one each, or a "
+                "mapping of joint names to gains",
+                pointer="drive_gains",
+                title=_TITLE,
+            )
+        gains = dict(zip(robot.joint_names, gains, strict=True))
+    for joint in gains:
+        if joint not in robot.joint_names:
+            detail = f"there is no joint {joint!r}; the robot has: {', '.join(robot.joint_names)}"
+            raise DynidentError(detail, pointer="drive_gains", title=_TITLE)
+    pairs = zip(robot.joint_names, robot.drives, strict=True)
+    changed = (Drive(float(gains[n]), coupling=drive.coupling) if n in gains else drive for n, drive in pairs)
+    return replace(robot, drives=tuple(changed))
+
+
+def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
+    path = Path(source)
+    if not path.is_file():
+        arm = _known(str(source))
+        return robot_from_description(name or arm.name, arm.description, **stated)
+    content = _text_of(path)
+    place_of_content = _CONTENT
+    try:
+        if content.lstrip().startswith("<"):
+            named = _URDF_NAME.search(content)
+            called = name or (named[1] if named else path.stem)
+            return robot_from_description(called, Description("urdf", content), **stated)
+        document = _parsed(content)
+        if not (isinstance(document, dict) and "description" in document):
+            return robot_from_description(name or path.stem, Description("modified_dh", content), **stated)
+        place_of_content = ""
+        return _from_document(document, name or str(document.get("name") or path.stem), stated)
+    except DynidentError as error:
+        # A description that is the file itself stands nowhere else in it.
+        place = error.pointer.removeprefix(place_of_content)
+        error.detail = f"{path.name}: {f'{place}: ' if place else ''}{error.detail}"
+        error.pointer, error.args = place, (error.detail,)
+        raise
+
+
+def _parsed(content: str) -> Any:
+    try:
+        return parse_json(content, "", _TITLE)
+    except DynidentError as error:
+        raise DynidentError(f"this is neither XML (URDF) nor JSON: {error.detail}", title=error.title) from error
+
+
+def _known(name: str) -> Robot:
+    if name in library_names():
+        return robot_from_library(name)
+    raise DynidentError(
+        f"there is neither a file nor a well-known arm {name!r}; the arms are: {', '.join(library_names())}",
+        title="Unknown robot",
+    )
+
+
+def _text_of(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DynidentError(f"{path} cannot be read as text: {error}", pointer=str(path), title=_TITLE) from error
+
+
+def _from_document(document: Mapping[str, Any], name: str, stated: dict[str, Any]) -> Robot:
+    """A robot as the service takes it; what is stated beside the file wins."""
+    expect_mapping(document, _FIELDS, "", _TITLE)
+    limits = {joint: _limits(value, f"/limits/{joint}") for joint, value in _object(document, "limits").items()}
+    for joint, wanted in stated["limits"].items():
+        given = {key: value for key, value in asdict(wanted).items() if value is not None}
+        limits[joint] = replace(limits.get(joint, Limits()), **given)
+    drives = {joint: _drive(value, f"/drives/{joint}") for joint, value in _object(document, "drives").items()}
+    locked = {
+        joint: expect_number(value, f"/locked_joints/{joint}", _TITLE)
+        for joint, value in _object(document, "locked_joints").items()
+    }
+    gravity = document.get("gravity")
+    return robot_from_description(
+        name,
+        _description(document["description"]),
+        limits=limits,
+        drives={**drives, **stated["drives"]},
+        locked_joints={**locked, **stated["locked_joints"]},
+        gravity=stated["gravity"] or (None if gravity is None else expect_numbers(gravity, 3, "/gravity", _TITLE)),
+    )
+
+
+def _object(document: Mapping[str, Any], field: str) -> Mapping[str, Any]:
+    value = document.get(field) or {}
+    if not isinstance(value, Mapping):
+        raise DynidentError("Expected an object with one entry a joint.", pointer=f"/{field}", title=_TITLE)
+    return value
+
+
+def _description(value: object) -> Description:
+    fields = expect_mapping(value, ("format", "content"), "/description", _TITLE)
+    form = fields.get("format")
+    if form not in ("urdf", "modified_dh"):
+        raise DynidentError("Expected urdf or modified_dh.", pointer="/description/format", title=_TITLE)
+    content = fields.get("content")
+    if form == "modified_dh" and isinstance(content, (dict, list)):
+        content = json.dumps(content)
+    return Description(form, expect_text(content, "/description/content", _TITLE))
+
+
+def _limits(value: object, at: str) -> Limits:
+    names = tuple(asdict(Limits()))
+    fields = {k: v for k, v in expect_mapping(value, names, at, _TITLE).items() if v is not None}
+    position = fields.pop("position", None)
+    numbers: dict[str, Any] = {key: expect_number(item, f"{at}/{key}", _TITLE) for key, item in fields.items()}
+    found = replace(Limits(), **numbers)
+    if position is None:
+        return found
+    low, high = expect_numbers(position, 2, f"{at}/position", _TITLE)
+    return replace(found, position=(low, high))
+
+
+def _drive(value: object, at: str) -> Drive:
+    fields = {k: v for k, v in expect_mapping(value, _DRIVE, at, _TITLE).items() if v is not None}
+    coupling = fields.pop("coupling", {})
+    if not isinstance(coupling, Mapping):
+        raise DynidentError("Expected an object of joints and numbers.", pointer=f"{at}/coupling", title=_TITLE)
+    shares = {joint: expect_number(item, f"{at}/coupling/{joint}", _TITLE) for joint, item in coupling.items()}
+    numbers = {key: expect_number(item, f"{at}/{key}", _TITLE) for key, item in fields.items()}
+    return Drive(**numbers, coupling=shares)

@@ -1,0 +1,66 @@
+"""Effects as people write them: `effect`, `effect@joint`, `effect@joint+joint:constant=value`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynident.effects.catalogue import DEFAULT_EFFECTS
+from dynident.effects.effect import EffectChoice
+from dynident.errors import DynidentError
+
+_TITLE = "Unusable effect"
+
+
+def written_effects(given: Sequence[str], pointer: str = "/effects") -> tuple[EffectChoice, ...]:
+    """The effects that texts name; the word `default` stands for the four usual ones.
+
+    Raises
+    ------
+    DynidentError
+        For a text that cannot be read. Whether there is such an effect, or joint, is not looked at.
+    """
+    choices: list[EffectChoice] = []
+    for text in effect_texts(given):
+        if text == "default":
+            choices += DEFAULT_EFFECTS
+            continue
+        name, joints, shape = effect_parts(text, pointer)
+        choices.append(EffectChoice(name, joints, tuple(sorted(shape.items()))))
+    return tuple(choices)
+
+
+def effect_texts(given: Sequence[str]) -> list[str]:
+    """Effects with commas between, or given one by one, each as a text of its own."""
+    texts: list[str] = []
+    for item in [item.strip() for text in given for item in text.split(",") if item.strip()]:
+        # Values of shape constants, and joints, may themselves follow commas: they carry on the effect before.
+        if texts and "=" in item and ":" not in item and "@" not in item and ":" in texts[-1]:
+            texts[-1] += f",{item}"
+        else:
+            texts.append(item)
+    return texts
+
+
+def effect_parts(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[str, float]]:
+    """Take `effect@joint+joint:constant=value` apart: id, joints, shape constants."""
+    head, _, constants = text.partition(":")
+    name, sign, joints = head.partition("@")
+    if not name.strip() or (sign and not joints.strip()):
+        raise DynidentError(
+            f"cannot read {text!r}; write effect, effect@joint, effect@joint+joint or effect@joint:constant=value",
+            pointer=pointer,
+            title=_TITLE,
+        )
+    shape = dict(_constant(item, pointer) for item in constants.split(",") if item.strip())
+    return name.strip(), tuple(joint.strip() for joint in joints.split("+") if joint.strip()), shape
+
+
+def _constant(item: str, pointer: str) -> tuple[str, float]:
+    name, sign, value = item.partition("=")
+    if not sign or not name.strip() or not value.strip():
+        raise DynidentError(f"cannot read {item.strip()!r}; write name=value", pointer=pointer, title=_TITLE)
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        detail = f"cannot read {value.strip()!r}; write a number"
+        raise DynidentError(detail, pointer=pointer, title=_TITLE) from None

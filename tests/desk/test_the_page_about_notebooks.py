@@ -1,0 +1,40 @@
+"""The page about notebooks holds: its blocks run one after the other on the files of a small arm."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import dynident as dy
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "notebook.md").read_text(encoding="utf-8")
+
+
+def test_every_block_of_the_page_runs(desk: Path) -> None:
+    pytest.importorskip("pandas")
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    assert len(blocks) > 7
+    ended = subprocess.run(
+        [sys.executable, "-c", "".join(blocks)],
+        cwd=desk,
+        env={**os.environ},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "Coulomb friction on elbow" in ended.stdout
+    assert "</html>" in (desk / "report.html").read_text(encoding="utf-8")
+    assert (desk / "trajectory.csv").is_file()
+
+
+def test_what_the_text_says_besides_can_be_done(model: dy.Model, found: dy.DiagnosedModel) -> None:
+    assert model.extend(found.candidates[0]).effects[-1].effect == "stribeck"
+    grown = model.extend("stribeck@shoulder")
+    assert [name for name, _ in grown.effects[-1].shape]
+    assert grown.remove("stribeck").effects == model.effects
