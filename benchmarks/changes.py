@@ -1,6 +1,6 @@
 """What changed since the other day? Pairs of days of arms that another engine moves, one thing different or nothing.
 
-    python benchmarks/changes.py [--seed 1 | --seed new] [--pairs 60] [--processes 2]
+    python benchmarks/changes.py [--seed 1 | --seed new] [--pairs 60] [--days 2] [--processes 2]
 
 Every day has two runs of its own, at full speed and at a lower one, other motions on the second day than on the first
 (Fourier or point to point with pauses, drawn), with sticking joints and a controller of some Hz. A third of the pairs
@@ -11,6 +11,9 @@ first, a base that leans by 0.5 to 2 degrees, an offset, a drive gain that is 3 
 `right`: the change is named, on its joint (a mass: its link, or one that the data are said not to tell from it);
 `missed`: nothing is; `wrong`: something is named that did not change; `alarm`: of pairs where nothing changed. `held`:
 95 % intervals that hold the true difference.
+
+With more than two days each pair is a series of so many, changed from one of them on: a change is right on that day
+alone, or on one that the data are said not to tell from it.
 """
 
 from __future__ import annotations
@@ -38,6 +41,7 @@ from engine.robots import arm_by_name, as_described
 from engine.structure import Tilt
 
 from dynident.diagnosis import Change, diagnose
+from dynident.diagnosis.series import measured, series, what_may_change
 from dynident.identification import identify
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot
@@ -60,7 +64,7 @@ _PACES = (1.0, 0.45)
 
 @dataclass(frozen=True)
 class Pair:
-    """Two days of an arm: what is different on the second one, where and how much; whether friction follows warmth."""
+    """Days of an arm: what is different from one of them on, where and how much; whether friction follows warmth."""
 
     arm: str
     kind: str
@@ -68,12 +72,15 @@ class Pair:
     size: float
     warm: bool
     seed: int
+    days: int = 2
+    since: int = 1
 
     @property
     def text(self) -> str:
         """For a line of a table."""
         place = "" if self.kind in ("nothing", "tilt") else f" joint {self.joint + 1}"
-        return f"{self.arm} {self.kind}{place} {self.size:.3g}{' warm' if self.warm else ''}"
+        from_day = f" from day {self.since + 1}" if self.days > 2 else ""
+        return f"{self.arm} {self.kind}{place} {self.size:.3g}{' warm' if self.warm else ''}{from_day}"
 
 
 @dataclass(frozen=True)
@@ -91,6 +98,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--seed", default="1", help='a number, or "new"')
     parser.add_argument("--pairs", type=int, default=60)
+    parser.add_argument("--days", type=int, default=2)
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args()
     seed = secrets.randbelow(10**6) if arguments.seed == "new" else int(arguments.seed)
@@ -98,14 +106,14 @@ def main() -> None:
     outcomes = []
     print(f"seed {seed}", flush=True)
     with ProcessPoolExecutor(arguments.processes, mp_context=get_context("spawn")) as pool:
-        for outcome in pool.map(judged, [drawn(seed, number) for number in range(arguments.pairs)]):
+        for outcome in pool.map(judged, [drawn(seed, number, arguments.days) for number in range(arguments.pairs)]):
             outcomes.append(outcome)
             mark = "wrong" if outcome.wrong else "right" if outcome.right else "missed"
             print(f"  {len(outcomes):3d} {mark:6s} {outcome.pair.text} -> {outcome.words}", flush=True)
     show(f"What changed, seed {seed}, {time.perf_counter() - start:.0f} s", table(outcomes))
 
 
-def drawn(seed: int, number: int) -> Pair:
+def drawn(seed: int, number: int, days: int = 2) -> Pair:
     """The pair of that number."""
     rng = np.random.default_rng([seed, number])
     arm = str(rng.choice(ARMS))
@@ -122,16 +130,24 @@ def drawn(seed: int, number: int) -> Pair:
         "gain": sign * rng.uniform(0.03, 0.08),
         "zero": sign * np.radians(rng.uniform(0.3, 1.0)),
     }
-    return Pair(arm, kind, joint, float(sizes.get(kind, 0.0)), bool(rng.random() < 0.5), int(rng.integers(2**31)))
+    warm, own = bool(rng.random() < 0.5), int(rng.integers(2**31))
+    return Pair(arm, kind, joint, float(sizes.get(kind, 0.0)), warm, own, days, int(rng.integers(1, days)))
 
 
 def judged(pair: Pair) -> Outcome:
-    """Record both days, identify on the first, ask what has changed."""
+    """Record the days, identify on the first, ask what has changed."""
     robot = arm_by_name(pair.arm)
-    before, after = (recorded(pair, day) for day in (0, 1))
-    model = identify(as_described(robot, pair.seed), [before])
-    changes = diagnose(model, [after], baseline=[before]).changes or ()
-    right = [one for one in changes if _is_right(pair, one, robot)]
+    recordings = [recorded(pair, day) for day in range(pair.days)]
+    model = identify(as_described(robot, pair.seed), recordings[:1])
+    if pair.days == 2:
+        changes = diagnose(model, recordings[1:], baseline=recordings[:1]).changes or ()
+        right = [one for one in changes if _is_right(pair, one, robot)]
+    else:
+        measure = what_may_change(model, with_temperature=pair.warm)
+        found = series(measure, [measured(measure, one.name, [one]) for one in recordings]).changes
+        changes = tuple(one.change for one in found)
+        on_time = [one.change for one in found if one.earliest <= pair.since <= one.latest]
+        right = [one for one in on_time if _is_right(pair, one, robot)]
     return Outcome(
         pair,
         bool(right) or (pair.kind == "nothing" and not changes),
@@ -173,16 +189,17 @@ def _held(pair: Pair, change: Change, robot: Robot) -> list[bool]:
 
 def recorded(pair: Pair, day: int) -> Recording:
     """A day's recording: two runs of another motion each, as segments."""
-    robot = _heavier(arm_by_name(pair.arm), pair) if day else arm_by_name(pair.arm)
+    changed = day >= pair.since
+    robot = _heavier(arm_by_name(pair.arm), pair) if changed else arm_by_name(pair.arm)
     rng = np.random.default_rng([pair.seed, day])
-    hidden: tuple[Hidden, ...] = (*_hidden(pair),) if day else ()
+    hidden: tuple[Hidden, ...] = (*_hidden(pair),) if changed else ()
     servo = Bandwidth(float(np.exp(rng.uniform(np.log(4.0), np.log(12.0)))))
     instruments = Instruments(_COUNTS, 0.006, _RATE)
     still = rng.random() < 0.4
     runs, heat = [], []
     for number, pace in enumerate(_PACES):
         warmth = float(rng.uniform(-0.2, 0.2)) if pair.warm else 0.0
-        arm = Arm(robot, _drives(pair, day, 1.0 + warmth), hidden, servo)
+        arm = Arm(robot, _drives(pair, changed, 1.0 + warmth), hidden, servo)
         make = point_to_point_motion if still else fourier_motion
         motion = make(robot, _DURATION, int(rng.integers(2**31)), arm.step, pace=pace)
         runs.append(record(arm, motion, instruments, int(rng.integers(2**31)), Plan(number, 0.0)))
@@ -194,14 +211,14 @@ def recorded(pair: Pair, day: int) -> Recording:
         joint_names=robot.joint_names,
         temperature=np.concatenate(heat) if pair.warm else None,
         segment=np.repeat(np.arange(len(runs)), [len(run.t) for run in runs]),
-        name=("before", "after")[day],
+        name=f"day {day + 1}",
     )
 
 
-def _drives(pair: Pair, day: int, warmth: float) -> Drives:
+def _drives(pair: Pair, changed: bool, warmth: float) -> Drives:
     usual = usual_drives(arm_by_name(pair.arm))
     more = np.ones(len(usual.coulomb))
-    if day and pair.kind == "friction":
+    if changed and pair.kind == "friction":
         more[pair.joint] += pair.size
     return replace(usual, coulomb=usual.coulomb * more * warmth, viscous=usual.viscous * more * warmth)
 
