@@ -30,6 +30,7 @@ class Settings(BaseSettings):
     require_keys: bool = Field(default=False, description="Ask for a key on the loopback interface too.")
     allowed_origins: list[str] = Field(default=[], description="Web pages of other origins that may call the service.")
     max_attempts: int = Field(default=3, ge=1, description="How often a job is tried whose worker keeps dying.")
+    deleted_kept_seconds: float = Field(default=3600.0, ge=60, description="How long deleted files are kept.")
     log_level: str = "info"
 
     @field_validator("database_url")

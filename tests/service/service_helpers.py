@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,3 +22,9 @@ def wait_for(condition: Callable[[], Any], timeout: float = 30.0) -> Any:
             return found
         time.sleep(0.01)
     raise AssertionError(f"not within {timeout} s")
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import os
-import shutil
-import signal
 import subprocess
 import sys
-import tempfile
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from alembic import command
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, wait_for
-from test_survival import free_port
+from service_helpers import TWO_JOINTS, free_port, wait_for
 
 from dynident_service.app import create_app
 from dynident_service.services import Services
@@ -30,34 +25,6 @@ from dynident_service.storage.records import NewJob
 pytestmark = pytest.mark.slow
 
 JOB = NewJob("report", "small_jobs:answer")
-
-
-@pytest.fixture(scope="module")
-def postgresql(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    if shutil.which("initdb") is None or shutil.which("postgres") is None:
-        pytest.skip("PostgreSQL is not installed")
-    # PostgreSQL refuses to run as root.
-    other_user: dict[str, Any] = {"user": "postgres"} if os.geteuid() == 0 else {}
-    folder = Path(tempfile.gettempdir()) / f"dynident-postgresql-{os.getpid()}"
-    folder.mkdir()
-    if other_user:
-        shutil.chown(folder, **other_user)
-    port = free_port()
-    options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder, **other_user}
-    subprocess.run(["initdb", "-D", folder / "data", "-A", "trust", "-U", "dynident"], check=True, **options)
-    server = subprocess.Popen(
-        ["postgres", "-D", folder / "data", "-p", str(port), "-k", folder, "-c", "listen_addresses=127.0.0.1"],
-        **options,
-    )
-    url = f"postgresql+psycopg://dynident@127.0.0.1:{port}/postgres"
-    try:
-        wait_for(lambda: answers(url))
-        yield url
-    finally:
-        # The fast way to stop: the plain one would wait for connections that a pool still holds.
-        server.send_signal(signal.SIGINT)
-        server.wait(timeout=60)
-        shutil.rmtree(folder)
 
 
 def test_postgresql_keeps_the_same_tables_and_takes_no_job_twice(postgresql: str) -> None:
@@ -151,14 +118,3 @@ def enqueue(client: TestClient) -> str:
 def ended(client: TestClient, job_id: str) -> Any:
     state = client.get(f"/v1/jobs/{job_id}").json()["state"]
     return state if state in ("succeeded", "failed", "cancelled") else None
-
-
-def answers(url: str) -> bool:
-    database = Database(url)
-    try:
-        database.ping()
-    except Exception:
-        return False
-    finally:
-        database.close()
-    return True

@@ -10,6 +10,7 @@ from alembic import command
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dynident_service.problems import ProblemError
 from dynident_service.storage.database import Database
 from dynident_service.storage.identifiers import new_identifier
 from dynident_service.storage.migrate import configuration, migrate
@@ -44,7 +45,7 @@ def test_deleting_an_object_twice_does_no_harm(objects: ObjectStore) -> None:
     objects.delete(key)
     objects.delete(key)
     assert not objects.exists(key)
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(ProblemError, match="missing"):
         objects.path(key)
 
 

@@ -18,6 +18,7 @@ from dynident_service.cli.verbs import (
     demo,
     design,
     diagnose,
+    doctor,
     effects,
     essential,
     export,
@@ -98,6 +99,7 @@ for _command in (
     report.report,
     export.export,
     effects.effects,
+    doctor.doctor,
     serve.serve,
 ):
     app.command()(_guarded(_command))

@@ -70,7 +70,7 @@ class Workshop:
         """Do a job and write its end into the ledger."""
         try:
             outcome = self._call(claim)
-            self.ledger.succeed(claim, lambda session: _store(session, claim, outcome))
+            self.ledger.succeed(claim, lambda session: _store(session, self.objects, claim, outcome))
         except (LostClaim, Cancelled):
             log.info("job %s attempt %d: no longer wanted", claim.job_id, claim.attempt)
             self.ledger.stopped(claim)
@@ -118,17 +118,17 @@ class Reporter:
         self._last_time, self._last_fraction, self._last_message = time.monotonic(), fraction, message
 
 
-def _store(session: Session, claim: Claim, outcome: Outcome) -> None:
+def _store(session: Session, objects: ObjectStore, claim: Claim, outcome: Outcome) -> None:
     result: dict[str, Any] = dict(outcome.result)
     if outcome.creates is not None:
-        made = insert(session, outcome.creates)
+        made = insert(session, objects, outcome.creates)
         result[f"{outcome.creates.kind}_id"] = made
         if claim.resource_id is not None:
             rest(session, claim.resource_id, made, "result")
     if claim.resource_id is not None:
         row = session.get_one(ResourceRow, claim.resource_id)
         row.result = result
-        own(session, row.id, outcome.objects)
+        own(session, objects, row.id, outcome.objects)
 
 
 def work(jobs: int, lifeline: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -20,6 +20,7 @@ from dynident_service.routes.common import ListQueryDep, RetryKey, RetryKeyDep, 
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.objects import digest
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn
+from dynident_service.storage.tombstones import ObjectGone
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
 
@@ -124,30 +125,26 @@ def _store(
         recording, checks = import_file(source, canonical, robot_of(robot.request), said)
     except RecordingError as error:
         raise ProblemError.of(problem_with_file(error)) from error
-    owned = _keep(services, source, canonical)
+    new = NewResource(
+        "measurement",
+        plain(said),
+        name=said.name,
+        result=plain(describe_recording(recording, checks, sha256)),
+        rests_on=(RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),),
+        objects=_keep(services, source, canonical),
+        retry=retry,
+    )
     try:
-        new = NewResource(
-            "measurement",
-            plain(said),
-            name=said.name,
-            result=plain(describe_recording(recording, checks, sha256)),
-            rests_on=(RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),),
-            objects=tuple(one for one, _ in owned),
-            retry=retry,
-        )
         return make(services, new, response)
-    except BaseException:
-        for one, created in owned:
-            if created and not services.resources.is_held(one.key):
-                services.objects.delete(one.key)
-        raise
+    except ObjectGone:  # swept away while this waited for longer than such files are kept
+        return make(services, replace(new, objects=_keep(services, source, canonical)), response)
 
 
-def _keep(services: Services, source: Path, canonical: Path) -> Sequence[tuple[Owned, bool]]:
+def _keep(services: Services, source: Path, canonical: Path) -> tuple[Owned, ...]:
     with source.open("rb") as opened:
         media_type = MEDIA_TYPES["parquet" if opened.read(4) == b"PAR1" else "csv"]
     kept = []
     for role, path, kind in (("original", source, media_type), ("recording", canonical, MEDIA_TYPES["parquet"])):
-        stored = services.objects.put_path(path)
-        kept.append((Owned(role, stored.key, stored.size, kind), stored.created))
-    return kept
+        stored = services.resources.put(path)
+        kept.append(Owned(role, stored.key, stored.size, kind))
+    return tuple(kept)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event, make_url, text
+from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select, text
 from sqlalchemy.orm import Session
 
 WRITES = "dynident_writes"
@@ -26,6 +29,7 @@ class Database:
         self.is_sqlite = make_url(url).get_backend_name() == "sqlite"
         self.engine = _sqlite_engine(url) if self.is_sqlite else _postgresql_engine(url)
         self._writer = self.engine.execution_options(**{WRITES: True})
+        self._turn: AbstractContextManager[object] = _turn_of(url) if self.is_sqlite else nullcontext()
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -36,7 +40,7 @@ class Database:
     @contextmanager
     def write(self) -> Iterator[Session]:
         """Open a session that is committed at the end, or rolled back by an exception."""
-        with Session(self._writer, expire_on_commit=False) as session, session.begin():
+        with self._turn, Session(self._writer, expire_on_commit=False) as session, session.begin():
             yield session
 
     def ping(self) -> None:
@@ -47,6 +51,24 @@ class Database:
     def close(self) -> None:
         """Close all connections."""
         self.engine.dispose()
+
+
+@cache
+def _turn_of(url: str) -> threading.Lock:
+    """The lock by which the threads of a process take turns to write to an SQLite file.
+
+    SQLite itself makes a writer that finds another one sleep for up to 0.1 s, again and again.
+    """
+    return threading.Lock()
+
+
+def clock(session: Session) -> datetime:
+    """Give the time by the clock that all who share the database agree on: its own (SQLite runs on this machine)."""
+    if session.get_bind().dialect.name == "sqlite":
+        return datetime.now(UTC)
+    told = session.scalar(select(func.clock_timestamp()))
+    assert isinstance(told, datetime)
+    return told.astimezone(UTC)
 
 
 def _sqlite_engine(url: str) -> Engine:

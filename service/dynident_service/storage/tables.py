@@ -98,6 +98,15 @@ class ObjectRow(Table):
     media_type: Mapped[str] = mapped_column(String(80))
 
 
+class TombstoneRow(Table):
+    """An object that a resource has let go of, or that one may soon own: the sweep looks who owns it, later."""
+
+    __tablename__ = "tombstones"
+
+    key: Mapped[str] = mapped_column(String(64), primary_key=True)
+    since: Mapped[datetime] = mapped_column(default=now, index=True)
+
+
 class JobRow(Table):
     """The ledger: one computation, where it stands, and who holds it until when."""
 
