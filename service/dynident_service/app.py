@@ -13,8 +13,9 @@ from starlette.routing import compile_path
 
 from dynident.version import __version__
 from dynident_service.keys import KeyRing
+from dynident_service.limits import Admission, BodyLimit
 from dynident_service.metrics import Metrics
-from dynident_service.middleware import BodyLimit, Gate, Timing
+from dynident_service.middleware import Gate, Timing
 from dynident_service.problem_responses import install as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.routes import ROUTERS
@@ -73,6 +74,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             allow_headers=["*"],
             expose_headers=["Location"],
         )
+    app.add_middleware(Admission, settings=settings)
     app.add_middleware(Timing, metrics=metrics)
     return app
 

@@ -5,15 +5,13 @@ import shutil
 import signal
 import subprocess
 import tempfile
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import uvicorn
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, free_port, wait_for
+from service_helpers import TWO_JOINTS, free_port, serving, wait_for
 
 from dynident_client import Client
 from dynident_service.app import create_app
@@ -99,16 +97,9 @@ def _ended(services: Services, job_id: str) -> Any:
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
     """A client of a service that listens on a port of its own."""
-    settings = Settings(data_dir=tmp_path_factory.mktemp("live"), workers=2)
-    server = uvicorn.Server(uvicorn.Config(create_app(settings), port=0, log_level="warning"))
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    wait_for(lambda: server.started)
-    port = server.servers[0].sockets[0].getsockname()[1]
-    with Client(f"http://127.0.0.1:{port}") as client:
+    settings = Settings(data_dir=tmp_path_factory.mktemp("live"), workers=2, port=0, log_level="warning")
+    with serving(settings) as url, Client(url) as client:
         yield client
-    server.should_exit = True
-    thread.join()
 
 
 @pytest.fixture(scope="session")
