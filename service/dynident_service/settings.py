@@ -36,6 +36,9 @@ class Settings(BaseSettings):
     require_keys: bool = Field(default=False, description="Ask for a key on the loopback interface too.")
     allowed_origins: list[str] = Field(default=[], description="Web pages of other origins that may call the service.")
     max_attempts: int = Field(default=3, ge=1, description="How often a job is tried whose worker keeps dying.")
+    job_deadline_seconds: float = Field(
+        default=12 * 3600.0, gt=0, description="How long one attempt at a job may take."
+    )
     deleted_kept_seconds: float = Field(default=3600.0, ge=60, description="How long deleted files are kept.")
     log_level: str = "info"
 

@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
@@ -23,7 +24,8 @@ class Child:
 
     def __init__(self, nursery: Nursery) -> None:
         self._nursery = nursery
-        self._pid: int | None = None
+        self.pid: int | None = None
+        self.heartbeats = 0
         ours, theirs = socket.socketpair()
         lifeline, self._lifeline = os.pipe()
         try:
@@ -39,17 +41,19 @@ class Child:
 
     def receive(self, timeout: float) -> Receipt | None:
         """Wait for the end of the job; `None` after the timeout, EOFError if the process died."""
-        try:
-            if not self._connection.poll(timeout):
-                return None
-            received = self._connection.recv()
-        except OSError as error:
-            raise EOFError from error
-        if isinstance(received, Hello):
-            self._pid = received.pid
-            return self.receive(timeout)
-        assert isinstance(received, Receipt)
-        return received
+        until = time.monotonic() + timeout
+        while True:
+            try:
+                if not self._connection.poll(max(0.0, until - time.monotonic())):
+                    return None
+                received = self._connection.recv()
+            except OSError as error:
+                raise EOFError from error
+            if isinstance(received, Receipt):
+                return received
+            self.heartbeats += 1
+            if isinstance(received, Hello):
+                self.pid = received.pid
 
     def is_alive(self) -> bool:
         """Tell whether an idle child is still there."""
@@ -61,19 +65,19 @@ class Child:
 
     def strike(self) -> None:
         """Kill its process group, if it has begun."""
-        if self._pid is not None:
+        if self.pid is not None:
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._pid, signal.SIGKILL)
+                os.killpg(self.pid, signal.SIGKILL)
 
     def kill(self) -> int | None:
         """Kill its process group; gives the exit code that it had by itself, if it had ended before."""
         with contextlib.suppress(EOFError):
             self.receive(0.0)  # it may have said its number meanwhile
         ended_with = None
-        if self._pid is not None:
-            ended_with = self._nursery.exit_code(self._pid, reap=False)
+        if self.pid is not None:
+            ended_with = self._nursery.exit_code(self.pid, reap=False)
             self.strike()
-            self._nursery.exit_code(self._pid, reap=True)
+            self._nursery.exit_code(self.pid, reap=True)
         self._connection.close()
         os.close(self._lifeline)  # the kernel kills one that has not begun yet
         return ended_with

@@ -25,6 +25,8 @@ class Place:
     object_store_url: str
     cache_dir: Path
     max_attempts: int
+    deadline: float
+    """Seconds that one attempt at a job may take."""
 
 
 class Memory:
