@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select, text
 from sqlalchemy.orm import Session
@@ -66,9 +66,8 @@ def clock(session: Session) -> datetime:
     """Give the time by the clock that all who share the database agree on: its own (SQLite runs on this machine)."""
     if session.get_bind().dialect.name == "sqlite":
         return datetime.now(UTC)
-    told = session.scalar(select(func.clock_timestamp()))
-    assert isinstance(told, datetime)
-    return told.astimezone(UTC)
+    told = session.execute(select(func.clock_timestamp())).scalar_one()
+    return cast(datetime, told).astimezone(UTC)
 
 
 def _sqlite_engine(url: str) -> Engine:
