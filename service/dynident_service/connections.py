@@ -8,6 +8,7 @@ import json
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from dynident_service.headers import SAFE
 from dynident_service.problems import MEDIA_TYPE, make_problem
 from dynident_service.settings import Settings
 
@@ -62,6 +63,8 @@ def _refusal(most: int) -> bytes:
     head = (
         "HTTP/1.1 503 Service Unavailable\r\n"
         f"content-type: {MEDIA_TYPE}\r\ncontent-length: {len(body)}\r\n"
-        "retry-after: 1\r\nconnection: close\r\n\r\n"
+        "retry-after: 1\r\nconnection: close\r\n"
+        + "".join(f"{name}: {value}\r\n" for name, value in SAFE.items())
+        + "\r\n"
     )
     return head.encode() + body

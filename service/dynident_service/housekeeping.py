@@ -6,18 +6,23 @@ import logging
 import shutil
 import threading
 import time
+from collections import Counter
 from datetime import timedelta
 from pathlib import Path
 
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
+from dynident_service.storage.doctor import CURABLE, examine
 from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.retention import forget
 from dynident_service.storage.tombstones import sweep
 
 EVERY = 60.0
 """Seconds from one round to the next."""
 ABANDONED = 24 * 3600.0
 """An upload that has not moved for so many seconds is over."""
+EXAMINED_EVERY = 600.0
+"""Seconds from one look through all that is stored to the next."""
 log = logging.getLogger("dynident.housekeeping")
 
 
@@ -29,6 +34,9 @@ class Housekeeping:
         self._database = database
         self._objects = objects
         self._stop = threading.Event()
+        self._examined: float | None = None
+        self.condition = "ok"
+        """What was found when all that is stored was last looked through, in a few words."""
         self._thread = threading.Thread(target=self._run, name="dynident-housekeeping", daemon=True)
 
     def start(self) -> None:
@@ -46,6 +54,19 @@ class Housekeeping:
         swept = sweep(self._database, self._objects, timedelta(seconds=self._settings.deleted_kept_seconds))
         if swept:
             log.info("%d files that nobody owned were deleted", swept)
+        forget(self._database, timedelta(days=self._settings.history_kept_days))
+        if self._examined is None or time.monotonic() - self._examined >= EXAMINED_EVERY:
+            self.examine()
+
+    def examine(self) -> None:
+        """Look through all that is stored, without reading what files hold."""
+        found = Counter(one.trouble for one in examine(self._database, self._objects, by_hash=False))
+        wrong = {trouble: number for trouble, number in found.items() if trouble not in CURABLE}
+        told = ", ".join(f"{trouble}: {number}" for trouble, number in sorted(wrong.items()))
+        self.condition = f"damaged ({told}); `dynident doctor` says more" if wrong else "ok"
+        if wrong:
+            log.error("what is stored is %s", self.condition)
+        self._examined = time.monotonic()
 
     def _run(self) -> None:
         while not self._stop.is_set():

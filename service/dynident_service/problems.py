@@ -43,6 +43,7 @@ class Problem(BaseModel):
     detail: str
     errors: list[ProblemField] | None = None
     dependents: list[Dependent] | None = Field(default=None, description="On 409: what has to be deleted first.")
+    dependents_count: int | None = Field(default=None, description="On 409: how many there are; not all are listed.")
     checks: list[dict[str, Any]] | None = Field(default=None, description="All that was found in a file.")
     available: list[str] | None = Field(default=None, description="On 501: what there is instead.")
 

@@ -29,6 +29,7 @@ class Services:
     resources: Resources
     ledger: Ledger
     engine: Engine
+    housekeeping: Housekeeping
 
 
 @contextmanager
@@ -45,7 +46,7 @@ def open_services(settings: Settings) -> Iterator[Services]:
         housekeeping = Housekeeping(settings, database, objects)
         housekeeping.start()
         try:
-            yield Services(settings, database, objects, Resources(database, objects), ledger, engine)
+            yield Services(settings, database, objects, Resources(database, objects), ledger, engine, housekeeping)
         finally:
             housekeeping.close()
             engine.close()

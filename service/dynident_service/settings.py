@@ -32,6 +32,7 @@ class Settings(BaseSettings):
     header_timeout_seconds: float = Field(default=20.0, gt=0, description="How long a request may take to begin.")
     body_timeout_seconds: float = Field(default=30.0, gt=0, description="How long a body may not come on.")
     slowest_upload_bytes_per_second: float = Field(default=10_000.0, gt=0, description="A body must come as fast.")
+    reserved_bytes: int = Field(default=100 * MEGABYTE, ge=0, description="Room on the disk that uploads leave free.")
     api_keys: list[SecretStr] = Field(default=[], description="Keys accepted besides those in the database.")
     require_keys: bool = Field(default=False, description="Ask for a key on the loopback interface too.")
     allowed_origins: list[str] = Field(default=[], description="Web pages of other origins that may call the service.")
@@ -39,6 +40,7 @@ class Settings(BaseSettings):
     job_deadline_seconds: float = Field(
         default=12 * 3600.0, gt=0, description="How long one attempt at a job may take."
     )
+    history_kept_days: float = Field(default=30.0, gt=0, description="How long events and retry keys are kept.")
     deleted_kept_seconds: float = Field(default=3600.0, ge=60, description="How long deleted files are kept.")
     log_level: str = "info"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import os
 import signal
 import subprocess
@@ -91,6 +92,10 @@ def loses_the_database(task: Task) -> Outcome:
         note.write_text("lost")
         raise OperationalError("SELECT", {}, Exception("server closed the connection unexpectedly"))
     return Outcome()
+
+
+def fills_the_disk(task: Task) -> Outcome:
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def _failing_at_first(name: str, method: Any, times: int) -> Any:

@@ -30,6 +30,7 @@ from dynident_service.storage.ledger import Claim, Ledger, LostClaim
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import INFRASTRUCTURE, patiently, reason_of
 from dynident_service.storage.resources import Resources, insert, own, rest
+from dynident_service.storage.space import is_full
 from dynident_service.storage.tables import ResourceRow
 
 PROGRESS_INTERVAL = 0.1
@@ -98,7 +99,9 @@ class Workshop:
         try:
             outcome = self._call(claim)
             patiently(lambda: self._succeed(claim, outcome), PATIENCE)
-        except INFRASTRUCTURE:
+        except INFRASTRUCTURE as error:
+            if is_full(error):
+                return _failing(claim, _no_room())
             raise
         except (LostClaim, Cancelled):
             log.info("job %s attempt %d: no longer wanted", claim.job_id, claim.attempt)
@@ -110,7 +113,9 @@ class Workshop:
         except MemoryError:
             detail = "The computation needs more memory than there is; use less data or stronger decimation."
             return _failing(claim, make_problem(500, detail, title="Out of memory"))
-        except Exception:
+        except Exception as error:
+            if is_full(error):
+                return _failing(claim, _no_room())
             log.exception("job %s attempt %d failed unexpectedly", claim.job_id, claim.attempt)
             detail = f"The computation failed unexpectedly; the service's log says where, under job {claim.job_id}."
             return _failing(claim, make_problem(500, detail))
@@ -153,6 +158,11 @@ class Reporter:
         except INFRASTRUCTURE as error:  # the work goes on; the next report may get through
             log.warning("job %s: progress could not be written: %s", self._claim.job_id, reason_of(error))
         self._last_time, self._last_fraction, self._last_message = time.monotonic(), fraction, message
+
+
+def _no_room() -> Problem:
+    detail = "A disk was full, so the result could not be stored; whoever runs the service has to make room."
+    return make_problem(507, detail, title="Disk full")
 
 
 def _failing(claim: Claim, problem: Problem) -> End:

@@ -110,6 +110,7 @@ def _store(
     from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
     from dynident_service.adapters.robots import robot_of
 
+    _require_room(services, folder, file)
     source, canonical = folder / "source", folder / "recording.parquet"
     with source.open("wb") as target:
         shutil.copyfileobj(file.file, target, 1 << 20)
@@ -138,6 +139,14 @@ def _store(
         return make(services, new, response)
     except ObjectGone:  # swept away while this waited for longer than such files are kept
         return make(services, replace(new, objects=_keep(services, source, canonical)), response)
+
+
+def _require_room(services: Services, folder: Path, file: UploadFile) -> None:
+    """Refuse what would fill the disk to the brim: the database needs room too, even to delete something."""
+    needed = 2 * (file.size or 0) + services.settings.reserved_bytes  # the file and its recording
+    if shutil.disk_usage(folder).free < needed:
+        detail = "The disk of the service is nearly full (DYNIDENT_RESERVED_BYTES), so nothing was stored; make room."
+        raise ProblemError(507, detail, title="Disk full")
 
 
 def _keep(services: Services, source: Path, canonical: Path) -> tuple[Owned, ...]:

@@ -37,13 +37,14 @@ def health() -> Health:
 
 @router.get("/readyz", responses={503: {"model": Readiness}})
 def readiness(services: ServicesDep, response: Response) -> Readiness:
-    """Tell whether database, object store and job engine work; 503 if one does not.
+    """Tell whether database, object store and job engine work, and what is stored is whole; 503 if one does not.
 
     While the engine starts, jobs are accepted already.
     """
     engine = services.engine
     checks = {"database": _checked(services.database.ping), "objects": _checked(services.objects.ping)}
     checks["engine"] = f"failed: {engine.trouble}" if engine.state == "failed" else engine.state
+    checks["stored"] = services.housekeeping.condition
     ready = all(value in ("ok", "starting", "ready") for value in checks.values())
     response.status_code = 200 if ready else 503
     return Readiness(status="ready" if ready else "not_ready", checks=checks)

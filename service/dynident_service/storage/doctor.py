@@ -47,11 +47,14 @@ def examine(database: Database, objects: ObjectStore, *, by_hash: bool = True) -
     if found:
         return  # what a damaged database says of objects is not to be relied on
     owners = _owners(database)
+    sizes = dict(objects.listed())
     for (key, size), names in owners.items():
-        finding = _examine_object(objects, key, size, names, by_hash)
+        finding = _examine_object(key, size, sizes.get(key), names)
+        if finding is None and by_hash and objects.is_damaged(key):
+            finding = Finding("damaged", key, "the file's hash is not what it should be", names)
         if finding is not None:
             yield finding
-    yield from _orphans(database, objects, {key for key, _ in owners})
+    yield from _orphans(database, sizes.keys() - {key for key, _ in owners} - {PROBE_KEY})
     yield from _leftovers(objects)
 
 
@@ -88,28 +91,20 @@ def _owners(database: Database) -> dict[tuple[str, int], tuple[str, ...]]:
     return owners
 
 
-def _examine_object(
-    objects: ObjectStore, key: str, size: int, owners: tuple[str, ...], by_hash: bool
-) -> Finding | None:
-    found = objects.size(key)
+def _examine_object(key: str, size: int, found: int | None, owners: tuple[str, ...]) -> Finding | None:
     if found is None:
         return Finding("missing", key, "the file is not there", owners)
     if found != size:
         return Finding("cut", key, f"the file has {found} bytes and should have {size}", owners)
-    if by_hash and objects.is_damaged(key):
-        return Finding("damaged", key, "the file's hash is not what it should be", owners)
     return None
 
 
-def _orphans(database: Database, objects: ObjectStore, owned: set[str]) -> Iterator[Finding]:
-    suspects = [key for key in objects.listed() if key not in owned and key != PROBE_KEY]
+def _orphans(database: Database, suspects: set[str]) -> Iterator[Finding]:
     with database.read() as session:
         # Read after the list: whoever put an object has raised its tombstone before.
-        marked = set(session.scalars(select(TombstoneRow.key)))
-        marked |= set(session.scalars(select(ObjectRow.key)))
-    for key in suspects:
-        if key not in marked:
-            yield Finding("orphan", key, "no resource owns the file")
+        marked = set(session.scalars(select(TombstoneRow.key))) | set(session.scalars(select(ObjectRow.key)))
+    for key in sorted(suspects - marked):
+        yield Finding("orphan", key, "no resource owns the file")
 
 
 def _leftovers(objects: ObjectStore) -> Iterator[Finding]:

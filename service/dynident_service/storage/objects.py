@@ -132,13 +132,13 @@ class ObjectStore:
             return True
         return sha256.hexdigest() != key
 
-    def listed(self) -> Iterator[str]:
-        """Go through the keys of all objects that are there."""
+    def listed(self) -> Iterator[tuple[str, int]]:
+        """Go through all objects that are there: their keys and sizes."""
         for batch in obstore.list(self._store):
             for one in batch:
                 key = str(one["path"]).rpartition("/")[2]
                 if _KEY.fullmatch(key):
-                    yield key
+                    yield key, int(one["size"])
 
     def leftovers(self) -> Iterator[Path]:
         """Go through what writers are writing, or left behind when they were cut off (in a local store)."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -19,6 +19,9 @@ from dynident_service.storage.objects import ObjectStore, Stored, digest
 from dynident_service.storage.records import FINAL, Kind, NewResource, Owned, Page, Resource, RestsOn, Retry
 from dynident_service.storage.tables import DependencyRow, JobRow, ObjectRow, ResourceRow, RetryRow
 from dynident_service.storage.tombstones import announce, hold
+
+MOST_DEPENDENTS = 20
+"""As many are listed of those that rest on what is to be deleted."""
 
 
 class Resources:
@@ -158,12 +161,14 @@ def _refuse_while_needed(session: Session, row: ResourceRow) -> None:
         .distinct()
         .order_by(ResourceRow.id)
     )
-    dependents = [Dependent(id=identifier, kind=kind) for identifier, kind in session.execute(query)]
-    if dependents:
+    number = session.scalar(select(func.count()).select_from(query.order_by(None).subquery())) or 0
+    if number:
+        listed = session.execute(query.limit(MOST_DEPENDENTS))
+        dependents = [Dependent(id=identifier, kind=kind) for identifier, kind in listed]
         named = ", ".join(f"{one.kind} {one.id}" for one in dependents[:10])
-        more = f" and {len(dependents) - 10} more" if len(dependents) > 10 else ""
+        more = f" and {number - 10} more" if number > 10 else ""
         detail = f"The {row.kind} {row.id} is needed by {named}{more}; delete these first."
-        raise ProblemError(409, detail, title="Still needed", dependents=dependents)
+        raise ProblemError(409, detail, title="Still needed", dependents=dependents, dependents_count=number)
     job = session.scalar(select(JobRow).where(JobRow.resource_id == row.id))
     if job is not None and job.state not in FINAL:
         detail = f"The {row.kind} {row.id} is being computed; cancel its job {job.id} first."
