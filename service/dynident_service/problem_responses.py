@@ -43,7 +43,8 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
 
     @app.exception_handler(ProblemError)
     async def on_problem(_: Request, error: ProblemError) -> JSONResponse:
-        return respond(error.problem)
+        headers = {"retry-after": "1"} if error.problem.status in (429, 503) else None
+        return respond(error.problem, headers)
 
     @app.exception_handler(DynidentError)
     async def on_unusable_input(_: Request, error: DynidentError) -> JSONResponse:

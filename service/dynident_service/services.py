@@ -9,6 +9,8 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
+from dynident_service.desk import Desk
+from dynident_service.following import Following
 from dynident_service.housekeeping import Housekeeping
 from dynident_service.jobs.engine import Engine
 from dynident_service.settings import Settings
@@ -30,6 +32,8 @@ class Services:
     ledger: Ledger
     engine: Engine
     housekeeping: Housekeeping
+    desk: Desk
+    following: Following
 
 
 @contextmanager
@@ -45,9 +49,12 @@ def open_services(settings: Settings) -> Iterator[Services]:
         engine.start()
         housekeeping = Housekeeping(settings, database, objects)
         housekeeping.start()
+        desk = Desk(settings.request_workers)
+        resources, following = Resources(database, objects), Following(ledger)
         try:
-            yield Services(settings, database, objects, Resources(database, objects), ledger, engine, housekeeping)
+            yield Services(settings, database, objects, resources, ledger, engine, housekeeping, desk, following)
         finally:
+            desk.close()
             housekeeping.close()
             engine.close()
     finally:

@@ -94,6 +94,24 @@ def loses_the_database(task: Task) -> Outcome:
     return Outcome()
 
 
+def twice(number: int) -> int:
+    """A call, not a job."""
+    return 2 * number
+
+
+def never_answers(note: str) -> None:
+    Path(note).write_text(str(os.getpid()))
+    sum(range(10**11))
+
+
+def dies_at_once() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def refuses() -> None:
+    raise DynidentError("q3 has a gap", pointer="q3", title="Gap in time")
+
+
 def fills_the_disk(task: Task) -> Outcome:
     raise OSError(errno.ENOSPC, "No space left on device")
 

@@ -23,6 +23,7 @@ from typing import Any, cast
 from sqlalchemy.orm import Session
 
 from dynident.errors import Cancelled, DynidentError
+from dynident_service.jobs.calls import Answer, Call, answer
 from dynident_service.jobs.work import JobFunction, Memory, Outcome, Place, Task
 from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
 from dynident_service.storage.database import Database
@@ -191,7 +192,7 @@ class Line:
         self._busy = threading.Event()
         threading.Thread(target=self._beat, daemon=True).start()
 
-    def send(self, message: Hello | Heartbeat | Receipt) -> None:
+    def send(self, message: Hello | Heartbeat | Receipt | Answer) -> None:
         """Send a message, whichever thread it is that speaks."""
         with self._lock:
             self._connection.send(message)
@@ -225,6 +226,9 @@ def work(jobs: int, lifeline: int) -> None:
             order = connection.recv()
         except (EOFError, OSError):
             return
+        if isinstance(order, Call):
+            line.send(answer(order, _peak_memory()))
+            continue
         assert isinstance(order, Order)
         if workshop is None or workshop.place != order.place:
             workshop = Workshop(order.place)
@@ -236,7 +240,11 @@ def work(jobs: int, lifeline: int) -> None:
                 log.warning("job %s attempt %d: %s", order.claim.job_id, order.claim.attempt, reason_of(error))
                 trouble = reason_of(error)
                 time.sleep(REST)
-        line.send(Receipt(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024, trouble))
+        line.send(Receipt(_peak_memory(), trouble))
+
+
+def _peak_memory() -> int:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 def _die_with_parent(lifeline: int) -> None:

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
 
+from dynident_service.jobs.calls import Answer, Call
 from dynident_service.jobs.child import Hello, Order, Receipt
 from dynident_service.jobs.nursery import Nursery
 
@@ -35,12 +36,12 @@ class Child:
             os.close(lifeline)
         self._connection = Connection(ours.detach())
 
-    def send(self, order: Order) -> None:
-        """Give it a job; it begins when it has started up."""
+    def send(self, order: Order | Call) -> None:
+        """Give it something to do; it begins when it has started up."""
         self._connection.send(order)
 
-    def receive(self, timeout: float) -> Receipt | None:
-        """Wait for the end of the job; `None` after the timeout, EOFError if the process died."""
+    def receive(self, timeout: float) -> Receipt | Answer | None:
+        """Wait for the end of it; `None` after the timeout, EOFError if the process died."""
         until = time.monotonic() + timeout
         while True:
             try:
@@ -49,7 +50,7 @@ class Child:
                 received = self._connection.recv()
             except OSError as error:
                 raise EOFError from error
-            if isinstance(received, Receipt):
+            if isinstance(received, Receipt | Answer):
                 return received
             self.heartbeats += 1
             if isinstance(received, Hello):
@@ -110,7 +111,7 @@ class ChildPool:
             self._busy.add(child)
             return child
 
-    def put_back(self, child: Child, receipt: Receipt) -> None:
+    def put_back(self, child: Child, receipt: Receipt | Answer) -> None:
         """Take back a child whose job has ended."""
         if receipt.peak_memory > MEMORY_LIMIT or len(self._idle) >= self._size:
             self.replace(child)

@@ -132,7 +132,9 @@ def _watch(claim: Claim, child: Child, ledger: Ledger, deadline: float) -> Recei
             renewed = moment
         if standing != "held":
             # The child may just have ended the job by itself.
-            return child.receive(0.0) or (lambda ledger: ledger.stopped(claim))
+            ended = child.receive(0.0)
+            return ended if isinstance(ended, Receipt) else (lambda ledger: ledger.stopped(claim))
+    assert isinstance(receipt, Receipt)
     return receipt
 
 

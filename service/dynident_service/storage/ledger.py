@@ -7,7 +7,7 @@ for dead and comes back cannot overwrite what its successor does.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal, cast
@@ -194,6 +194,13 @@ class Ledger:
             query = select(JobEventRow).where(JobEventRow.job_id == job_id, JobEventRow.id > after)
             rows = session.scalars(query.order_by(JobEventRow.id)).all()
         return [JobEvent(row.id, row.event, row.data) for row in rows], state is None or state in FINAL
+
+    def newest_events(self, job_ids: Collection[str]) -> dict[str, int]:
+        """Give the id of the last event of each of some jobs, of those that are there."""
+        newest = select(JobEventRow.job_id, func.max(JobEventRow.id)).group_by(JobEventRow.job_id)
+        with self._database.read() as session:
+            rows = session.execute(newest.where(JobEventRow.job_id.in_(job_ids))).all()
+        return {str(job_id): int(last) for job_id, last in rows}
 
     def counts(self) -> dict[str, int]:
         """Count the jobs by state."""
