@@ -15,6 +15,8 @@ from sqlalchemy.orm import Session
 
 WRITES = "dynident_writes"
 BUSY_TIMEOUT_MS = 15_000
+CONNECT_TIMEOUT = 5
+"""Seconds."""
 
 
 class Database:
@@ -96,9 +98,14 @@ def _sqlite_engine(url: str) -> Engine:
 
 
 def _postgresql_engine(url: str) -> Engine:
-    return create_engine(
-        url,
-        pool_pre_ping=True,
-        isolation_level="READ COMMITTED",
-        connect_args={"connect_timeout": 5, "options": f"-c lock_timeout={BUSY_TIMEOUT_MS}"},
+    engine = create_engine(
+        url, pool_pre_ping=True, isolation_level="READ COMMITTED", connect_args={"connect_timeout": CONNECT_TIMEOUT}
     )
+
+    @event.listens_for(engine, "connect")
+    def configure(connection: Any, _: Any) -> None:
+        # Not as an option of the connection: poolers that stand between refuse those.
+        connection.execute(f"SET lock_timeout = {BUSY_TIMEOUT_MS}")
+        connection.commit()
+
+    return engine
