@@ -12,9 +12,12 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.routing import compile_path
 
 from dynident.version import __version__
+from dynident_service.documentation import mount as mount_documentation
+from dynident_service.headers import SafeHeaders
 from dynident_service.keys import KeyRing
+from dynident_service.limits import Admission, BodyLimit
 from dynident_service.metrics import Metrics
-from dynident_service.middleware import BodyLimit, Gate, Timing
+from dynident_service.middleware import Gate, Timing
 from dynident_service.problem_responses import install as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.routes import ROUTERS
@@ -56,10 +59,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         lifespan=lifespan,
         generate_unique_id_function=lambda route: route.name,
         responses={422: PROBLEM, "default": PROBLEM},
+        docs_url=None,
+        redoc_url=None,
     )
     app.state.metrics = metrics
     for router in ROUTERS:
         app.include_router(router)
+    mount_documentation(app)
     mount_workbench(app)
     install_problems(app, _methods_by_path(app))
     # The last one added is the first that a request meets.
@@ -73,7 +79,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             allow_headers=["*"],
             expose_headers=["Location"],
         )
+    app.add_middleware(Admission, settings=settings)
     app.add_middleware(Timing, metrics=metrics)
+    app.add_middleware(SafeHeaders)
     return app
 
 

@@ -1,4 +1,4 @@
-"""What stands before the routes: who may enter, how much may be sent, how long it took."""
+"""What stands before the routes: who may enter, and how long it took."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from urllib.parse import urlsplit
 
 from anyio import to_thread
 from starlette.datastructures import Headers
-from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dynident_service.keys import KeyRing
@@ -60,38 +59,6 @@ class Gate:
         if origin is None or method in SAFE_METHODS or origin in self._settings.allowed_origins:
             return True
         return urlsplit(origin).netloc == headers.get("host")
-
-
-class BodyLimit:
-    """Refuses bodies that are too large, whether or not they say so beforehand."""
-
-    def __init__(self, app: ASGIApp, settings: Settings) -> None:
-        self._app = app
-        self._settings = settings
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Count what is received; a problem 413 when it is too much."""
-        if scope["type"] != "http":
-            return await self._app(scope, receive, send)
-        headers = Headers(scope=scope)
-        is_upload = headers.get("content-type", "").startswith("multipart/")
-        limit = self._settings.max_upload_bytes if is_upload else self._settings.max_body_bytes
-        name = "DYNIDENT_MAX_UPLOAD_BYTES" if is_upload else "DYNIDENT_MAX_BODY_BYTES"
-        detail = f"The body is larger than {limit} bytes ({name}); send a part of the recording, or as Parquet."
-        length = headers.get("content-length", "")
-        if length.isdigit() and int(length) > limit:
-            return await respond(make_problem(413, detail))(scope, receive, send)
-        received = 0
-
-        async def counted() -> Message:
-            nonlocal received
-            message = await receive()
-            received += len(message.get("body", b""))
-            if received > limit:
-                raise HTTPException(413, detail)
-            return message
-
-        return await self._app(scope, counted, send)
 
 
 class Timing:

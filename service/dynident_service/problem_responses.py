@@ -12,6 +12,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from dynident.errors import DynidentError
+from dynident_service.headers import SAFE
 from dynident_service.problems import (
     MEDIA_TYPE,
     Problem,
@@ -21,13 +22,17 @@ from dynident_service.problems import (
     problem_of,
     validation_problem,
 )
+from dynident_service.storage.patience import AWAY, reason_of
+from dynident_service.storage.space import is_full
 
 log = logging.getLogger("dynident.service")
 
 
 def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
     """Answer a request with a problem."""
-    return JSONResponse(problem.model_dump(exclude_none=True), problem.status, headers=headers, media_type=MEDIA_TYPE)
+    # Also where the answer goes out past the middleware that would add them.
+    carried = {**SAFE, **(headers or {})}
+    return JSONResponse(problem.model_dump(exclude_none=True), problem.status, headers=carried, media_type=MEDIA_TYPE)
 
 
 def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
@@ -38,7 +43,8 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
 
     @app.exception_handler(ProblemError)
     async def on_problem(_: Request, error: ProblemError) -> JSONResponse:
-        return respond(error.problem)
+        headers = {"retry-after": "1"} if error.problem.status in (429, 503) else None
+        return respond(error.problem, headers)
 
     @app.exception_handler(DynidentError)
     async def on_unusable_input(_: Request, error: DynidentError) -> JSONResponse:
@@ -52,6 +58,8 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
     async def on_http_error(request: Request, error: StarletteHTTPException) -> JSONResponse:
         headers = {name.lower(): value for name, value in (error.headers or {}).items()}
         path = request.url.path
+        if is_full(error.__cause__):  # while a body was received
+            return respond(_no_room())
         detail = str(error.detail)
         if error.status_code == 405:
             methods = allowed_methods(path)
@@ -61,7 +69,29 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
             detail = f"There is nothing at {path}; /docs lists what there is."
         return respond(make_problem(error.status_code, detail), headers)
 
+    async def on_infrastructure(request: Request, error: Exception) -> JSONResponse:
+        log.error("%s %s: %s", request.method, request.url.path, reason_of(error))
+        if is_full(error):
+            return respond(_no_room())
+        detail = "The database or the object store does not answer; try again in a moment. Nothing was stored."
+        return respond(make_problem(503, detail, title="Storage away"), {"retry-after": "5"})
+
+    for kind in AWAY:
+        app.add_exception_handler(kind, on_infrastructure)
+
+    @app.exception_handler(OSError)
+    async def on_operating_system(request: Request, error: OSError) -> JSONResponse:
+        if is_full(error):
+            log.error("%s %s: %s", request.method, request.url.path, error)
+            return respond(_no_room())
+        return await on_unexpected(request, error)
+
     @app.exception_handler(Exception)
     async def on_unexpected(request: Request, error: Exception) -> JSONResponse:
         log.error("%s %s failed unexpectedly", request.method, request.url.path, exc_info=error)
         return respond(make_problem(500, "The service failed unexpectedly; its log says where. Nothing was stored."))
+
+
+def _no_room() -> Problem:
+    detail = "The disk of the service is full, so nothing was stored; whoever runs it has to make room."
+    return make_problem(507, detail, title="Disk full")

@@ -13,6 +13,8 @@ from pydantic_core import ErrorDetails
 from dynident.errors import DynidentError
 
 MEDIA_TYPE = "application/problem+json"
+MOST_FIELDS = 100
+"""As many wrong fields are told one by one; all of them would be larger than the request."""
 _NOWHERE = object()
 
 
@@ -41,6 +43,7 @@ class Problem(BaseModel):
     detail: str
     errors: list[ProblemField] | None = None
     dependents: list[Dependent] | None = Field(default=None, description="On 409: what has to be deleted first.")
+    dependents_count: int | None = Field(default=None, description="On 409: how many there are; not all are listed.")
     checks: list[dict[str, Any]] | None = Field(default=None, description="All that was found in a file.")
     available: list[str] | None = Field(default=None, description="On 501: what there is instead.")
 
@@ -135,4 +138,5 @@ def validation_problem(fields: list[ProblemField]) -> Problem:
     """Make the problem of a request that does not have the form that the contract asks for."""
     summary = "; ".join(f"{field.pointer or 'body'}: {field.detail}" for field in fields[:5])
     more = f"; and {len(fields) - 5} more" if len(fields) > 5 else ""
-    return make_problem(422, summary + more, title="Request does not fit the contract", errors=fields)
+    told = fields[:MOST_FIELDS]
+    return make_problem(422, summary + more, title="Request does not fit the contract", errors=told)

@@ -7,6 +7,7 @@ import logging
 import uvicorn
 
 from dynident_service.app import create_app
+from dynident_service.connections import protocol_with
 from dynident_service.settings import Settings
 
 
@@ -15,10 +16,18 @@ def serve(settings: Settings | None = None) -> None:
     settings = settings or Settings()
     logging.basicConfig(level=settings.log_level.upper(), format="%(levelname)s %(name)s: %(message)s")
     logging.getLogger("alembic").setLevel(logging.WARNING)
-    uvicorn.run(
+    uvicorn.Server(configuration(settings)).run()
+
+
+def configuration(settings: Settings) -> uvicorn.Config:
+    """Configure the server that answers with the application."""
+    return uvicorn.Config(
         create_app(settings),
         host=settings.host,
         port=settings.port,
         log_level=settings.log_level.lower(),
         timeout_graceful_shutdown=3,
+        http=protocol_with(settings),
+        ws="none",
+        backlog=settings.max_connections,
     )

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
+from dynident_service.desk import Desk
+from dynident_service.following import Following
+from dynident_service.housekeeping import Housekeeping
 from dynident_service.jobs.engine import Engine
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
@@ -19,9 +19,6 @@ from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.resources import Resources
-
-ABANDONED = 24 * 3600.0
-"""An upload that has not moved for so many seconds is over."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +31,15 @@ class Services:
     resources: Resources
     ledger: Ledger
     engine: Engine
+    housekeeping: Housekeeping
+    desk: Desk
+    following: Following
 
 
 @contextmanager
 def open_services(settings: Settings) -> Iterator[Services]:
     """Open the storage, bring the database up to date, and start the engine in the background."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
-    sweep_uploads(settings.uploads_dir)
     database = Database(settings.database)
     try:
         migrate(database)
@@ -48,20 +47,18 @@ def open_services(settings: Settings) -> Iterator[Services]:
         ledger = Ledger(database, settings.max_attempts)
         engine = Engine(settings, ledger)
         engine.start()
+        housekeeping = Housekeeping(settings, database, objects)
+        housekeeping.start()
+        desk = Desk(settings.request_workers)
+        resources, following = Resources(database, objects), Following(ledger)
         try:
-            yield Services(settings, database, objects, Resources(database, objects), ledger, engine)
+            yield Services(settings, database, objects, resources, ledger, engine, housekeeping, desk, following)
         finally:
+            desk.close()
+            housekeeping.close()
             engine.close()
     finally:
         database.close()
-
-
-def sweep_uploads(folder: Path) -> None:
-    """Remove what uploads left behind that were cut off by the end of the service."""
-    long_ago = time.time() - ABANDONED
-    for left in folder.glob("*"):
-        if left.stat().st_mtime < long_ago:
-            shutil.rmtree(left, ignore_errors=True)
 
 
 def services_of(request: Request) -> Services:

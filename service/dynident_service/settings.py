@@ -24,12 +24,25 @@ class Settings(BaseSettings):
     object_store_url: str = Field(default="", description="Default: a folder in the data directory; or s3://bucket.")
     dask_scheduler: str = Field(default="", description="tcp://host:port of a running cluster; default: a local one.")
     workers: int = Field(default_factory=lambda: max(1, os.cpu_count() or 1), ge=1, description="Jobs at a time.")
+    request_workers: int = Field(default=2, ge=1, description="Computations at a time that requests wait for.")
     max_upload_bytes: int = Field(default=4_000 * MEGABYTE, ge=1, description="Largest recording.")
     max_body_bytes: int = Field(default=32 * MEGABYTE, ge=1, description="Largest body of any other request.")
+    max_connections: int = Field(default=500, ge=1, description="Connections at a time.")
+    max_requests: int = Field(default=100, ge=1, description="Requests at a time, but for those that follow a job.")
+    max_followers: int = Field(default=200, ge=1, description="Requests at a time that follow a job.")
+    header_timeout_seconds: float = Field(default=20.0, gt=0, description="How long a request may take to begin.")
+    body_timeout_seconds: float = Field(default=30.0, gt=0, description="How long a body may not come on.")
+    slowest_upload_bytes_per_second: float = Field(default=10_000.0, gt=0, description="A body must come as fast.")
+    reserved_bytes: int = Field(default=100 * MEGABYTE, ge=0, description="Room on the disk that uploads leave free.")
     api_keys: list[SecretStr] = Field(default=[], description="Keys accepted besides those in the database.")
     require_keys: bool = Field(default=False, description="Ask for a key on the loopback interface too.")
     allowed_origins: list[str] = Field(default=[], description="Web pages of other origins that may call the service.")
     max_attempts: int = Field(default=3, ge=1, description="How often a job is tried whose worker keeps dying.")
+    job_deadline_seconds: float = Field(
+        default=12 * 3600.0, gt=0, description="How long one attempt at a job may take."
+    )
+    history_kept_days: float = Field(default=30.0, gt=0, description="How long events and retry keys are kept.")
+    deleted_kept_seconds: float = Field(default=3600.0, ge=60, description="How long deleted files are kept.")
     log_level: str = "info"
 
     @field_validator("database_url")

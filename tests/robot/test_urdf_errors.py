@@ -26,6 +26,8 @@ BAD = {
         '<robot xmlns:xacro="x"><xacro:include filename="a"/></robot>',
         "<xacro:include> is xacro; expand the file first",
     ),
+    "nested without end": ("<robot>" + "<a>" * 5000 + "</a>" * 5000 + "</robot>", "<a> is inside more than 100 other"),
+    "elements without end": ("<robot>" + "<a/>" * 150_000 + "</robot>", "more than 100000 elements"),
     "no link": (machine(), "line 1: The robot has no <link>"),
     "link without name": (machine("<link/>"), "line 2: A <link> has no name"),
     "same link twice": (machine(link("a"), link("a")), "line 3: The link name 'a' is used twice .first on line 2."),

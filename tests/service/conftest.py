@@ -1,15 +1,17 @@
 from __future__ import annotations
 
 import os
-import threading
+import shutil
+import signal
+import subprocess
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import uvicorn
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, wait_for
+from service_helpers import TWO_JOINTS, free_port, serving, wait_for
 
 from dynident_client import Client
 from dynident_service.app import create_app
@@ -95,13 +97,45 @@ def _ended(services: Services, job_id: str) -> Any:
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
     """A client of a service that listens on a port of its own."""
-    settings = Settings(data_dir=tmp_path_factory.mktemp("live"), workers=2)
-    server = uvicorn.Server(uvicorn.Config(create_app(settings), port=0, log_level="warning"))
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    wait_for(lambda: server.started)
-    port = server.servers[0].sockets[0].getsockname()[1]
-    with Client(f"http://127.0.0.1:{port}") as client:
+    settings = Settings(data_dir=tmp_path_factory.mktemp("live"), workers=2, port=0, log_level="warning")
+    with serving(settings) as url, Client(url) as client:
         yield client
-    server.should_exit = True
-    thread.join()
+
+
+@pytest.fixture(scope="session")
+def postgresql() -> Iterator[str]:
+    if shutil.which("initdb") is None or shutil.which("postgres") is None:
+        pytest.skip("PostgreSQL is not installed")
+    # PostgreSQL refuses to run as root.
+    other_user: dict[str, Any] = {"user": "postgres"} if os.geteuid() == 0 else {}
+    folder = Path(tempfile.gettempdir()) / f"dynident-postgresql-{os.getpid()}"
+    folder.mkdir()
+    if other_user:
+        shutil.chown(folder, **other_user)
+    port = free_port()
+    options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder, **other_user}
+    subprocess.run(["initdb", "-D", folder / "data", "-A", "trust", "-U", "dynident"], check=True, **options)
+    server = subprocess.Popen(
+        ["postgres", "-D", folder / "data", "-p", str(port), "-k", folder, "-c", "listen_addresses=127.0.0.1"],
+        **options,
+    )
+    url = f"postgresql+psycopg://dynident@127.0.0.1:{port}/postgres"
+    try:
+        wait_for(lambda: _answers(url))
+        yield url
+    finally:
+        # The fast way to stop: the plain one would wait for connections that a pool still holds.
+        server.send_signal(signal.SIGINT)
+        server.wait(timeout=60)
+        shutil.rmtree(folder)
+
+
+def _answers(url: str) -> bool:
+    database = Database(url)
+    try:
+        database.ping()
+    except Exception:
+        return False
+    finally:
+        database.close()
+    return True

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import socket
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
+
+import uvicorn
+
+from dynident_service.serve import configuration
+from dynident_service.settings import Settings
 
 TWO_JOINTS = {
     "joints": [
@@ -21,3 +29,23 @@ def wait_for(condition: Callable[[], Any], timeout: float = 30.0) -> Any:
             return found
         time.sleep(0.01)
     raise AssertionError(f"not within {timeout} s")
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def serving(settings: Settings) -> Iterator[str]:
+    """A service that listens on a port of its own; gives its address."""
+    server = uvicorn.Server(configuration(settings))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        wait_for(lambda: server.started or not thread.is_alive())
+        yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
+    finally:
+        server.should_exit = True
+        thread.join()

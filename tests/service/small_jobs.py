@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import os
 import signal
 import subprocess
 import time
 from pathlib import Path
+from typing import Any
+
+from sqlalchemy.exc import OperationalError
 
 from dynident.errors import DynidentError
 from dynident_service.jobs.work import Outcome, Task
+from dynident_service.storage.ledger import Ledger
 
 
 def answer(task: Task) -> Outcome:
@@ -48,3 +54,76 @@ def dies(task: Task) -> Outcome:
         note.write_text(str(deaths + 1))
         os.kill(os.getpid(), signal.SIGKILL)
     return Outcome({"deaths": deaths})
+
+
+def waits(task: Task) -> Outcome:
+    """Say who does it, then wait for a file."""
+    Path(task.arguments["note"]).write_text(str(os.getpid()))
+    while not Path(task.arguments["go"]).exists():
+        time.sleep(0.02)
+    return Outcome()
+
+
+def stands_still(task: Task) -> Outcome:
+    """Hold the interpreter lock and do nothing, as a computation that waits for itself."""
+    ctypes.PyDLL(None).sleep(600)
+    return Outcome()
+
+
+def holds_the_interpreter(task: Task) -> Outcome:
+    """Compute for some seconds as a solver does, without a word."""
+    sum(range(int(task.arguments["numbers"])))
+    return Outcome()
+
+
+def meets_a_hiccup(task: Task) -> Outcome:
+    """Find the database away for a moment when progress is reported and when the result is stored."""
+    for name in ("progress", "succeed"):
+        setattr(Ledger, name, _failing_at_first(name, getattr(Ledger, name), int(task.arguments["times"])))
+    time.sleep(0.15)
+    task.progress(0.5, "half of it")
+    return Outcome({"answer": 42})
+
+
+def loses_the_database(task: Task) -> Outcome:
+    """Find the database away when something is to be read, the first time."""
+    note = Path(task.arguments["note"])
+    if not note.exists():
+        note.write_text("lost")
+        raise OperationalError("SELECT", {}, Exception("server closed the connection unexpectedly"))
+    return Outcome()
+
+
+def twice(number: int) -> int:
+    """A call, not a job."""
+    return 2 * number
+
+
+def never_answers(note: str) -> None:
+    Path(note).write_text(str(os.getpid()))
+    sum(range(10**11))
+
+
+def dies_at_once() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def refuses() -> None:
+    raise DynidentError("q3 has a gap", pointer="q3", title="Gap in time")
+
+
+def fills_the_disk(task: Task) -> Outcome:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def _failing_at_first(name: str, method: Any, times: int) -> Any:
+    left = [times]
+
+    def failing(*arguments: Any) -> Any:
+        if left[0] == 0:
+            setattr(Ledger, name, method)
+            return method(*arguments)
+        left[0] -= 1
+        raise OperationalError("UPDATE", {}, Exception("database is locked"))
+
+    return failing

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import os
-import shutil
-import signal
 import subprocess
 import sys
-import tempfile
 import threading
+import time
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
 from typing import Any
 
 import pytest
 from alembic import command
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, wait_for
-from test_survival import free_port
+from service_helpers import TWO_JOINTS, free_port, wait_for
+from sqlalchemy import text
 
 from dynident_service.app import create_app
 from dynident_service.services import Services
@@ -30,34 +29,6 @@ from dynident_service.storage.records import NewJob
 pytestmark = pytest.mark.slow
 
 JOB = NewJob("report", "small_jobs:answer")
-
-
-@pytest.fixture(scope="module")
-def postgresql(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    if shutil.which("initdb") is None or shutil.which("postgres") is None:
-        pytest.skip("PostgreSQL is not installed")
-    # PostgreSQL refuses to run as root.
-    other_user: dict[str, Any] = {"user": "postgres"} if os.geteuid() == 0 else {}
-    folder = Path(tempfile.gettempdir()) / f"dynident-postgresql-{os.getpid()}"
-    folder.mkdir()
-    if other_user:
-        shutil.chown(folder, **other_user)
-    port = free_port()
-    options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder, **other_user}
-    subprocess.run(["initdb", "-D", folder / "data", "-A", "trust", "-U", "dynident"], check=True, **options)
-    server = subprocess.Popen(
-        ["postgres", "-D", folder / "data", "-p", str(port), "-k", folder, "-c", "listen_addresses=127.0.0.1"],
-        **options,
-    )
-    url = f"postgresql+psycopg://dynident@127.0.0.1:{port}/postgres"
-    try:
-        wait_for(lambda: answers(url))
-        yield url
-    finally:
-        # The fast way to stop: the plain one would wait for connections that a pool still holds.
-        server.send_signal(signal.SIGINT)
-        server.wait(timeout=60)
-        shutil.rmtree(folder)
 
 
 def test_postgresql_keeps_the_same_tables_and_takes_no_job_twice(postgresql: str) -> None:
@@ -97,48 +68,84 @@ def test_the_service_works_on_postgresql(postgresql: str, tmp_path: Path) -> Non
         assert client.delete(first.headers["location"]).status_code == 204
 
 
-def test_jobs_run_on_a_cluster_elsewhere(tmp_path: Path) -> None:
-    port = free_port()
-    address = f"tcp://127.0.0.1:{port}"
-    environment = {**os.environ, "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "error"}
-    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
-    dashboard = ["--dashboard-address", "127.0.0.1:0"]
-    scheduler = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "distributed.cli.dask_scheduler",
-            "--host",
-            "127.0.0.1",
-            "--port",
-            str(port),
-            *dashboard,
-        ],
-        **quiet,
-    )
-    worker = subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", *dashboard],
-        cwd=tmp_path,
-        **quiet,
-    )
-    try:
-        settings = Settings(data_dir=tmp_path, dask_scheduler=address)
-        with TestClient(create_app(settings), "http://127.0.0.1") as client:
-            assert run_a_job(client) == "succeeded"
-            worker.kill()
-            job_id = enqueue(client)
-            worker.wait()
-            worker = subprocess.Popen(worker.args, cwd=tmp_path, **quiet)
-            assert wait_for(lambda: ended(client, job_id), timeout=60) == "succeeded"
-    finally:
-        for process in (worker, scheduler):
+class Cluster:
+    """A scheduler and a worker as processes of their own."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._port = free_port()
+        self.address = f"tcp://127.0.0.1:{self._port}"
+        self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", str(self._port))
+        self.worker = self.new_worker()
+
+    def new_worker(self) -> subprocess.Popen[bytes]:
+        self.worker = self._start("dask_worker", self.address, "--nthreads", "1", "--no-nanny")
+        return self.worker
+
+    def new_scheduler(self) -> None:
+        self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", str(self._port))
+
+    def end(self) -> None:
+        for process in (self.worker, self.scheduler):
             process.kill()
             process.wait()
+
+    def _start(self, program: str, *arguments: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.{program}", *arguments, "--dashboard-address", "127.0.0.1:0"]
+        environment = {**os.environ, "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "error"}
+        quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        return subprocess.Popen(command, cwd=self._folder, env=environment, **quiet)
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    made = Cluster(tmp_path)
+    yield made
+    made.end()
+
+
+def test_jobs_run_on_a_cluster_elsewhere(cluster: Cluster, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
+    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+        assert run_a_job(client) == "succeeded"
+        cluster.worker.kill()
+        job_id = enqueue(client)
+        cluster.worker.wait()
+        cluster.new_worker()
+        assert wait_for(lambda: ended(client, job_id), timeout=90) == "succeeded"
+
+
+def test_a_restarted_scheduler_is_noticed_and_jobs_go_on(cluster: Cluster, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
+    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+        assert run_a_job(client) == "succeeded"
+        assert client.get("/readyz").status_code == 200
+        cluster.end()
+        wait_for(lambda: client.get("/readyz").status_code == 503, timeout=60)
+        assert "failed" in client.get("/readyz").json()["checks"]["engine"]
+        job_id = enqueue(client)
+        cluster.new_scheduler()
+        wait_for(lambda: client.get("/readyz").json()["checks"]["engine"] == "without workers", timeout=60)
+        assert client.get("/readyz").status_code == 503
+        cluster.new_worker()
+        wait_for(lambda: client.get("/readyz").status_code == 200, timeout=60)
+        assert wait_for(lambda: ended(client, job_id), timeout=60) == "succeeded"
+        assert client.get(f"/v1/jobs/{job_id}").json()["attempt"] == 1
+
+
+def test_a_scheduler_restarted_at_once_with_new_workers_is_no_harm(cluster: Cluster, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
+    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+        assert run_a_job(client) == "succeeded"
+        cluster.end()
+        cluster.new_scheduler()
+        cluster.new_worker()
+        assert run_a_job(client) == "succeeded"
 
 
 def run_a_job(client: TestClient) -> Any:
     job_id = enqueue(client)
-    return wait_for(lambda: ended(client, job_id), timeout=60)
+    return wait_for(lambda: ended(client, job_id), timeout=120)
 
 
 def enqueue(client: TestClient) -> str:
@@ -153,12 +160,48 @@ def ended(client: TestClient, job_id: str) -> Any:
     return state if state in ("succeeded", "failed", "cancelled") else None
 
 
-def answers(url: str) -> bool:
-    database = Database(url)
-    try:
-        database.ping()
-    except Exception:
-        return False
-    finally:
-        database.close()
-    return True
+def test_connections_that_are_cut_again_and_again_end_no_job(postgresql: str, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=postgresql, workers=1)
+    cutter = Database(postgresql)
+    with TestClient(create_app(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
+        assert run_a_job(client) == "succeeded"
+        services: Services = client.app.state.services  # type: ignore[attr-defined]
+        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:count", {"steps": 40}))
+        services.engine.nudge()
+        cut = text("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()")
+        for _ in range(20):
+            with cutter.engine.connect() as connection:
+                connection.execute(cut)
+            time.sleep(0.2)
+        job = wait_for(lambda: ended_of(services, job_id), timeout=60)
+        assert (job.state, job.attempt) == ("succeeded", 1)
+    cutter.close()
+
+
+def test_leases_are_by_the_clock_of_the_database(postgresql: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Early(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> datetime:  # type: ignore[override]
+            return datetime.now(tz) - timedelta(minutes=10)
+
+    database = Database(postgresql)
+    migrate(database)
+    ledger = Ledger(database)
+    job_id = ledger.enqueue(JOB)
+    for module in ("database", "tables"):
+        monkeypatch.setattr(f"dynident_service.storage.{module}.datetime", Early)
+    claims = ledger.claim(1000)
+    monkeypatch.undo()
+    (claim,) = (one for one in claims if one.job_id == job_id)
+    started = ledger.get(job_id).started_at
+    assert started is not None
+    assert abs((datetime.now(UTC) - started).total_seconds()) < 60
+    ledger.succeed(claim, lambda session: None)
+    for other in claims:
+        ledger.release(other)
+    database.close()
+
+
+def ended_of(services: Services, job_id: str) -> Any:
+    job = services.ledger.get(job_id)
+    return job if job.state in ("succeeded", "failed", "cancelled") else None

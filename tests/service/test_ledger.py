@@ -8,7 +8,7 @@ import pytest
 
 from dynident_service.problems import ProblemError, make_problem
 from dynident_service.storage import ledger as ledger_module
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import BUSY_TIMEOUT_MS, Database
 from dynident_service.storage.ledger import Ledger, LostClaim
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
@@ -19,6 +19,7 @@ JOB = NewJob("report", "nowhere:nothing", {"a": 1})
 @pytest.fixture
 def leases_run_out_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ledger_module, "PICK_UP", timedelta(seconds=-1))
+    monkeypatch.setattr(ledger_module, "SECOND_LOOK", -1.0)
 
 
 def test_only_as_many_jobs_are_taken_as_there_are_slots_oldest_first(ledger: Ledger) -> None:
@@ -70,6 +71,45 @@ def test_giving_a_job_back_does_not_count_as_a_death(ledger: Ledger) -> None:
         (claim,) = ledger.claim(1)
         ledger.release(claim)
     assert ledger.get(job_id).state == "queued"
+
+
+def test_a_job_is_not_given_up_for_what_was_not_its_fault(ledger: Ledger) -> None:
+    job_id = ledger.enqueue(JOB)
+    for _ in range(10):
+        (claim,) = ledger.claim(1)
+        ledger.lost(claim, "the database was away")
+    (claim,) = ledger.claim(1)
+    ledger.died(claim, "its process was killed by SIGSEGV")
+    assert ledger.get(job_id).state == "queued"
+    (claim,) = ledger.claim(1)
+    ledger.died(claim, "its process was killed by SIGSEGV")
+    assert ledger.get(job_id).state == "failed"
+
+
+def test_a_job_that_takes_its_worker_down_again_and_again_is_given_up_in_the_end(ledger: Ledger) -> None:
+    job_id = ledger.enqueue(JOB)
+    for _ in range(ledger_module.MOST_LOSSES):
+        (claim,) = ledger.claim(1)
+        ledger.lost(claim, "its worker was lost")
+    job = ledger.get(job_id)
+    assert job.state == "failed"
+    assert job.error is not None
+    assert "50 attempts" in job.error["detail"]
+
+
+def test_a_holder_that_was_away_for_a_moment_keeps_its_job(ledger: Ledger, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ledger_module, "PICK_UP", timedelta(seconds=-1))
+    ledger.enqueue(JOB)
+    (claim,) = ledger.claim(1)
+    assert ledger.claim(1) == []  # the lease has run out, but was seen so for the first time
+    assert ledger.renew(claim) == "held"
+    assert ledger.claim(1) == []
+    assert ledger.standing(claim) == "held"
+
+
+def test_leases_are_longer_than_anybody_waits_for_a_lock() -> None:
+    assert timedelta(seconds=30) <= ledger_module.LEASE
+    assert timedelta(milliseconds=BUSY_TIMEOUT_MS) * 1.5 < ledger_module.LEASE
 
 
 def test_results_and_the_end_of_a_job_are_stored_together_or_not_at_all(ledger: Ledger) -> None:

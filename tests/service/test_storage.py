@@ -9,9 +9,12 @@ import pytest
 from alembic import command
 from hypothesis import given
 from hypothesis import strategies as st
+from sqlalchemy import text
 
-from dynident_service.storage.database import Database
+from dynident_service.problems import ProblemError
+from dynident_service.storage.database import WRITES, Database
 from dynident_service.storage.identifiers import new_identifier
+from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.migrate import configuration, migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.tables import KeyRow
@@ -44,7 +47,7 @@ def test_deleting_an_object_twice_does_no_harm(objects: ObjectStore) -> None:
     objects.delete(key)
     objects.delete(key)
     assert not objects.exists(key)
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(ProblemError, match="missing"):
         objects.path(key)
 
 
@@ -65,6 +68,23 @@ def test_the_migrations_make_exactly_the_tables_that_the_code_uses(tmp_path: Pat
     migrate(database)
     with database.engine.connect() as connection:
         command.check(configuration(connection))
+    database.close()
+
+
+def test_a_database_of_the_first_version_is_brought_up_with_its_data(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'db.sqlite3'}")
+    with database.engine.execution_options(**{WRITES: True}).begin() as connection:
+        command.upgrade(configuration(connection), "0001")
+        connection.execute(
+            text(
+                "INSERT INTO jobs (id, kind, function, arguments, state, fraction, message, attempt, deaths, "
+                "cancel_requested, created_at) VALUES ('job_old', 'report', 'a:b', '{}', 'queued', 0, '', 0, 1, 0, "
+                "'2025-01-01 00:00:00')"
+            )
+        )
+    migrate(database)
+    (claim,) = Ledger(database).claim(1)
+    assert claim.job_id == "job_old"
     database.close()
 
 

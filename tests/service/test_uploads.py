@@ -6,6 +6,7 @@ import json
 import os
 import time
 from collections.abc import Callable
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,9 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from dynident_service.services import Services, sweep_uploads
+from dynident_service.housekeeping import sweep_uploads
+from dynident_service.services import Services
+from dynident_service.storage.tombstones import sweep
 
 Columns = dict[str, np.ndarray]
 
@@ -102,15 +105,22 @@ def test_a_robot_with_measurements_cannot_be_deleted_and_the_answer_names_them(
     assert client.delete(f"/v1/robots/{robot['id']}").status_code == 204
 
 
-def test_deleting_the_last_owner_of_a_file_deletes_it_and_no_sooner(
-    client: TestClient, robot: dict[str, Any], stored: Callable[[], tuple[set[Path], int]]
+def test_a_file_is_swept_away_once_its_last_owner_is_deleted_and_no_sooner(
+    client: TestClient, robot: dict[str, Any], services: Services, stored: Callable[[], tuple[set[Path], int]]
 ) -> None:
+    def sweep_now() -> None:
+        sweep(services.database, services.objects, timedelta(0))
+
+    sweep_now()
     before, _ = stored()
     content = as_csv(sound(1500))
     first, second = (upload(client, robot, content).json()["id"] for _ in range(2))
     client.delete(f"/v1/measurements/{first}")
+    sweep_now()
     assert client.get(f"/v1/measurements/{second}/content").content == content
     client.delete(f"/v1/measurements/{second}")
+    assert stored()[0] > before
+    sweep_now()
     assert stored()[0] == before
 
 

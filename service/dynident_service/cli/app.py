@@ -19,6 +19,7 @@ from dynident_service.cli.verbs import (
     demo,
     design,
     diagnose,
+    doctor,
     effects,
     essential,
     export,
@@ -102,6 +103,7 @@ for _command in (
     series.series,
     export.export,
     effects.effects,
+    doctor.doctor,
     serve.serve,
 ):
     app.command()(_guarded(_command))

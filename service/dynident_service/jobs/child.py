@@ -11,8 +11,11 @@ import logging
 import os
 import resource
 import signal
+import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, cast
@@ -20,16 +23,28 @@ from typing import Any, cast
 from sqlalchemy.orm import Session
 
 from dynident.errors import Cancelled, DynidentError
+from dynident_service.jobs.calls import Answer, Call, answer
 from dynident_service.jobs.work import JobFunction, Memory, Outcome, Place, Task
-from dynident_service.problems import ProblemError, make_problem, problem_of
+from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Claim, Ledger, LostClaim
 from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.patience import INFRASTRUCTURE, patiently, reason_of
 from dynident_service.storage.resources import Resources, insert, own, rest
+from dynident_service.storage.space import is_full
 from dynident_service.storage.tables import ResourceRow
 
 PROGRESS_INTERVAL = 0.1
 SMALLEST_STEP = 0.005
+HEARTBEAT = 2.0
+SWITCH = 0.05
+"""Seconds from one try to the next to take the interpreter from a solver that holds it: each costs a little."""
+PATIENCE = 15 * 60.0
+"""How long, in seconds, what was computed waits for a database that is away."""
+REST = 1.0
+"""Seconds after which a job is given back that the infrastructure failed, so that it does not come again at once."""
+End = Callable[[Ledger], None]
+"""Writes the end of a job."""
 log = logging.getLogger("dynident.job")
 
 
@@ -49,10 +64,19 @@ class Hello:
 
 
 @dataclass(frozen=True)
+class Heartbeat:
+    """What the child says from time to time while it works on a job."""
+
+
+@dataclass(frozen=True)
 class Receipt:
-    """What the child answers when the job has ended, well or badly (the ledger says which)."""
+    """What the child answers when the job has ended, well or badly (the ledger says which).
+
+    With `trouble` it has not: the database or the object store was away for too long.
+    """
 
     peak_memory: int
+    trouble: str = ""
 
 
 class Workshop:
@@ -67,24 +91,40 @@ class Workshop:
         self.memory = Memory()
 
     def do(self, claim: Claim) -> None:
-        """Do a job and write its end into the ledger."""
+        """Do a job and write its end into the ledger; raises what INFRASTRUCTURE lists if that cannot be."""
+        end = self._attempt(claim)
+        patiently(lambda: end(self.ledger), PATIENCE)
+
+    def _attempt(self, claim: Claim) -> End:
+        """Do a job; gives what is to be written into the ledger."""
         try:
             outcome = self._call(claim)
-            self.ledger.succeed(claim, lambda session: _store(session, claim, outcome))
+            patiently(lambda: self._succeed(claim, outcome), PATIENCE)
+        except INFRASTRUCTURE as error:
+            if is_full(error):
+                return _failing(claim, _no_room())
+            raise
         except (LostClaim, Cancelled):
             log.info("job %s attempt %d: no longer wanted", claim.job_id, claim.attempt)
-            self.ledger.stopped(claim)
+            return lambda ledger: ledger.stopped(claim)
         except DynidentError as error:
-            self.ledger.fail(claim, problem_of(error))
+            return _failing(claim, problem_of(error))
         except ProblemError as error:
-            self.ledger.fail(claim, error.problem)
+            return _failing(claim, error.problem)
         except MemoryError:
             detail = "The computation needs more memory than there is; use less data or stronger decimation."
-            self.ledger.fail(claim, make_problem(500, detail, title="Out of memory"))
-        except Exception:
+            return _failing(claim, make_problem(500, detail, title="Out of memory"))
+        except Exception as error:
+            if is_full(error):
+                return _failing(claim, _no_room())
             log.exception("job %s attempt %d failed unexpectedly", claim.job_id, claim.attempt)
             detail = f"The computation failed unexpectedly; the service's log says where, under job {claim.job_id}."
-            self.ledger.fail(claim, make_problem(500, detail))
+            return _failing(claim, make_problem(500, detail))
+        return lambda ledger: None
+
+    def _succeed(self, claim: Claim, outcome: Outcome) -> None:
+        # Tried again after a commit whose answer was lost, it finds the job ended: that is a lost claim, and no harm.
+        self.ledger.succeed(claim, lambda session: _store(session, self.objects, claim, outcome))
 
     def _call(self, claim: Claim) -> Outcome:
         module, _, name = claim.function.partition(":")
@@ -114,39 +154,97 @@ class Reporter:
         if not moved or time.monotonic() - self._last_time < PROGRESS_INTERVAL:
             return
         fraction = min(1.0, max(0.0, float(fraction)))
-        self._ledger.progress(self._claim, fraction, message)
+        try:
+            self._ledger.progress(self._claim, fraction, message)
+        except INFRASTRUCTURE as error:  # the work goes on; the next report may get through
+            log.warning("job %s: progress could not be written: %s", self._claim.job_id, reason_of(error))
         self._last_time, self._last_fraction, self._last_message = time.monotonic(), fraction, message
 
 
-def _store(session: Session, claim: Claim, outcome: Outcome) -> None:
+def _no_room() -> Problem:
+    detail = "A disk was full, so the result could not be stored; whoever runs the service has to make room."
+    return make_problem(507, detail, title="Disk full")
+
+
+def _failing(claim: Claim, problem: Problem) -> End:
+    return lambda ledger: ledger.fail(claim, problem)
+
+
+def _store(session: Session, objects: ObjectStore, claim: Claim, outcome: Outcome) -> None:
     result: dict[str, Any] = dict(outcome.result)
     if outcome.creates is not None:
-        made = insert(session, outcome.creates)
+        made = insert(session, objects, outcome.creates)
         result[f"{outcome.creates.kind}_id"] = made
         if claim.resource_id is not None:
             rest(session, claim.resource_id, made, "result")
     if claim.resource_id is not None:
         row = session.get_one(ResourceRow, claim.resource_id)
         row.result = result
-        own(session, row.id, outcome.objects)
+        own(session, objects, row.id, outcome.objects)
+
+
+class Line:
+    """The pipe to the supervisor, on which a heartbeat is heard while a job is done."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._lock = threading.Lock()
+        self._busy = threading.Event()
+        threading.Thread(target=self._beat, daemon=True).start()
+
+    def send(self, message: Hello | Heartbeat | Receipt | Answer) -> None:
+        """Send a message, whichever thread it is that speaks."""
+        with self._lock:
+            self._connection.send(message)
+
+    @contextmanager
+    def beating(self) -> Iterator[None]:
+        """Send heartbeats meanwhile."""
+        self._busy.set()
+        try:
+            yield
+        finally:
+            self._busy.clear()
+
+    def _beat(self) -> None:
+        with suppress(OSError):  # the other end is closed
+            while self._busy.wait():
+                self.send(Heartbeat())
+                time.sleep(HEARTBEAT)
 
 
 def work(jobs: int, lifeline: int) -> None:
     """Do the jobs that come on a pipe, until its other end is closed; `lifeline` tells when the supervisor is gone."""
     _die_with_parent(lifeline)
     connection = Connection(jobs)
-    connection.send(Hello(os.getpid()))
+    sys.setswitchinterval(SWITCH)
+    line = Line(connection)
+    line.send(Hello(os.getpid()))
     workshop: Workshop | None = None
     while True:
         try:
             order = connection.recv()
         except (EOFError, OSError):
             return
+        if isinstance(order, Call):
+            line.send(answer(order, _peak_memory()))
+            continue
         assert isinstance(order, Order)
         if workshop is None or workshop.place != order.place:
             workshop = Workshop(order.place)
-        workshop.do(order.claim)
-        connection.send(Receipt(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024))
+        trouble = ""
+        with line.beating():
+            try:
+                workshop.do(order.claim)
+            except INFRASTRUCTURE as error:
+                log.warning("job %s attempt %d: %s", order.claim.job_id, order.claim.attempt, reason_of(error))
+                trouble = reason_of(error)
+                time.sleep(REST)
+        line.send(Receipt(_peak_memory(), trouble))
+
+
+def _peak_memory() -> int:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 def _die_with_parent(lifeline: int) -> None:

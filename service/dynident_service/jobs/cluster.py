@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from types import TracebackType
 from typing import Any
 
@@ -12,6 +13,13 @@ from dynident_service.jobs.supervisor import PLUGIN, Children
 from dynident_service.jobs.work import Place
 from dynident_service.settings import Settings
 
+LOOK = 2.0
+"""How often, in seconds, a cluster elsewhere is asked for its workers."""
+
+
+class ClusterAway(Exception):
+    """The scheduler does not answer, or is another one than before: connect anew."""
+
 
 class Cluster:
     """A connection to a cluster whose workers have child processes ready."""
@@ -20,15 +28,21 @@ class Cluster:
         self._settings = settings
         self._place = place
         self._local: Any = None
+        self._looked = 0.0
+        self._slots = 0
 
     def __enter__(self) -> Cluster:
         logging.getLogger("distributed").setLevel(logging.ERROR)
-        children = Children(self._place)
         if self._settings.dask_scheduler:
             self.address = self._settings.dask_scheduler
             self.client = Client(self.address, timeout="30s", set_as_default=False)
-            self.client.get_versions(check=True)
-            self.client.register_plugin(children, name=PLUGIN)
+            try:
+                self.client.get_versions(check=True)
+                self.client.register_plugin(Children(self._place), name=PLUGIN)
+                self._scheduler = self._identity()
+            except BaseException:
+                self.client.close(timeout=2)
+                raise
         else:
             # Port 0: the scheduler would otherwise take the well-known port of the dashboard.
             self._local = LocalCluster(
@@ -39,21 +53,34 @@ class Cluster:
                 worker_dashboard_address="127.0.0.1:0",
             )
             self.client = Client(self._local, set_as_default=False)
-            self.client.register_plugin(children, name=PLUGIN)
+            self.client.register_plugin(Children(self._place), name=PLUGIN)
             self.address = "a local cluster"
         return self
 
     def slots(self) -> int:
-        """How many jobs may run at a time: one for each thread of each worker that is there now."""
+        """How many jobs may run at a time: one for each thread of each worker that is there now.
+
+        Raises ClusterAway where the connection has to be made anew. What is registered with a scheduler dies with it,
+        so one that was restarted counts as away, too.
+        """
         if self._local is not None:
             return self._settings.workers
-        return sum(self.client.nthreads().values())
+        if time.monotonic() - self._looked >= LOOK:
+            if self.client.status != "running" or self._identity() != self._scheduler:
+                raise ClusterAway(f"the scheduler at {self.address} was restarted or does not answer")
+            self._slots = sum(self.client.nthreads().values())
+            self._looked = time.monotonic()
+        return self._slots
+
+    def _identity(self) -> str:
+        scheduler: Any = self.client.scheduler
+        return str(self.client.sync(scheduler.identity)["id"])
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._local is not None:
             self.client.unregister_worker_plugin(PLUGIN)
-        self.client.close()
+        self.client.close(timeout=5)
         if self._local is not None:
             self._local.close()

@@ -9,8 +9,10 @@ from __future__ import annotations
 import importlib
 import logging
 import threading
+import time
 from typing import TYPE_CHECKING, Literal
 
+from dynident.version import __version__
 from dynident_service.jobs.work import Place
 from dynident_service.settings import Settings
 from dynident_service.storage.ledger import Claim, Ledger
@@ -20,9 +22,13 @@ if TYPE_CHECKING:
 
 IDLE = 0.5
 """How often, in seconds, the ledger is looked at when nobody has said that there is work."""
+FIRST_PAUSE, LONGEST_PAUSE = 1.0, 15.0
+"""Seconds between tries to connect."""
+STEADY = 60.0
+"""A connection that held for so many seconds was a good one: the next try comes soon."""
 log = logging.getLogger("dynident.engine")
 
-EngineState = Literal["starting", "ready", "failed", "stopped"]
+EngineState = Literal["starting", "ready", "without workers", "failed", "stopped"]
 
 
 class Engine:
@@ -31,7 +37,13 @@ class Engine:
     def __init__(self, settings: Settings, ledger: Ledger) -> None:
         self._settings = settings
         self._ledger = ledger
-        self._place = Place(settings.database, settings.objects, settings.cache_dir, settings.max_attempts)
+        self._place = Place(
+            settings.database,
+            settings.objects,
+            settings.cache_dir,
+            settings.max_attempts,
+            settings.job_deadline_seconds,
+        )
         self._wake = threading.Event()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="dynident-engine", daemon=True)
@@ -54,23 +66,34 @@ class Engine:
             self._thread.join(timeout)
 
     def _run(self) -> None:
-        try:
-            from dynident_service.jobs.cluster import Cluster
+        threading.Thread(target=_load_science, name="dynident-warm-up", daemon=True).start()
+        pause = FIRST_PAUSE
+        while not self._stop.is_set():
+            began = time.monotonic()
+            try:
+                self._work_on_a_cluster()
+            except Exception as error:
+                # A scheduler that is away, or was restarted; or a machine too busy to start a local one in time.
+                log.exception("the job engine lost its cluster, and connects anew")
+                self.trouble, self.state = f"{type(error).__name__}: {error}"[:300], "failed"
+                if time.monotonic() - began > STEADY:
+                    pause = FIRST_PAUSE
+                self._stop.wait(pause)
+                pause = min(2 * pause, LONGEST_PAUSE)
+        self.state = "stopped"
 
-            warm = threading.Thread(target=_load_science, name="dynident-warm-up", daemon=True)
-            with Cluster(self._settings, self._place) as cluster:
-                self.state = "ready"
-                warm.start()
-                log.info("jobs run on %s, %d at a time", cluster.address, cluster.slots())
-                while not self._stop.is_set():
-                    self._wake.wait(IDLE)
-                    self._wake.clear()
-                    if not self._stop.is_set():
-                        self._distribute(cluster.client, cluster.slots())
-            self.state = "stopped"
-        except Exception as error:
-            log.exception("the job engine failed")
-            self.state, self.trouble = "failed", f"{type(error).__name__}: {error}"
+    def _work_on_a_cluster(self) -> None:
+        from dynident_service.jobs.cluster import Cluster
+
+        with Cluster(self._settings, self._place) as cluster:
+            log.info("jobs run on %s, %d at a time", cluster.address, cluster.slots())
+            while not self._stop.is_set():
+                slots = cluster.slots()
+                self.trouble, self.state = "", "ready" if slots else "without workers"
+                self._wake.wait(IDLE)
+                self._wake.clear()
+                if not self._stop.is_set():
+                    self._distribute(cluster.client, slots)
 
     def _distribute(self, client: Client, slots: int) -> None:
         from distributed import fire_and_forget
@@ -82,7 +105,7 @@ class Engine:
             claims = self._ledger.claim(slots) if slots > 0 else []
             for claim in claims:
                 key = f"{claim.job_id}-{claim.attempt}"
-                future = client.submit(run_claim, claim, key=key, pure=False)
+                future = client.submit(run_claim, claim, self._place, __version__, key=key, pure=False)
                 future.add_done_callback(lambda _: self._wake.set())
                 fire_and_forget(future)
         except Exception:

@@ -7,10 +7,12 @@ import os
 import signal
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
 
+from dynident_service.jobs.calls import Answer, Call
 from dynident_service.jobs.child import Hello, Order, Receipt
 from dynident_service.jobs.nursery import Nursery
 
@@ -23,7 +25,8 @@ class Child:
 
     def __init__(self, nursery: Nursery) -> None:
         self._nursery = nursery
-        self._pid: int | None = None
+        self.pid: int | None = None
+        self.heartbeats = 0
         ours, theirs = socket.socketpair()
         lifeline, self._lifeline = os.pipe()
         try:
@@ -33,23 +36,25 @@ class Child:
             os.close(lifeline)
         self._connection = Connection(ours.detach())
 
-    def send(self, order: Order) -> None:
-        """Give it a job; it begins when it has started up."""
+    def send(self, order: Order | Call) -> None:
+        """Give it something to do; it begins when it has started up."""
         self._connection.send(order)
 
-    def receive(self, timeout: float) -> Receipt | None:
-        """Wait for the end of the job; `None` after the timeout, EOFError if the process died."""
-        try:
-            if not self._connection.poll(timeout):
-                return None
-            received = self._connection.recv()
-        except OSError as error:
-            raise EOFError from error
-        if isinstance(received, Hello):
-            self._pid = received.pid
-            return self.receive(timeout)
-        assert isinstance(received, Receipt)
-        return received
+    def receive(self, timeout: float) -> Receipt | Answer | None:
+        """Wait for the end of it; `None` after the timeout, EOFError if the process died."""
+        until = time.monotonic() + timeout
+        while True:
+            try:
+                if not self._connection.poll(max(0.0, until - time.monotonic())):
+                    return None
+                received = self._connection.recv()
+            except OSError as error:
+                raise EOFError from error
+            if isinstance(received, Receipt | Answer):
+                return received
+            self.heartbeats += 1
+            if isinstance(received, Hello):
+                self.pid = received.pid
 
     def is_alive(self) -> bool:
         """Tell whether an idle child is still there."""
@@ -61,19 +66,19 @@ class Child:
 
     def strike(self) -> None:
         """Kill its process group, if it has begun."""
-        if self._pid is not None:
+        if self.pid is not None:
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._pid, signal.SIGKILL)
+                os.killpg(self.pid, signal.SIGKILL)
 
     def kill(self) -> int | None:
         """Kill its process group; gives the exit code that it had by itself, if it had ended before."""
         with contextlib.suppress(EOFError):
             self.receive(0.0)  # it may have said its number meanwhile
         ended_with = None
-        if self._pid is not None:
-            ended_with = self._nursery.exit_code(self._pid, reap=False)
+        if self.pid is not None:
+            ended_with = self._nursery.exit_code(self.pid, reap=False)
             self.strike()
-            self._nursery.exit_code(self._pid, reap=True)
+            self._nursery.exit_code(self.pid, reap=True)
         self._connection.close()
         os.close(self._lifeline)  # the kernel kills one that has not begun yet
         return ended_with
@@ -106,7 +111,7 @@ class ChildPool:
             self._busy.add(child)
             return child
 
-    def put_back(self, child: Child, receipt: Receipt) -> None:
+    def put_back(self, child: Child, receipt: Receipt | Answer) -> None:
         """Take back a child whose job has ended."""
         if receipt.peak_memory > MEMORY_LIMIT or len(self._idle) >= self._size:
             self.replace(child)

@@ -2,23 +2,41 @@
 
 from __future__ import annotations
 
+import logging
 import signal
+import threading
 import time
 from typing import Any, cast
 
 from distributed import WorkerPlugin, get_worker, secede
 
 from dynident.version import __version__
-from dynident_service.jobs.child import Order
+from dynident_service.jobs.child import End, Order, Receipt
 from dynident_service.jobs.pool import Child, ChildPool
+from dynident_service.jobs.vitals import Vitals
 from dynident_service.jobs.work import Place
+from dynident_service.problems import make_problem
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Claim, Ledger
+from dynident_service.storage.patience import AWAY, patiently, reason_of
 
 PLUGIN = "dynident-children"
-LOOK = 0.1
+LOOK = 0.25
 """How often, in seconds, the supervisor looks whether the job is to be cancelled."""
-RENEW = 0.5
+RENEW = 5.0
+VITALS = 1.0
+"""How often, in seconds, it looks whether the child is alive."""
+STILL_FOR = 30.0
+"""A child whose heart does not beat and that uses no processor time for so many seconds is killed."""
+START_UP = 300.0
+"""Seconds that a child may take to begin: the science is loaded, perhaps beside much other work."""
+PATIENCE = 15 * 60.0
+"""How long, in seconds, a database that is away is waited for before a job is left to its lease."""
+LAST_PATIENCE = 3.0
+"""The same while the service ends."""
+AWAY_PAUSE = 1.0
+_lock = threading.Lock()
+log = logging.getLogger("dynident.supervisor")
 
 
 class Children(WorkerPlugin):
@@ -46,51 +64,94 @@ class Children(WorkerPlugin):
         return {name: value for name, value in self.__dict__.items() if name not in ("pool", "ledger")}
 
 
-def run_claim(claim: Claim) -> None:
+def run_claim(claim: Claim, place: Place, version: str) -> None:
     """Do a job; this is what Dask runs."""
     secede()  # waiting takes no thread of the worker
-    plugin = cast(Children, get_worker().plugins[PLUGIN])
+    plugin = _children_of(get_worker(), place, version)
     with plugin.pool.in_use():
-        supervise(claim, plugin.place, plugin.pool, plugin.ledger)
+        supervise(claim, place, plugin.pool, plugin.ledger)
 
 
 def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> None:
     """Have a child do the job; return when it has ended, was cancelled, or was lost to another worker."""
-    if ledger.renew(claim) == "lost":
+    if patiently(lambda: ledger.renew(claim), PATIENCE) == "lost":
         return
     child = pool.take()
     try:
         child.send(Order(claim, place))
-        receipt = _watch(claim, child, ledger)
+        ended = _watch(claim, child, ledger, place.deadline)
     except (EOFError, BrokenPipeError):
         ended_with = pool.replace(child)
         if pool.closed:
-            ledger.release(claim)
+            patiently(lambda: ledger.release(claim), LAST_PATIENCE)
         else:
-            ledger.died(claim, _describe(ended_with))
+            patiently(lambda: ledger.died(claim, _describe(ended_with)), PATIENCE)
         return
     except BaseException:
         pool.replace(child)
         raise
-    if receipt is None:
-        pool.replace(child)
-        ledger.stopped(claim)
+    if isinstance(ended, Receipt):
+        pool.put_back(child, ended)
+        if ended.trouble:
+            patiently(lambda: ledger.lost(claim, ended.trouble), PATIENCE)
     else:
-        pool.put_back(child, receipt)
+        pool.replace(child)
+        patiently(lambda: ended(ledger), PATIENCE)
 
 
-def _watch(claim: Claim, child: Child, ledger: Ledger) -> Any:
-    renewed = time.monotonic()
+def _children_of(worker: Any, place: Place, version: str) -> Children:
+    """The children of a worker; one that came with a restarted scheduler may not have any yet."""
+    with _lock:
+        found = worker.plugins.get(PLUGIN)
+        if found is None:
+            found = Children(place)
+            found.version = version
+            found.setup(worker)
+            worker.plugins[PLUGIN] = found
+        return cast(Children, found)
+
+
+def _watch(claim: Claim, child: Child, ledger: Ledger, deadline: float) -> Receipt | End:
+    """Wait for the end of a job; gives the child's receipt, or what to write down once the child is killed."""
+    began = renewed = looked = time.monotonic()
+    vitals = Vitals(STILL_FOR)
     while (receipt := child.receive(LOOK)) is None:
-        if time.monotonic() - renewed >= RENEW:
-            standing = ledger.renew(claim)
-            renewed = time.monotonic()
-        else:
-            standing = ledger.standing(claim)
+        moment = time.monotonic()
+        if moment - looked >= VITALS:
+            looked = moment
+            if (end := _trouble(claim, child, vitals, moment - began, deadline)) is not None:
+                return end
+        try:
+            is_due = moment - renewed >= RENEW
+            standing = ledger.renew(claim) if is_due else ledger.standing(claim)
+        except AWAY as error:  # the work goes on: if it ends, its end is written down once the database is there
+            log.warning("job %s: %s", claim.job_id, reason_of(error))
+            time.sleep(AWAY_PAUSE)
+            continue
+        if is_due:
+            renewed = moment
         if standing != "held":
             # The child may just have ended the job by itself.
-            return child.receive(0.0)
+            ended = child.receive(0.0)
+            return ended if isinstance(ended, Receipt) else (lambda ledger: ledger.stopped(claim))
+    assert isinstance(receipt, Receipt)
     return receipt
+
+
+def _trouble(claim: Claim, child: Child, vitals: Vitals, took: float, deadline: float) -> End | None:
+    """What to write down of a job that takes too long, or whose process does not move."""
+    if took > deadline:
+        detail = f"The computation took longer than {deadline:.0f} s (DYNIDENT_JOB_DEADLINE_SECONDS) and was stopped."
+        problem = make_problem(500, detail, title="Deadline passed")
+        return lambda ledger: ledger.fail(claim, problem)
+    if child.pid is None:
+        return None if took < START_UP else lambda ledger: ledger.lost(claim, "its process never began")
+    match vitals.look(child.pid, child.heartbeats):
+        case "stopped":
+            return lambda ledger: ledger.lost(claim, "its process was stopped from outside")
+        case "still":
+            return lambda ledger: ledger.died(claim, f"its process stood still for {STILL_FOR:.0f} s")
+    return None
 
 
 def _describe(ended_with: int | None) -> str:

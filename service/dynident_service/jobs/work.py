@@ -25,6 +25,8 @@ class Place:
     object_store_url: str
     cache_dir: Path
     max_attempts: int
+    deadline: float
+    """Seconds that one attempt at a job may take."""
 
 
 class Memory:
@@ -70,7 +72,7 @@ class Task:
 
     def keep(self, role: str, content: bytes | Path, media_type: str = "application/octet-stream") -> Owned:
         """Put bytes or a file into the object store, to be owned by the resource."""
-        stored = self.objects.put_bytes(content) if isinstance(content, bytes) else self.objects.put_path(content)
+        stored = self.resources.put(content)
         return Owned(role, stored.key, stored.size, media_type)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -33,19 +33,25 @@ class Noise(Asked):
     """Sensors of the virtual robot."""
 
     torque_noise: float = Field(default=0.005, description="Standard deviation, a share of the effort limit")
-    torque_noise_absolute: list[float] | None = Field(default=None, description="Per joint, N m or N, instead of it")
+    torque_noise_absolute: list[float] | None = Field(
+        max_length=1000, default=None, description="Per joint, N m or N, instead of it"
+    )
     encoder_counts: int | None = Field(default=2**19, description="Per turn or metre; null: exact")
     jitter: float = Field(default=0.0, description="Standard deviation of the sampling instants, s")
     current: bool = Field(default=False, description="Record currents instead of torques; needs drive gains")
 
 
+Rows = Annotated[list[Annotated[list[float], Field(fail_fast=True)]], Field(fail_fast=True)]
+"""[sample][joint]; the first that is wrong is told, not all of a million."""
+
+
 class Samples(Asked):
     """A trajectory sample by sample: [sample][joint]; derivatives follow from q where they are not given."""
 
-    t: list[float] = Field(min_length=2, max_length=2_000_000)
-    q: list[list[float]] = Field(min_length=2)
-    dq: list[list[float]] | None = None
-    ddq: list[list[float]] | None = None
+    t: list[float] = Field(min_length=2, max_length=2_000_000, fail_fast=True)
+    q: Rows = Field(min_length=2)
+    dq: Rows | None = None
+    ddq: Rows | None = None
 
 
 class SimulationRequest(Asked):
@@ -57,7 +63,7 @@ class SimulationRequest(Asked):
         default={}, description='Standard parameters: {"ZZ2": 0.5, "Fc1": 8}; else those of the description'
     )
     effects: list[TrueEffect] = Field(
-        default=[TrueEffect(effect=name) for name in ("rotor_inertia", "coulomb", "viscous")]
+        max_length=1000, default=[TrueEffect(effect=name) for name in ("rotor_inertia", "coulomb", "viscous")]
     )
     trajectory: Samples | Trajectory | None = Field(
         default=None, description="Samples; or a family, of which a random motion within the limits is taken."

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Response
+from anyio import to_thread
+from fastapi import APIRouter, Query, Request, Response
 
 from dynident_service.models.common import Page, plain
 from dynident_service.models.identifications import (
@@ -19,6 +20,7 @@ from dynident_service.problems import unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.diagnosed import as_diagnosed
 from dynident_service.routes.needs import needed, needed_measurements, needed_robot
+from dynident_service.routes.uncertainty import AT_THE_DESK, model_file
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry
 
@@ -146,8 +148,9 @@ def get_lineage(
 
 
 @router.get("/{identification_id}/export", response_class=Response, responses={200: EXPORTED})
-def export_identification(
+async def export_identification(
     identification_id: str,
+    request: Request,
     services: ServicesDep,
     format: Annotated[ExportFormat, Query(description="What the model is to be written as")] = "json",
     nearest: Annotated[
@@ -159,13 +162,15 @@ def export_identification(
     ] = False,
 ) -> Response:
     """Give the identified model in a format that other programs read."""
-    from dynident.identification import from_bytes
-    from dynident_service.adapters.exports import exported_file, file_response
+    from dynident_service.adapters.exports import file_response
 
-    found = succeeded(services.resources.get("identification", identification_id))
-    model = from_bytes(services.objects.get(found.objects["model"].key))
-    shown = {"robot": services.resources.get("robot", found.one("robot")).request, **plain(show(found))}
-    return file_response(exported_file(model, format, nearest, shown))
+    def find() -> dict[str, Any]:
+        found = succeeded(services.resources.get("identification", identification_id))
+        return {"robot": services.resources.get("robot", found.one("robot")).request, **plain(show(found))}
+
+    model = await model_file(services, identification_id)
+    asked = {"model": model, "format": format, "nearest": nearest, "shown": await to_thread.run_sync(find)}
+    return file_response(await services.desk.call(request, f"{AT_THE_DESK}:export", asked))
 
 
 def show(resource: Resource) -> IdentificationView:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
 from typing import Annotated
 
@@ -20,8 +19,6 @@ from dynident_service.storage.records import Job, JobKind, State
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 
-LOOK = 0.05
-"""How often, in seconds, a stream looks for new events."""
 KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
 
 
@@ -69,7 +66,7 @@ async def follow_job(
             last = event.id
             yield ServerSentEvent(event=event.event, id=str(event.id), data=event.data, retry=1000)
         if not ended:
-            await asyncio.sleep(LOOK)
+            await services.following.until_news(job.id, last)
 
 
 def show(job: Job) -> JobView:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from fastapi import APIRouter, File, Form, Query, Response, UploadFile
+from anyio import to_thread
+from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
 from pydantic import ValidationError
 
@@ -19,15 +21,21 @@ from dynident_service.problems import ProblemError, fields_of, not_found, unusab
 from dynident_service.routes.common import ListQueryDep, RetryKey, RetryKeyDep, again, make, page_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.objects import digest
-from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn
+from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
+from dynident_service.storage.tombstones import ObjectGone
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
 
 MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}
 
 
+IMPORT = "dynident_service.work.at_the_desk:import_measurement"
+LONGEST_IMPORT = 3600.0
+
+
 @router.post("", status_code=201)
-def upload_measurement(
+async def upload_measurement(
+    request: Request,
     services: ServicesDep,
     retry: RetryKeyDep,
     response: Response,
@@ -35,11 +43,14 @@ def upload_measurement(
     metadata: Annotated[str, Form(description="A JSON object: see MeasurementMetadata")],
 ) -> MeasurementView:
     """Store a recording, checked; one that cannot be used is refused with the column and the row or time."""
-    said = _metadata(metadata)
     folder = services.settings.uploads_dir
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as name:
-        return show(_store(services, said, file, Path(name), retry, response))
+        received = await to_thread.run_sync(_receive, services, _metadata(metadata), file, Path(name), retry)
+        if received.known is not None:
+            return show(again(received.known, response))
+        result = await services.desk.call(request, IMPORT, received.to_import(), LONGEST_IMPORT)
+        return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 
 @router.get("")
@@ -102,52 +113,81 @@ def _metadata(text: str) -> MeasurementMetadata:
         raise ProblemError.of(validation_problem(fields_of(errors, said, "/metadata"))) from error
 
 
-def _store(
-    services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey, response: Response
-) -> Resource:
-    from dynident.recordings import RecordingError
-    from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
-    from dynident_service.adapters.robots import robot_of
+@dataclass(frozen=True)
+class _Received:
+    """A file that was received, and what is said of it."""
 
-    source, canonical = folder / "source", folder / "recording.parquet"
+    said: MeasurementMetadata
+    source: Path
+    sha256: str
+    retry: Retry | None
+    robot: Mapping[str, Any]
+    known: Resource | None = None
+    """What an earlier try of the same upload made."""
+
+    @property
+    def recording(self) -> Path:
+        """Where the recording is to be written."""
+        return self.source.with_name("recording.parquet")
+
+    def to_import(self) -> dict[str, Any]:
+        """Give what the import is told."""
+        return {
+            "source": str(self.source),
+            "destination": str(self.recording),
+            "robot": dict(self.robot),
+            "metadata": plain(self.said),
+            "sha256": self.sha256,
+        }
+
+
+def _receive(services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey) -> _Received:
+    _require_room(services, folder, file)
+    source = folder / "source"
     with source.open("wb") as target:
         shutil.copyfileobj(file.file, target, 1 << 20)
     with source.open("rb") as opened:
         sha256, _ = digest(opened)
     retry = key.of(said, sha256)
     if (known := services.resources.known(retry)) is not None:
-        return again(known, response)
+        return _Received(said, source, sha256, retry, {}, known)
     robot = services.resources.find(said.robot_id)
     if robot is None or robot.kind != "robot":
         raise unusable(f"there is no robot {said.robot_id!r}", "/metadata/robot_id", title="Unknown resource")
+    return _Received(said, source, sha256, retry, robot.request)
+
+
+def _store(services: Services, received: _Received, result: Mapping[str, Any], response: Response) -> Resource:
+    said = received.said
+    new = NewResource(
+        "measurement",
+        plain(said),
+        name=said.name,
+        result=result,
+        rests_on=(RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),),
+        objects=_keep(services, received),
+        retry=received.retry,
+    )
     try:
-        recording, checks = import_file(source, canonical, robot_of(robot.request), said)
-    except RecordingError as error:
-        raise ProblemError.of(problem_with_file(error)) from error
-    owned = _keep(services, source, canonical)
-    try:
-        new = NewResource(
-            "measurement",
-            plain(said),
-            name=said.name,
-            result=plain(describe_recording(recording, checks, sha256)),
-            rests_on=(RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),),
-            objects=tuple(one for one, _ in owned),
-            retry=retry,
-        )
         return make(services, new, response)
-    except BaseException:
-        for one, created in owned:
-            if created and not services.resources.is_held(one.key):
-                services.objects.delete(one.key)
-        raise
+    except ObjectGone:  # swept away while this waited for longer than such files are kept
+        return make(services, replace(new, objects=_keep(services, received)), response)
 
 
-def _keep(services: Services, source: Path, canonical: Path) -> Sequence[tuple[Owned, bool]]:
+def _require_room(services: Services, folder: Path, file: UploadFile) -> None:
+    """Refuse what would fill the disk to the brim: the database needs room too, even to delete something."""
+    needed = 2 * (file.size or 0) + services.settings.reserved_bytes  # the file and its recording
+    if shutil.disk_usage(folder).free < needed:
+        detail = "The disk of the service is nearly full (DYNIDENT_RESERVED_BYTES), so nothing was stored; make room."
+        raise ProblemError(507, detail, title="Disk full")
+
+
+def _keep(services: Services, received: _Received) -> tuple[Owned, ...]:
+    source, canonical = received.source, received.recording
     with source.open("rb") as opened:
         media_type = MEDIA_TYPES["parquet" if opened.read(4) == b"PAR1" else "csv"]
     kept = []
     for role, path, kind in (("original", source, media_type), ("recording", canonical, MEDIA_TYPES["parquet"])):
-        stored = services.objects.put_path(path)
-        kept.append((Owned(role, stored.key, stored.size, kind), stored.created))
-    return kept
+        stored = services.resources.put(path)
+        kept.append(Owned(role, stored.key, stored.size, kind))
+    return tuple(kept)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from anyio import to_thread
+from fastapi import APIRouter, Request, Response
 
 from dynident_service.models.common import Page, plain
 from dynident_service.models.robots import RobotRequest, RobotView
@@ -14,14 +15,14 @@ router = APIRouter(prefix="/v1/robots", tags=["robots"])
 
 
 @router.post("", status_code=201)
-def create_robot(body: RobotRequest, services: ServicesDep, retry: RetryKeyDep, response: Response) -> RobotView:
+async def create_robot(
+    body: RobotRequest, request: Request, services: ServicesDep, retry: RetryKeyDep, response: Response
+) -> RobotView:
     """Store a robot; the answer has its joints and its base parameters."""
-    from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request
-
-    robot = robot_from_request(body)
-    result = describe_robot(robot, base_parameters_of(robot, body.base_parameters_tolerance))
-    new = NewResource("robot", plain(body), name=body.name, result=plain(result), retry=retry.of(body))
-    return show(make(services, new, response))
+    asked = {"request": plain(body)}
+    result = await services.desk.call(request, "dynident_service.work.at_the_desk:describe", asked)
+    new = NewResource("robot", plain(body), name=body.name, result=result, retry=retry.of(body))
+    return await to_thread.run_sync(lambda: show(make(services, new, response)))
 
 
 @router.get("")

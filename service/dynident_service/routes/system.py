@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
+from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel
 
@@ -30,34 +31,44 @@ class Readiness(BaseModel):
 
 
 @router.get("/healthz")
-def health() -> Health:
+async def health() -> Health:
     """Tell that the service answers."""
     return Health()
 
 
 @router.get("/readyz", responses={503: {"model": Readiness}})
-def readiness(services: ServicesDep, response: Response) -> Readiness:
-    """Tell whether database, object store and job engine work; 503 if one does not.
+async def readiness(services: ServicesDep, response: Response) -> Readiness:
+    """Tell whether database, object store and job engine work, and what is stored is whole; 503 if one does not.
 
     While the engine starts, jobs are accepted already.
     """
     engine = services.engine
-    checks = {"database": _checked(services.database.ping), "objects": _checked(services.objects.ping)}
+    # In threads of their own: those of other requests may all be busy.
+    checks = {
+        "database": await _checked(services.database.ping),
+        "objects": await _checked(services.objects.ping),
+    }
     checks["engine"] = f"failed: {engine.trouble}" if engine.state == "failed" else engine.state
+    checks["stored"] = services.housekeeping.condition
     ready = all(value in ("ok", "starting", "ready") for value in checks.values())
     response.status_code = 200 if ready else 503
     return Readiness(status="ready" if ready else "not_ready", checks=checks)
 
 
 @router.get("/metrics", response_class=Response, responses={200: {"content": {"text/plain": {}}}})
-def metrics(request: Request) -> Response:
+async def metrics(request: Request) -> Response:
     """Give figures for Prometheus."""
-    return Response(request.app.state.metrics.text(), media_type=CONTENT_TYPE_LATEST)
+    text = await to_thread.run_sync(request.app.state.metrics.text, limiter=_own_threads())
+    return Response(text, media_type=CONTENT_TYPE_LATEST)
 
 
-def _checked(check: Callable[[], object]) -> str:
+def _own_threads() -> CapacityLimiter:
+    return CapacityLimiter(1)
+
+
+async def _checked(check: Callable[[], object]) -> str:
     try:
-        check()
+        await to_thread.run_sync(check, limiter=_own_threads())
     except Exception as error:
         return f"failed: {type(error).__name__}"
     return "ok"

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from sqlalchemy import Connection, Engine, create_engine, event, make_url, text
+from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select, text
 from sqlalchemy.orm import Session
 
 WRITES = "dynident_writes"
 BUSY_TIMEOUT_MS = 15_000
+CONNECT_TIMEOUT = 5
+"""Seconds."""
 
 
 class Database:
@@ -26,6 +31,7 @@ class Database:
         self.is_sqlite = make_url(url).get_backend_name() == "sqlite"
         self.engine = _sqlite_engine(url) if self.is_sqlite else _postgresql_engine(url)
         self._writer = self.engine.execution_options(**{WRITES: True})
+        self._turn: AbstractContextManager[object] = _turn_of(url) if self.is_sqlite else nullcontext()
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -36,7 +42,7 @@ class Database:
     @contextmanager
     def write(self) -> Iterator[Session]:
         """Open a session that is committed at the end, or rolled back by an exception."""
-        with Session(self._writer, expire_on_commit=False) as session, session.begin():
+        with self._turn, Session(self._writer, expire_on_commit=False) as session, session.begin():
             yield session
 
     def ping(self) -> None:
@@ -47,6 +53,23 @@ class Database:
     def close(self) -> None:
         """Close all connections."""
         self.engine.dispose()
+
+
+@cache
+def _turn_of(url: str) -> threading.Lock:
+    """The lock by which the threads of a process take turns to write to an SQLite file.
+
+    SQLite itself makes a writer that finds another one sleep for up to 0.1 s, again and again.
+    """
+    return threading.Lock()
+
+
+def clock(session: Session) -> datetime:
+    """Give the time by the clock that all who share the database agree on: its own (SQLite runs on this machine)."""
+    if session.get_bind().dialect.name == "sqlite":
+        return datetime.now(UTC)
+    told = session.execute(select(func.clock_timestamp())).scalar_one()
+    return cast(datetime, told).astimezone(UTC)
 
 
 def _sqlite_engine(url: str) -> Engine:
@@ -75,4 +98,14 @@ def _sqlite_engine(url: str) -> Engine:
 
 
 def _postgresql_engine(url: str) -> Engine:
-    return create_engine(url, pool_pre_ping=True, isolation_level="READ COMMITTED")
+    engine = create_engine(
+        url, pool_pre_ping=True, isolation_level="READ COMMITTED", connect_args={"connect_timeout": CONNECT_TIMEOUT}
+    )
+
+    @event.listens_for(engine, "connect")
+    def configure(connection: Any, _: Any) -> None:
+        # Not as an option of the connection: poolers that stand between refuse those.
+        connection.execute(f"SET lock_timeout = {BUSY_TIMEOUT_MS}")
+        connection.commit()
+
+    return engine

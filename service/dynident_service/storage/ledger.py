@@ -6,25 +6,34 @@ for dead and comes back cannot overwrite what its successor does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import Any, Literal, cast
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from dynident_service.problems import Problem, ProblemError, make_problem, not_found
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, clock
 from dynident_service.storage.identifiers import new_identifier
 from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
-from dynident_service.storage.tables import JobEventRow, JobRow, now
+from dynident_service.storage.tables import JobEventRow, JobRow
 
-LEASE = timedelta(seconds=5)
-PICK_UP = timedelta(seconds=15)
+LEASE = timedelta(seconds=30)
+"""Longer than anybody waits for a lock, by the clock of the database."""
+PICK_UP = timedelta(seconds=30)
 """A claimed job may wait as long for a worker to begin."""
+SECOND_LOOK = 5.0
+"""A lease that ran out is looked at again after so many seconds: where the database or the machine was away for a
+while, its holder renews it as soon as it can."""
+MOST_LOSSES = 50
+"""A job whose worker was lost so often takes it down, most probably."""
 
 Standing = Literal["held", "cancel", "lost"]
+Claimed = tuple[str, int, datetime | None]
+"""A job, its attempt, and until when it was held."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +57,7 @@ class Ledger:
     def __init__(self, database: Database, max_attempts: int = 3) -> None:
         self._database = database
         self._max_attempts = max_attempts
+        self._expired: dict[Claimed, float] = {}
 
     def enqueue(self, new: NewJob, resource_id: str | None = None) -> str:
         """Add a job."""
@@ -59,9 +69,10 @@ class Ledger:
         if not self._has_work():
             return []
         with self._database.write() as session:
-            expired = select(JobRow).where(JobRow.state == "running", JobRow.lease_until < now())
-            for row in session.scalars(expired.with_for_update(skip_locked=True)):
-                self._bury(session, row, "its worker was lost")
+            expired = select(JobRow).where(JobRow.state == "running", JobRow.lease_until < clock(session))
+            rows = session.scalars(expired.with_for_update(skip_locked=True)).all()
+            for row in self._expired_for_long(rows):
+                self._lose(session, row, "its worker was lost")
             running = session.scalar(select(func.count()).where(JobRow.state == "running")) or 0
             queued = select(JobRow).where(JobRow.state == "queued").order_by(JobRow.id).limit(max(0, slots - running))
             return [_start(session, row) for row in session.scalars(queued.with_for_update(skip_locked=True))]
@@ -80,7 +91,7 @@ class Ledger:
             row = _held(session, claim)
             if row is None:
                 return "lost"
-            row.lease_until = now() + LEASE
+            row.lease_until = clock(session) + LEASE
             return "cancel" if row.cancel_requested else "held"
 
     def progress(self, claim: Claim, fraction: float, message: str) -> None:
@@ -117,8 +128,15 @@ class Ledger:
             if row is not None:
                 _finish(session, row, "cancelled")
 
+    def lost(self, claim: Claim, reason: str) -> None:
+        """Record that a job could not go on through no fault of its own: it is queued again."""
+        with self._database.write() as session:
+            row = _held(session, claim)
+            if row is not None:
+                self._lose(session, row, reason)
+
     def died(self, claim: Claim, reason: str) -> None:
-        """Record that the process of a job died: it is queued again, unless that happened too often."""
+        """Record that the process of a job died by itself: it is queued again, unless that happened too often."""
         with self._database.write() as session:
             row = _held(session, claim)
             if row is not None:
@@ -177,6 +195,13 @@ class Ledger:
             rows = session.scalars(query.order_by(JobEventRow.id)).all()
         return [JobEvent(row.id, row.event, row.data) for row in rows], state is None or state in FINAL
 
+    def newest_events(self, job_ids: Collection[str]) -> dict[str, int]:
+        """Give the id of the last event of each of some jobs, of those that are there."""
+        newest = select(JobEventRow.job_id, func.max(JobEventRow.id)).group_by(JobEventRow.job_id)
+        with self._database.read() as session:
+            rows = session.execute(newest.where(JobEventRow.job_id.in_(job_ids))).all()
+        return {str(job_id): int(last) for job_id, last in rows}
+
     def counts(self) -> dict[str, int]:
         """Count the jobs by state."""
         with self._database.read() as session:
@@ -186,19 +211,29 @@ class Ledger:
     def _has_work(self) -> bool:
         with self._database.read() as session:
             waiting = select(JobRow.id).where(
-                (JobRow.state == "queued") | ((JobRow.state == "running") & (JobRow.lease_until < now()))
+                (JobRow.state == "queued") | ((JobRow.state == "running") & (JobRow.lease_until < clock(session)))
             )
             return session.scalar(waiting.limit(1)) is not None
 
+    def _expired_for_long(self, rows: Sequence[JobRow]) -> list[JobRow]:
+        """Those whose leases had run out already when they were looked at before, some time ago."""
+        moment = time.monotonic()
+        before, self._expired = self._expired, {}
+        found = []
+        for row in rows:
+            claimed = (row.id, row.attempt, row.lease_until)
+            since = self._expired[claimed] = before.get(claimed, moment)
+            if moment - since >= SECOND_LOOK:
+                found.append(row)
+        return found
+
     def _bury(self, session: Session, row: JobRow, reason: str) -> None:
         row.deaths += 1
-        if row.cancel_requested:
-            _finish(session, row, "cancelled")
-        elif row.deaths >= self._max_attempts:
-            detail = f"The job was given up after {row.deaths} attempts: the last time {reason}."
-            _finish(session, row, "failed", make_problem(500, detail, title="Job given up"))
-        else:
-            _requeue(session, row)
+        _again(session, row, row.deaths, self._max_attempts, reason)
+
+    def _lose(self, session: Session, row: JobRow, reason: str) -> None:
+        row.losses += 1
+        _again(session, row, row.losses, MOST_LOSSES, reason)
 
 
 def add_job(session: Session, new: NewJob, resource_id: str | None) -> str:
@@ -210,6 +245,7 @@ def add_job(session: Session, new: NewJob, resource_id: str | None) -> str:
         arguments=dict(new.arguments),
         resource_id=resource_id,
         state="queued",
+        created_at=clock(session),
     )
     session.add(row)
     session.flush()
@@ -239,9 +275,21 @@ def _held(session: Session, claim: Claim) -> JobRow | None:
     return session.scalar(query.with_for_update())
 
 
+def _again(session: Session, row: JobRow, times: int, most: int, reason: str) -> None:
+    """Queue a job again, unless it is not wanted any more or was begun too often."""
+    if row.cancel_requested:
+        _finish(session, row, "cancelled")
+    elif times >= most:
+        detail = f"The job was given up after {times} attempts: the last time {reason}."
+        _finish(session, row, "failed", make_problem(500, detail, title="Job given up"))
+    else:
+        _requeue(session, row)
+
+
 def _start(session: Session, row: JobRow) -> Claim:
     row.state, row.attempt = "running", row.attempt + 1
-    row.started_at, row.lease_until = now(), now() + PICK_UP
+    row.started_at = clock(session)
+    row.lease_until = row.started_at + PICK_UP
     _record(session, row, "state", {"state": "running"})
     return Claim(row.id, row.attempt, row.function, row.arguments, row.resource_id)
 
@@ -253,7 +301,7 @@ def _requeue(session: Session, row: JobRow) -> None:
 
 
 def _finish(session: Session, row: JobRow, state: State, problem: Problem | None = None) -> None:
-    row.state, row.lease_until, row.finished_at = state, None, now()
+    row.state, row.lease_until, row.finished_at = state, None, clock(session)
     row.error = None if problem is None else problem.model_dump(exclude_none=True)
     data = {"state": state} if row.error is None else {"state": state, "error": row.error}
     _record(session, row, "state", data)

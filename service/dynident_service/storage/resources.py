@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
+from pathlib import Path
 from typing import cast
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -13,9 +15,13 @@ from dynident_service.problems import Dependent, ProblemError, not_found, unusab
 from dynident_service.storage.database import Database
 from dynident_service.storage.identifiers import new_identifier
 from dynident_service.storage.ledger import add_job, as_job
-from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.objects import ObjectStore, Stored, digest
 from dynident_service.storage.records import FINAL, Kind, NewResource, Owned, Page, Resource, RestsOn, Retry
 from dynident_service.storage.tables import DependencyRow, JobRow, ObjectRow, ResourceRow, RetryRow
+from dynident_service.storage.tombstones import announce, hold
+
+MOST_DEPENDENTS = 20
+"""As many are listed of those that rest on what is to be deleted."""
 
 
 class Resources:
@@ -28,11 +34,12 @@ class Resources:
     def create(self, new: NewResource) -> Resource:
         """Store a resource, what it rests on, its objects and its job, or nothing at all.
 
-        A retry (same `Idempotency-Key`, same request) gives the resource of the first time.
+        A retry (same `Idempotency-Key`, same request) gives the resource of the first time. Raises ObjectGone if an
+        object was swept away since it was put.
         """
         try:
             with self._database.write() as session:
-                identifier = insert(session, new)
+                identifier = insert(session, self._objects, new)
         except IntegrityError:
             # Another request with the same key was faster: its resource is the answer.
             known = self.known(new.retry) if new.retry is not None else None
@@ -88,20 +95,19 @@ class Resources:
             if row is None or row.kind != kind:
                 raise not_found(kind, identifier)
             _refuse_while_needed(session, row)
-            keys = session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == identifier)).all()
+            announce(session, session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == identifier)))
             session.delete(row)
-            session.flush()
-            held = set(session.scalars(select(ObjectRow.key).where(ObjectRow.key.in_(keys))))
-        for key in set(keys) - held:
-            self._objects.delete(key)
 
-    def is_held(self, key: str) -> bool:
-        """Tell whether any resource owns an object."""
-        with self._database.read() as session:
-            return session.scalar(select(ObjectRow.key).where(ObjectRow.key == key).limit(1)) is not None
+    def put(self, content: bytes | Path) -> Stored:
+        """Put bytes or a file into the object store; a sweep deletes them if nobody comes to own them."""
+        with io.BytesIO(content) if isinstance(content, bytes) else content.open("rb") as file:
+            key, size = digest(file)
+            with self._database.write() as session:
+                announce(session, (key,))
+            return self._objects.put_hashed(file, key, size)
 
 
-def insert(session: Session, new: NewResource) -> str:
+def insert(session: Session, objects: ObjectStore, new: NewResource) -> str:
     """Insert a resource within a transaction; the caller commits."""
     _require(session, new.rests_on)
     row = ResourceRow(
@@ -115,7 +121,7 @@ def insert(session: Session, new: NewResource) -> str:
     session.flush()
     for on_id, role in {(one.id, one.role) for one in new.rests_on}:
         rest(session, row.id, on_id, role)
-    own(session, row.id, new.objects)
+    own(session, objects, row.id, new.objects)
     if new.job is not None:
         add_job(session, new.job, row.id)
     if new.retry is not None:
@@ -130,9 +136,10 @@ def rest(session: Session, identifier: str, on_id: str, role: str) -> None:
     session.add(DependencyRow(dependent_id=identifier, on_id=on_id, role=role))
 
 
-def own(session: Session, identifier: str, objects: Sequence[Owned]) -> None:
-    """Record the objects that a resource owns."""
-    for one in objects:
+def own(session: Session, objects: ObjectStore, identifier: str, owned: Sequence[Owned]) -> None:
+    """Record the objects that a resource owns; raises ObjectGone if one is not there."""
+    hold(session, objects, owned)
+    for one in owned:
         session.add(
             ObjectRow(resource_id=identifier, role=one.role, key=one.key, size=one.size, media_type=one.media_type)
         )
@@ -154,12 +161,14 @@ def _refuse_while_needed(session: Session, row: ResourceRow) -> None:
         .distinct()
         .order_by(ResourceRow.id)
     )
-    dependents = [Dependent(id=identifier, kind=kind) for identifier, kind in session.execute(query)]
-    if dependents:
+    number = session.scalar(select(func.count()).select_from(query.order_by(None).subquery())) or 0
+    if number:
+        listed = session.execute(query.limit(MOST_DEPENDENTS))
+        dependents = [Dependent(id=identifier, kind=kind) for identifier, kind in listed]
         named = ", ".join(f"{one.kind} {one.id}" for one in dependents[:10])
-        more = f" and {len(dependents) - 10} more" if len(dependents) > 10 else ""
+        more = f" and {number - 10} more" if number > 10 else ""
         detail = f"The {row.kind} {row.id} is needed by {named}{more}; delete these first."
-        raise ProblemError(409, detail, title="Still needed", dependents=dependents)
+        raise ProblemError(409, detail, title="Still needed", dependents=dependents, dependents_count=number)
     job = session.scalar(select(JobRow).where(JobRow.resource_id == row.id))
     if job is not None and job.state not in FINAL:
         detail = f"The {row.kind} {row.id} is being computed; cancel its job {job.id} first."

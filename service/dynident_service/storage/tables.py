@@ -22,7 +22,10 @@ from sqlalchemy import (
     String,
     TypeDecorator,
 )
+from sqlalchemy.exc import DontWrapMixin
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+from dynident_service.problems import ProblemError
 
 NAMING = {
     "ix": "ix_%(column_0_label)s",
@@ -49,6 +52,23 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
 
+class UnusableText(ProblemError, DontWrapMixin):
+    """A text that no database takes; not wrapped, so that it is answered as what it is."""
+
+
+class Text(TypeDecorator[str]):
+    """A text without U+0000, which PostgreSQL cannot hold: whoever sends one is told, whatever the database."""
+
+    impl = String
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
+        """Refuse what cannot be stored or looked for."""
+        if value is not None and "\0" in value:
+            raise UnusableText(422, f"{value[:80]!r} holds the character U+0000; leave it out.", title="Unusable text")
+        return value
+
+
 def now() -> datetime:
     """Give the time, in UTC."""
     return datetime.now(UTC)
@@ -66,9 +86,9 @@ class ResourceRow(Table):
 
     __tablename__ = "resources"
 
-    id: Mapped[str] = mapped_column(String(40), primary_key=True)
-    kind: Mapped[str] = mapped_column(String(20))
-    name: Mapped[str | None] = mapped_column(String(200))
+    id: Mapped[str] = mapped_column(Text(40), primary_key=True)
+    kind: Mapped[str] = mapped_column(Text(20))
+    name: Mapped[str | None] = mapped_column(Text(200))
     created_at: Mapped[datetime] = mapped_column(default=now)
     request: Mapped[dict[str, Any]]
     result: Mapped[dict[str, Any] | None]
@@ -83,7 +103,7 @@ class DependencyRow(Table):
 
     dependent_id: Mapped[str] = mapped_column(ForeignKey("resources.id", ondelete="CASCADE"), primary_key=True)
     on_id: Mapped[str] = mapped_column(ForeignKey("resources.id", ondelete="RESTRICT"), primary_key=True, index=True)
-    role: Mapped[str] = mapped_column(String(20), primary_key=True)
+    role: Mapped[str] = mapped_column(Text(20), primary_key=True)
 
 
 class ObjectRow(Table):
@@ -92,10 +112,19 @@ class ObjectRow(Table):
     __tablename__ = "objects"
 
     resource_id: Mapped[str] = mapped_column(ForeignKey("resources.id", ondelete="CASCADE"), primary_key=True)
-    role: Mapped[str] = mapped_column(String(20), primary_key=True)
-    key: Mapped[str] = mapped_column(String(64), index=True)
+    role: Mapped[str] = mapped_column(Text(20), primary_key=True)
+    key: Mapped[str] = mapped_column(Text(64), index=True)
     size: Mapped[int] = mapped_column(BigInteger)
-    media_type: Mapped[str] = mapped_column(String(80))
+    media_type: Mapped[str] = mapped_column(Text(80))
+
+
+class TombstoneRow(Table):
+    """An object that a resource has let go of, or that one may soon own: the sweep looks who owns it, later."""
+
+    __tablename__ = "tombstones"
+
+    key: Mapped[str] = mapped_column(Text(64), primary_key=True)
+    since: Mapped[datetime] = mapped_column(default=now, index=True)
 
 
 class JobRow(Table):
@@ -103,17 +132,18 @@ class JobRow(Table):
 
     __tablename__ = "jobs"
 
-    id: Mapped[str] = mapped_column(String(40), primary_key=True)
-    kind: Mapped[str] = mapped_column(String(20))
+    id: Mapped[str] = mapped_column(Text(40), primary_key=True)
+    kind: Mapped[str] = mapped_column(Text(20))
     resource_id: Mapped[str | None] = mapped_column(ForeignKey("resources.id", ondelete="CASCADE"), index=True)
-    function: Mapped[str] = mapped_column(String(120))
+    function: Mapped[str] = mapped_column(Text(120))
     arguments: Mapped[dict[str, Any]]
-    state: Mapped[str] = mapped_column(String(10), default="queued")
+    state: Mapped[str] = mapped_column(Text(10), default="queued")
     fraction: Mapped[float] = mapped_column(Float, default=0.0)
-    message: Mapped[str] = mapped_column(String(300), default="")
+    message: Mapped[str] = mapped_column(Text(300), default="")
     error: Mapped[dict[str, Any] | None]
     attempt: Mapped[int] = mapped_column(default=0)
     deaths: Mapped[int] = mapped_column(default=0)
+    losses: Mapped[int] = mapped_column(default=0, server_default="0")
     lease_until: Mapped[datetime | None]
     cancel_requested: Mapped[bool] = mapped_column(default=False)
     created_at: Mapped[datetime] = mapped_column(default=now)
@@ -130,7 +160,7 @@ class JobEventRow(Table):
 
     id: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"), primary_key=True, autoincrement=True)
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), index=True)
-    event: Mapped[str] = mapped_column(String(10))
+    event: Mapped[str] = mapped_column(Text(10))
     data: Mapped[dict[str, Any]]
 
 
@@ -139,9 +169,9 @@ class RetryRow(Table):
 
     __tablename__ = "retries"
 
-    scope: Mapped[str] = mapped_column(String(200), primary_key=True)
-    key: Mapped[str] = mapped_column(String(255), primary_key=True)
-    fingerprint: Mapped[str] = mapped_column(String(64))
+    scope: Mapped[str] = mapped_column(Text(200), primary_key=True)
+    key: Mapped[str] = mapped_column(Text(255), primary_key=True)
+    fingerprint: Mapped[str] = mapped_column(Text(64))
     resource_id: Mapped[str] = mapped_column(ForeignKey("resources.id", ondelete="CASCADE"), index=True)
     created_at: Mapped[datetime] = mapped_column(default=now)
 
@@ -151,6 +181,6 @@ class KeyRow(Table):
 
     __tablename__ = "api_keys"
 
-    sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
-    name: Mapped[str] = mapped_column(String(200))
+    sha256: Mapped[str] = mapped_column(Text(64), primary_key=True)
+    name: Mapped[str] = mapped_column(Text(200))
     created_at: Mapped[datetime] = mapped_column(default=now)

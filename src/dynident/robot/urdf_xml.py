@@ -15,6 +15,10 @@ TITLE = "Unusable URDF"
 MOVING = ("revolute", "continuous", "prismatic")
 MOST_LINKS = 2000
 """Links, fixed ones included: Pinocchio walks the tree by recursion, and a stack has an end."""
+MOST_ELEMENTS = 100_000
+"""Elements of the whole text, looks included: a robot of 2000 links has about 50 000."""
+DEEPEST = 100
+"""Elements inside each other; a URDF needs six."""
 _ABSENT = {"floating", "planar", "ball", "spherical"}
 
 
@@ -47,7 +51,8 @@ def parse(text: str, pointer: str = "") -> Element:
     Raises
     ------
     DynidentError
-        The text is not XML (with line and column), is a xacro file, or its root is another element.
+        The text is not XML (with line and column), is a xacro file, its root is another element, or it has more
+        elements, or more inside each other, than any robot needs.
     """
     if not text.strip():
         raise urdf_error("The URDF is empty; expected XML whose root is <robot>.", None, pointer)
@@ -113,10 +118,18 @@ def _lines_before(text: str) -> int:
 def _parse_xml(text: str, first_line: int, pointer: str) -> Element:
     document = Element("", {}, 0)
     open_elements = [document]
+    count = 0
     parser = expat.ParserCreate("utf-8")  # whatever the declaration says: the text is decoded already
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, parser.CurrentLineNumber + first_line - 1)
+        nonlocal count
+        count += 1
+        line = parser.CurrentLineNumber + first_line - 1
+        if count > MOST_ELEMENTS:
+            raise urdf_error(f"The URDF has more than {MOST_ELEMENTS} elements.", line, pointer)
+        if len(open_elements) > DEEPEST:
+            raise urdf_error(f"<{tag}> is inside more than {DEEPEST} other elements.", line, pointer)
+        element = Element(tag, attributes, line)
         open_elements[-1].children.append(element)
         open_elements.append(element)
 

@@ -1,0 +1,70 @@
+"""Connections: how many there may be, and how long one may stay open without a request."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+import h11
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from dynident_service.headers import SAFE
+from dynident_service.problems import MEDIA_TYPE, make_problem
+from dynident_service.settings import Settings
+
+
+def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
+    """Give the protocol that keeps connections within the settings."""
+
+    class Bounded(H11Protocol):
+        """HTTP/1.1, with a bound on connections and a time within which a request must have its headers."""
+
+        def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+            super().connection_made(transport)
+            self._waiting: asyncio.TimerHandle | None = None
+            if len(self.connections) > settings.max_connections:
+                transport.write(_refusal(settings.max_connections))
+                transport.close()
+            else:
+                self._wait_for_a_request()
+
+        def data_received(self, data: bytes) -> None:
+            if self.transport.is_closing():
+                return
+            super().data_received(data)
+            self._wait_for_a_request()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            if self._waiting is not None:
+                self._waiting.cancel()
+            super().connection_lost(exc)
+
+        def _wait_for_a_request(self) -> None:
+            """Begin to wait where no request has come; one that has, or has begun, is waited for no longer."""
+            is_idle = self.conn.their_state is h11.IDLE
+            if is_idle and self._waiting is None:
+                self._waiting = self.loop.call_later(settings.header_timeout_seconds, self._give_up)
+            elif not is_idle and self._waiting is not None:
+                self._waiting.cancel()
+                self._waiting = None
+
+        def _give_up(self) -> None:
+            self._waiting = None
+            if self.conn.their_state is h11.IDLE and not self.transport.is_closing():
+                self.transport.close()
+
+    return Bounded
+
+
+def _refusal(most: int) -> bytes:
+    """The whole answer to a connection that is one too many."""
+    detail = f"More than {most} connections are open (DYNIDENT_MAX_CONNECTIONS); try again in a moment."
+    body = json.dumps(make_problem(503, detail, title="Too busy").model_dump(exclude_none=True)).encode()
+    head = (
+        "HTTP/1.1 503 Service Unavailable\r\n"
+        f"content-type: {MEDIA_TYPE}\r\ncontent-length: {len(body)}\r\n"
+        "retry-after: 1\r\nconnection: close\r\n"
+        + "".join(f"{name}: {value}\r\n" for name, value in SAFE.items())
+        + "\r\n"
+    )
+    return head.encode() + body

@@ -1,0 +1,111 @@
+"""Computations that a request waits for: in a few processes of their own, and no longer than its client waits."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from typing import Any
+
+import anyio
+from anyio import to_thread
+from fastapi import Request
+
+from dynident_service.jobs.calls import Answer, Call
+from dynident_service.jobs.pool import ChildPool
+from dynident_service.problems import ProblemError
+
+MOST_WAITING = 30
+"""Requests that may wait for a process; one more is told to come back."""
+LOOK = 0.25
+"""How often, in seconds, it is looked whether the client is still there."""
+LONGEST = 120.0
+"""Seconds that a computation may take which a request waits for."""
+
+
+class Desk:
+    """Has children compute for requests, as many at a time as there are children."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._pool = ChildPool(size)
+        self._waiting = 0
+        self._turns: anyio.Semaphore | None = None
+        self._threads: anyio.CapacityLimiter | None = None
+
+    async def call(
+        self, request: Request, function: str, arguments: Mapping[str, Any], longest: float = LONGEST
+    ) -> Any:
+        """Compute; a problem 429 if too many wait, 503 if it takes too long, and whatever problem comes out.
+
+        Where the client leaves, the process is killed.
+        """
+        if self._waiting >= MOST_WAITING:
+            raise ProblemError(429, f"More than {MOST_WAITING} requests are computed; try again.", title="Too busy")
+        if self._turns is None:
+            self._turns, self._threads = anyio.Semaphore(self._size), anyio.CapacityLimiter(self._size)
+        over = threading.Event()
+        found: Answer | None = None
+        self._waiting += 1
+        try:
+            async with _while_client_waits(request, over), self._turns:
+                found = await to_thread.run_sync(
+                    self._compute, Call(function, arguments), over, longest, limiter=self._threads
+                )
+        finally:
+            self._waiting -= 1
+        if found is None:
+            raise ProblemError(408, "The client left before its answer was there.", title="Client left")
+        if found.problem is not None:
+            raise ProblemError.of(found.problem)
+        return found.value
+
+    def close(self) -> None:
+        """Kill the children."""
+        self._pool.close()
+
+    def _compute(self, call: Call, over: threading.Event, longest: float) -> Answer | None:
+        child = self._pool.take()
+        until = time.monotonic() + longest
+        try:
+            child.send(call)
+            while (found := child.receive(0.1)) is None:
+                if over.is_set():
+                    self._pool.replace(child)
+                    return None
+                if time.monotonic() > until:
+                    detail = f"This takes longer than {longest:.0f} s, which is more than a request may take."
+                    raise ProblemError(503, detail, title="Took too long")
+        except (EOFError, BrokenPipeError) as error:
+            self._pool.replace(child)
+            detail = "The process that computed this died, most probably for want of memory; send less at a time."
+            raise ProblemError(503, detail, title="Process died") from error
+        except BaseException:
+            self._pool.replace(child)
+            raise
+        assert isinstance(found, Answer)
+        self._pool.put_back(child, found)
+        return found
+
+
+@asynccontextmanager
+async def _while_client_waits(request: Request, over: threading.Event) -> AsyncIterator[None]:
+    """End the block, quietly, when the client has left; sets `over` for the threads in it."""
+
+    async def watch() -> None:
+        while not await request.is_disconnected():
+            await anyio.sleep(LOOK)
+        over.set()
+        group.cancel_scope.cancel()
+
+    failure: BaseException | None = None
+    async with anyio.create_task_group() as group:
+        group.start_soon(watch)
+        try:
+            yield
+        except Exception as error:  # to be raised as it is, not as one of a group
+            failure = error
+        group.cancel_scope.cancel()
+    if failure is not None:
+        raise failure

@@ -1,0 +1,113 @@
+"""The page `/docs`: the contract as one page of its own, without scripts and without anything from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from html import escape
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.responses import HTMLResponse
+
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 62rem; padding: 0 1rem }
+:root { color-scheme: light dark }
+code, .path { font-family: ui-monospace, monospace } .verb { display: inline-block; width: 5rem; font-weight: 600 }
+details { border-top: 1px solid #8884; padding: .35rem 0 } summary { cursor: pointer }
+table { border-collapse: collapse }
+td, th { text-align: left; vertical-align: top; padding: .15rem .8rem .15rem 0 } h3 { margin-top: 1.6rem }
+"""
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+
+
+def mount(app: FastAPI) -> None:
+    """Serve the page; it is no part of the contract."""
+    pages: list[str] = []  # made when first asked for: the contract does not change while the service runs
+
+    @app.get("/docs", include_in_schema=False)
+    def documentation() -> HTMLResponse:
+        if not pages:
+            pages.append(page(app.openapi()))
+        return HTMLResponse(pages[0], headers={"Content-Security-Policy": POLICY})
+
+
+def page(contract: Mapping[str, Any]) -> str:
+    """Write out an OpenAPI document."""
+    info = contract["info"]
+    title = f"{escape(info['title'])} {escape(info['version'])}"
+    body = [
+        f"<h1>{title}</h1><p>{escape(info['description'])}</p>",
+        "<p>This is <a href='/openapi.json'>/openapi.json</a>, written out.</p>",
+        *_operations(contract["paths"]),
+        "<h2>Schemas</h2>",
+        *(_schema(name, schema) for name, schema in sorted(contract["components"]["schemas"].items())),
+    ]
+    head = f"<meta charset='utf-8'><meta name='viewport' content='width=device-width'><title>{title}</title>"
+    return (
+        f"<!doctype html><html lang='en'><head>{head}<style>{STYLE}</style></head><body>{''.join(body)}</body></html>"
+    )
+
+
+def _operations(paths: Mapping[str, Any]) -> Iterator[str]:
+    by_tag: dict[str, list[str]] = {}
+    for path, operations in paths.items():
+        for verb, operation in operations.items():
+            tag = (operation.get("tags") or ["other"])[0]
+            by_tag.setdefault(tag, []).append(_operation(path, verb, operation))
+    for tag, parts in by_tag.items():
+        yield f"<h3>{escape(tag)}</h3>{''.join(parts)}"
+
+
+def _operation(path: str, verb: str, operation: Mapping[str, Any]) -> str:
+    said = escape(operation.get("description") or operation.get("summary", ""))
+    rows = [
+        (f"<code>{escape(one['name'])}</code> in {one['in']}", _type(one["schema"]), one.get("description", ""))
+        for one in operation.get("parameters", ())
+    ]
+    for kind, content in operation.get("requestBody", {}).get("content", {}).items():
+        rows.append((f"body, {escape(kind)}", _type(content.get("schema", {})), ""))
+    for status, answer in operation["responses"].items():
+        for kind, content in answer.get("content", {}).items():
+            rows.append((f"answer {escape(status)}, {escape(kind)}", _type(content.get("schema", {})), ""))
+    head = f"<span class='verb'>{verb.upper()}</span><span class='path'>{escape(path)}</span>"
+    return f"<details><summary>{head}</summary><p>{said}</p>{_table(rows)}</details>"
+
+
+def _schema(name: str, schema: Mapping[str, Any]) -> str:
+    required = schema.get("required", ())
+    rows = [
+        (
+            f"<code>{escape(field)}</code>{'' if field in required else ' (optional)'}",
+            _type(one),
+            one.get("description", ""),
+        )
+        for field, one in schema.get("properties", {}).items()
+    ]
+    said = escape(schema.get("description", ""))
+    named = escape(name)
+    return f"<details id='{named}' open><summary><b>{named}</b></summary><p>{said}</p>{_table(rows)}</details>"
+
+
+def _table(rows: list[tuple[str, str, str]]) -> str:
+    """Rows of a name and a type, both HTML, and a plain text."""
+    cells = "".join(f"<tr><td>{name}</td><td>{kind}</td><td>{escape(said)}</td></tr>" for name, kind, said in rows)
+    return f"<table>{cells}</table>"
+
+
+def _type(schema: Mapping[str, Any]) -> str:
+    """The type of a value in a few words, as HTML."""
+    if "$ref" in schema:
+        name = escape(schema["$ref"].rpartition("/")[2])
+        return f"<a href='#{name}'>{name}</a>"
+    for choice in ("anyOf", "oneOf", "allOf"):
+        if choice in schema:
+            return " or ".join(_type(one) for one in schema[choice])
+    if "enum" in schema:
+        return " or ".join(f"<code>{escape(str(one))}</code>" for one in schema["enum"])
+    if "const" in schema:
+        return f"<code>{escape(str(schema['const']))}</code>"
+    if schema.get("type") == "array":
+        return f"list of {_type(schema.get('items', {}))}"
+    if isinstance(schema.get("additionalProperties"), dict):
+        return f"map to {_type(schema['additionalProperties'])}"
+    return escape(str(schema.get("type", "anything")))

@@ -1,0 +1,52 @@
+"""What a request has computed by a child process: a function by name, its arguments, and its answer."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dynident.errors import DynidentError
+from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
+from dynident_service.storage.space import is_full
+
+log = logging.getLogger("dynident.job")
+
+
+@dataclass(frozen=True)
+class Call:
+    """A function "module:name" that takes plain values by name and gives plain values."""
+
+    function: str
+    arguments: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came out, or why nothing did."""
+
+    peak_memory: int
+    value: Any = None
+    problem: Problem | None = None
+
+
+def answer(call: Call, peak_memory: int) -> Answer:
+    """Do a call; what goes wrong becomes a problem."""
+    module, _, name = call.function.partition(":")
+    try:
+        value = getattr(importlib.import_module(module), name)(**call.arguments)
+    except DynidentError as error:
+        return Answer(peak_memory, problem=problem_of(error))
+    except ProblemError as error:
+        return Answer(peak_memory, problem=error.problem)
+    except MemoryError:
+        detail = "The request needs more memory than there is; send less at a time."
+        return Answer(peak_memory, problem=make_problem(422, detail, title="Out of memory"))
+    except Exception as error:
+        if is_full(error):
+            return Answer(peak_memory, problem=make_problem(507, "The disk of the service is full.", title="Disk full"))
+        log.exception("the call of %s failed unexpectedly", call.function)
+        return Answer(peak_memory, problem=make_problem(500, "The service failed unexpectedly; its log says where."))
+    return Answer(peak_memory, value=value)

@@ -1,0 +1,146 @@
+"""How much a request may send, how fast it must come, and how many requests are answered at a time."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import anyio
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from dynident_service.problem_responses import respond
+from dynident_service.problems import make_problem
+from dynident_service.settings import Settings
+
+UPLOADS = frozenset({"/v1/measurements"})
+TRAJECTORIES = frozenset({"/v1/simulations"})
+MOST_VALUES = 200_000
+MOST_SAMPLES = 4_000_000
+"""What a JSON body may weigh where it holds a trajectory, sample by sample."""
+WEIGHTS = ((b",", 1), (b"[", 2), (b"{", 4))
+"""What the values of a JSON body weigh: a byte of it may become a hundred in memory."""
+ALWAYS_ANSWERED = frozenset({"/healthz", "/readyz", "/metrics"})
+FIRST_GRACE = 30.0
+"""Seconds that the first bytes may take, whatever the rate."""
+
+
+@dataclass(frozen=True)
+class Allowance:
+    """What the body of a request may be."""
+
+    bytes: int
+    values: int | None
+    setting: str
+
+
+def allowance(scope: Scope, settings: Settings) -> Allowance:
+    """Tell what a request may send; its content type alone opens nothing."""
+    path = scope["path"].rstrip("/")
+    is_form = Headers(scope=scope).get("content-type", "").lower().startswith("multipart/")
+    if path in UPLOADS and scope["method"] == "POST" and is_form:
+        return Allowance(settings.max_upload_bytes, None, "DYNIDENT_MAX_UPLOAD_BYTES")
+    values = MOST_SAMPLES if path in TRAJECTORIES else MOST_VALUES
+    return Allowance(settings.max_body_bytes, values, "DYNIDENT_MAX_BODY_BYTES")
+
+
+class BodyLimit:
+    """Refuses bodies that are too large, too intricate or too slow, as they come in."""
+
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+        self._app = app
+        self._settings = settings
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Count what is received; a problem 413 when it is too much, 408 when it does not come."""
+        if scope["type"] != "http":
+            return await self._app(scope, receive, send)
+        allowed = allowance(scope, self._settings)
+        length = Headers(scope=scope).get("content-length", "")
+        if length.isdigit() and int(length) > allowed.bytes:
+            problem = make_problem(413, _too_large(allowed))
+            return await respond(problem, {"connection": "close"})(scope, receive, send)
+        meter = _Meter(allowed, self._settings)
+
+        async def metered() -> Message:
+            if meter.is_over:
+                return await receive()  # only the client's leaving can come now, whenever it does
+            with anyio.move_on_after(self._settings.body_timeout_seconds) as patience:
+                message = await receive()
+            if patience.cancelled_caught:
+                raise _too_slow(self._settings.body_timeout_seconds)
+            meter.count(message)
+            return message
+
+        return await self._app(scope, metered, send)
+
+
+class _Meter:
+    """Counts the bytes and the values of one body, and the time that they take."""
+
+    def __init__(self, allowed: Allowance, settings: Settings) -> None:
+        self._allowed = allowed
+        self._slowest = settings.slowest_upload_bytes_per_second
+        self._began = time.monotonic()
+        self._bytes = 0
+        self._weight = 0
+        self.is_over = False
+
+    def count(self, message: Message) -> None:
+        """Count a part; raises an HTTPException when it is too much or came too slowly."""
+        body: bytes = message.get("body", b"")
+        self._bytes += len(body)
+        self.is_over = message["type"] != "http.request" or not message.get("more_body", False)
+        if self._bytes > self._allowed.bytes:
+            raise HTTPException(413, _too_large(self._allowed), {"connection": "close"})
+        if self._allowed.values is not None:
+            self._weight += sum(weight * body.count(sign) for sign, weight in WEIGHTS)
+            if self._weight > self._allowed.values:
+                detail = f"The body holds more than {self._allowed.values} values; send less at a time."
+                raise HTTPException(413, detail, {"connection": "close"})
+        took = time.monotonic() - self._began
+        if not self.is_over and took > FIRST_GRACE + self._bytes / self._slowest:
+            raise _too_slow(took)
+
+
+class Admission:
+    """Answers 429 when too many requests are under way, instead of letting all of them wait."""
+
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+        self._app = app
+        self._settings = settings
+        self._under_way = 0
+        self._followed = 0
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request through while there is room for it; those that only follow a job are counted apart."""
+        if scope["type"] != "http" or scope["path"] in ALWAYS_ANSWERED:
+            return await self._app(scope, receive, send)
+        follows = scope["path"].endswith("/events")
+        most = self._settings.max_followers if follows else self._settings.max_requests
+        if (self._followed if follows else self._under_way) >= most:
+            what, name = ("jobs are followed", "FOLLOWERS") if follows else ("requests are under way", "REQUESTS")
+            detail = f"More than {most} {what} (DYNIDENT_MAX_{name}); try again in a moment."
+            problem = make_problem(429, detail, title="Too busy")
+            return await respond(problem, {"retry-after": "1", "connection": "close"})(scope, receive, send)
+        self._count(follows, 1)
+        try:
+            return await self._app(scope, receive, send)
+        finally:
+            self._count(follows, -1)
+
+    def _count(self, follows: bool, one: int) -> None:
+        if follows:
+            self._followed += one
+        else:
+            self._under_way += one
+
+
+def _too_large(allowed: Allowance) -> str:
+    return f"The body is larger than {allowed.bytes} bytes ({allowed.setting}); send a part, a recording as Parquet."
+
+
+def _too_slow(seconds: float) -> HTTPException:
+    detail = f"The body did not come on within {seconds:.0f} s; send it again, on a better connection."
+    return HTTPException(408, detail, {"connection": "close"})

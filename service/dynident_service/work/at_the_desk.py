@@ -1,0 +1,59 @@
+"""What requests have computed while they wait: plain values in, plain values out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from dynident.export import ExportedFile, ExportFormat
+from dynident.identification import Identification, from_bytes
+from dynident.identification.dependence import parameter_dependence
+from dynident.identification.essential import essential_parameters
+from dynident.recordings import RecordingError
+from dynident_service.adapters.exports import exported_file
+from dynident_service.adapters.identifications import describe_correlation, describe_essential
+from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
+from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request, robot_of
+from dynident_service.models.common import plain
+from dynident_service.models.measurements import MeasurementMetadata
+from dynident_service.models.robots import RobotRequest
+from dynident_service.problems import ProblemError
+
+
+def describe(request: Mapping[str, Any]) -> dict[str, Any]:
+    """Describe a robot: its joints and its base parameters."""
+    body = RobotRequest.model_validate(request)
+    robot = robot_from_request(body)
+    return plain(describe_robot(robot, base_parameters_of(robot, body.base_parameters_tolerance)))
+
+
+def import_measurement(
+    source: str, destination: str, robot: Mapping[str, Any], metadata: Mapping[str, Any], sha256: str
+) -> dict[str, Any]:
+    """Check a file, write its recording, and describe it."""
+    said = MeasurementMetadata.model_validate(metadata)
+    try:
+        recording, checks = import_file(Path(source), Path(destination), robot_of(robot), said)
+    except RecordingError as error:
+        raise ProblemError.of(problem_with_file(error)) from error
+    return plain(describe_recording(recording, checks, sha256))
+
+
+def essential(model: str, ratio: float) -> dict[str, Any]:
+    """Find the essential parameters of the model in a file."""
+    return plain(describe_essential(essential_parameters(_read(model), ratio)))
+
+
+def correlation(model: str) -> dict[str, Any]:
+    """Describe how the estimates of the model in a file depend on one another."""
+    return plain(describe_correlation(parameter_dependence(_read(model))))
+
+
+def export(model: str, format: ExportFormat, nearest: bool, shown: Mapping[str, Any]) -> ExportedFile:
+    """Write the model in a file in another format."""
+    return exported_file(_read(model), format, nearest, dict(shown))
+
+
+def _read(model: str) -> Identification:
+    return from_bytes(Path(model).read_bytes())

@@ -1,0 +1,169 @@
+"""The service stays awake: what takes long is computed elsewhere, and no longer than its client waits."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, cast
+from urllib.parse import urlsplit
+
+import anyio
+import pytest
+from anyio import to_thread
+from fastapi import Request
+from service_helpers import serving, wait_for
+from test_jobs import is_running
+
+from dynident_service import desk as desk_module
+from dynident_service.desk import Desk
+from dynident_service.following import LOOK, Following
+from dynident_service.problems import ProblemError
+from dynident_service.settings import Settings
+from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.records import NewJob
+
+
+class Client:
+    """Stands for a request whose client may leave."""
+
+    def __init__(self) -> None:
+        self.has_left = False
+
+    async def is_disconnected(self) -> bool:
+        return self.has_left
+
+
+@pytest.fixture(scope="module")
+def desk() -> Iterator[Desk]:
+    made = Desk(1)
+    yield made
+    made.close()
+
+
+def ask(desk: Desk, name: str, client: Client | None = None, longest: float = 60.0, **arguments: Any) -> Any:
+    async def call() -> Any:
+        request = cast(Request, client or Client())
+        return await desk.call(request, f"small_jobs:{name}", arguments, longest)
+
+    desk._turns = None  # each test has an event loop of its own
+    return anyio.run(call)
+
+
+def test_a_request_gets_what_a_child_computed(desk: Desk) -> None:
+    assert [ask(desk, "twice", number=n) for n in range(3)] == [0, 2, 4]
+
+
+def test_what_goes_wrong_in_the_child_is_the_answer(desk: Desk) -> None:
+    with pytest.raises(ProblemError, match="q3 has a gap") as caught:
+        ask(desk, "refuses")
+    assert caught.value.problem.status == 422
+    with pytest.raises(ProblemError, match="died"):
+        ask(desk, "dies_at_once")
+    assert ask(desk, "twice", number=4) == 8
+
+
+def test_a_computation_ends_when_its_client_leaves(desk: Desk, tmp_path: Path) -> None:
+    client, note = Client(), tmp_path / "pid"
+
+    def leave() -> None:
+        wait_for(lambda: note.exists() and note.read_text())
+        client.has_left = True
+
+    leaving = threading.Thread(target=leave)
+    leaving.start()
+    with pytest.raises(ProblemError, match="left"):
+        ask(desk, "never_answers", client, note=str(note))
+    leaving.join()
+    wait_for(lambda: not is_running(int(note.read_text())), timeout=5)
+    assert ask(desk, "twice", number=4) == 8
+
+
+def test_a_computation_that_takes_too_long_for_a_request_is_stopped(desk: Desk, tmp_path: Path) -> None:
+    with pytest.raises(ProblemError, match="longer than 1 s") as caught:
+        ask(desk, "never_answers", longest=1.0, note=str(tmp_path / "pid"))
+    assert caught.value.problem.status == 503
+
+
+def test_too_many_that_wait_are_told_to_come_back(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(desk_module, "MOST_WAITING", 0)
+    with pytest.raises(ProblemError) as caught:
+        ask(desk, "twice", number=1)
+    assert caught.value.problem.status == 429
+
+
+def test_the_database_is_looked_at_once_for_all_who_follow(ledger: Ledger, monkeypatch: pytest.MonkeyPatch) -> None:
+    job_id, other = (ledger.enqueue(NewJob("report", "small_jobs:answer")) for _ in range(2))
+    last = ledger.history(job_id)[0][-1].id
+    looks = 0
+    newest_events = Ledger.newest_events
+
+    def counted(self: Ledger, job_ids: Any) -> dict[str, int]:
+        nonlocal looks
+        looks += 1
+        return newest_events(self, job_ids)
+
+    monkeypatch.setattr(Ledger, "newest_events", counted)
+    told: list[str] = []
+
+    async def follow() -> None:
+        following = Following(ledger)
+
+        async def wait(job: str, after: int) -> None:
+            await following.until_news(job, after)
+            told.append(job)
+
+        async with anyio.create_task_group() as group:
+            for _ in range(50):
+                group.start_soon(wait, job_id, last)
+            await anyio.sleep(10 * LOOK)
+            assert told == []
+            group.start_soon(wait, "job_that_is_not_there", 7)
+            group.start_soon(wait, other, 0)
+            await anyio.sleep(5 * LOOK)
+            assert set(told) == {"job_that_is_not_there", other}
+            await to_thread.run_sync(ledger.cancel, job_id)
+        assert told.count(job_id) == 50
+
+    anyio.run(follow)
+    assert looks <= 20
+
+
+@pytest.mark.slow
+def test_health_answers_while_many_heavy_requests_are_made_and_left(tmp_path: Path) -> None:
+    joints = [{"name": f"j{n}", "alpha": 1.5708 * (n % 2), "d": 0.1, "r": 0.2} for n in range(60)]
+    body = json.dumps({"name": "long", "description": {"format": "modified_dh", "content": {"joints": joints}}})
+    settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error")
+    with serving(settings) as url:
+        host = urlsplit(url).netloc
+
+        def get(path: str) -> float:
+            began = time.monotonic()
+            connection = http.client.HTTPConnection(host, timeout=60)
+            connection.request("GET", path)
+            assert connection.getresponse().status == 200
+            connection.close()
+            return time.monotonic() - began
+
+        def leave_soon() -> None:
+            connection = http.client.HTTPConnection(host, timeout=1)
+            connection.request("POST", "/v1/robots", body, {"content-type": "application/json"})
+            try:
+                connection.getresponse()
+            except TimeoutError:
+                connection.close()
+
+        wait_until_ready: Callable[[], Any] = lambda: get("/readyz")  # noqa: E731
+        wait_for(wait_until_ready, timeout=60)
+        leaving = [threading.Thread(target=leave_soon) for _ in range(25)]
+        for thread in leaving:
+            thread.start()
+        took = [get("/healthz") for _ in range(30) if time.sleep(0.1) is None]
+        for thread in leaving:
+            thread.join()
+        # Most of the load is this test's own; one that hangs takes as long as the work.
+        assert sorted(took)[len(took) // 2] < 0.5
+        assert get("/v1/robots") < 5.0

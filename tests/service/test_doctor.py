@@ -1,0 +1,101 @@
+"""`dynident doctor` finds what is missing, damaged or kept for nobody."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+from test_nothing_is_lost import CONTENT, Store, open_store
+from typer.testing import CliRunner
+
+from dynident_service.cli.app import app
+from dynident_service.storage.doctor import Finding, examine, repair
+from dynident_service.storage.migrate import migrate
+from dynident_service.storage.tombstones import sweep
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    opened = open_store(f"sqlite:///{tmp_path / 'dynident.sqlite3'}", tmp_path)
+    migrate(opened.database)
+    yield opened
+    opened.database.close()
+
+
+def found(store: Store, *, by_hash: bool = True) -> list[Finding]:
+    return list(examine(store.database, store.objects, by_hash=by_hash))
+
+
+def told(store: Store, *options: str) -> tuple[int, str]:
+    run = CliRunner().invoke(app, ["doctor", "--data-dir", str(store.database_folder), *options])
+    return run.exit_code, run.output
+
+
+def test_a_sound_store_is_well(store: Store) -> None:
+    store.make()
+    store.put(b"for nobody yet")
+    store.objects.ping()
+    assert found(store) == []
+    assert told(store) == (0, "all is well\n")
+
+
+def test_what_is_missing_cut_or_changed_is_told_with_what_needs_it(store: Store) -> None:
+    missing, cut, changed, sound = (store.make(CONTENT + bytes([n])) for n in range(4))
+    store.file_of(missing).unlink()
+    store.file_of(cut).write_bytes(CONTENT)
+    store.file_of(changed).write_bytes(CONTENT + b"?")
+    told_of = {(one.owners, one.trouble) for one in found(store)}
+    assert told_of == {((missing.id,), "missing"), ((cut.id,), "cut"), ((changed.id,), "damaged")}
+    assert len(found(store, by_hash=False)) == 2
+    code, text = told(store, "--repair")
+    assert code == 1
+    assert all(one.id in text for one in (missing, cut, changed))
+    assert sound.id not in text
+
+
+def test_orphans_and_leftovers_are_put_right_and_nothing_else_is_touched(store: Store) -> None:
+    resource = store.make()
+    orphan = store.objects.put_bytes(b"nobody knows of this one")  # around the resources, as older versions could
+    leftover, unfinished = (store.file_of(resource).with_name(f"{orphan.key}#{n}") for n in (1, 2))
+    foreign = store.file_of(resource).with_name("notes.txt")
+    for path in (leftover, unfinished, foreign):
+        path.write_bytes(b"half a fi")
+    for path in (leftover, foreign):
+        os.utime(path, (1, 1))
+    assert {(one.trouble, one.what) for one in found(store)} == {("orphan", orphan.key), ("leftover", str(leftover))}
+    assert told(store)[0] == 1
+    assert told(store, "--repair")[0] == 0
+    assert found(store) == []
+    assert (leftover.exists(), unfinished.exists(), foreign.exists()) == (False, True, True)
+    assert store.objects.exists(orphan.key)  # until the sweep
+    sweep(store.database, store.objects, timedelta(0))
+    assert not store.objects.exists(orphan.key)
+    assert store.objects.get(resource.objects["original"].key) == CONTENT
+
+
+def test_what_cannot_be_put_right_without_loss_is_refused(store: Store) -> None:
+    with pytest.raises(ValueError, match="missing"):
+        repair(store.database, store.objects, Finding("missing", "0" * 64, "gone"))
+
+
+def test_damaged_pages_of_the_database_are_told(store: Store) -> None:
+    for number in range(200):
+        store.make(b"%d" % number)
+    store.database.close()
+    file = store.database_folder / "dynident.sqlite3"
+    content = bytearray(file.read_bytes())
+    content[4096 * 3 : 4096 * 12] = b"\x5a" * (4096 * 9)
+    file.write_bytes(content)
+    code, text = told(store)
+    assert code == 1
+    assert "database: " in text
+
+
+def test_a_folder_that_is_not_there_is_told_and_not_made(tmp_path: Path) -> None:
+    folder = tmp_path / "nowhere"
+    run = CliRunner().invoke(app, ["doctor", "--data-dir", str(folder)])
+    assert run.exit_code == 2
+    assert not folder.exists()

@@ -1,0 +1,132 @@
+"""Jobs beside a database that hiccups, processes that stop, and computations that never end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from service_helpers import wait_for
+from sqlalchemy.exc import OperationalError
+
+from dynident_service.app import create_app
+from dynident_service.jobs import engine as engine_module
+from dynident_service.jobs import supervisor
+from dynident_service.jobs.cluster import Cluster
+from dynident_service.services import Services
+from dynident_service.settings import Settings
+from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.records import NewJob
+
+Start = Callable[..., str]
+Wait = Callable[..., Any]
+
+
+@pytest.fixture
+def soon_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(supervisor, "STILL_FOR", 2.5)  # longer than from one heartbeat to the next
+    monkeypatch.setattr(supervisor, "VITALS", 0.2)
+
+
+@pytest.mark.parametrize("name", ["standing", "renew"])
+def test_a_database_away_for_a_moment_does_not_end_a_job_that_is_watched(
+    start: Start, wait: Wait, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr(supervisor, "RENEW", 0.1 if name == "renew" else 60.0)
+    monkeypatch.setattr(supervisor, "AWAY_PAUSE", 0.05)
+    method = getattr(Ledger, name)
+    calls = 0
+
+    def flaky(self: Ledger, *arguments: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        if calls in (2, 3, 5):
+            raise OperationalError("SELECT", {}, Exception("database is locked"))
+        return method(self, *arguments)
+
+    monkeypatch.setattr(Ledger, name, flaky)
+    job = wait(start("count", steps=10, pause=0.2))
+    assert (job.state, job.attempt) == ("succeeded", 1)
+    assert calls > 5
+
+
+def test_a_database_away_for_a_moment_does_not_end_a_job_that_reports_and_stores(start: Start, wait: Wait) -> None:
+    job = wait(start("meets_a_hiccup", times=3))
+    assert (job.state, job.attempt) == ("succeeded", 1)
+
+
+def test_a_job_that_lost_the_database_in_its_middle_is_begun_again_and_not_blamed(
+    start: Start, wait: Wait, tmp_path: Path
+) -> None:
+    job = wait(start("loses_the_database", note=str(tmp_path / "note")))
+    assert (job.state, job.attempt) == ("succeeded", 2)
+
+
+def test_a_process_that_is_stopped_is_noticed_and_its_job_done_by_another(
+    start: Start, wait: Wait, services: Services, soon_still: None, tmp_path: Path
+) -> None:
+    note, go = tmp_path / "pid", tmp_path / "go"
+    job_id = start("waits", note=str(note), go=str(go))
+    for stops in range(services.settings.max_attempts):
+        pid = int(wait_for(lambda: note.exists() and note.read_text()))
+        note.unlink()
+        os.kill(pid, signal.SIGSTOP)
+        wait_for(lambda stops=stops: services.ledger.get(job_id).attempt == stops + 2)
+    go.touch()
+    assert wait(job_id).state == "succeeded"
+
+
+def test_a_computation_that_stands_still_is_given_up_with_the_reason(
+    start: Start, wait: Wait, soon_still: None
+) -> None:
+    job = wait(start("stands_still"), timeout=60)
+    assert job.state == "failed"
+    assert "stood still" in job.error["detail"]
+
+
+def test_a_solver_that_says_nothing_but_computes_is_left_alone(start: Start, wait: Wait, soon_still: None) -> None:
+    numbers, took = 10**8, 0.0
+    while took < 4.0:  # longer than a process may stand still
+        began = time.monotonic()
+        job = wait(start("holds_the_interpreter", numbers=numbers), timeout=120)
+        assert (job.state, job.attempt) == ("succeeded", 1)
+        took, numbers = time.monotonic() - began, 4 * numbers
+
+
+def test_a_computation_beyond_its_deadline_is_stopped_and_said_so(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, workers=1, job_deadline_seconds=1.0)
+    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+        services: Services = client.app.state.services  # type: ignore[attr-defined]
+        arguments = {"note": str(tmp_path / "note"), "go": str(tmp_path / "never")}
+        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:waits", arguments))
+        services.engine.nudge()
+        job = wait_for(lambda: services.ledger.get(job_id).finished_at and services.ledger.get(job_id), timeout=60)
+    assert job.state == "failed"
+    assert "DYNIDENT_JOB_DEADLINE_SECONDS" in job.error["detail"]
+
+
+def test_an_engine_whose_cluster_does_not_start_in_time_tries_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tries: list[float] = []
+    enter = Cluster.__enter__
+
+    def too_late(self: Cluster) -> Cluster:
+        tries.append(time.monotonic())
+        if len(tries) < 3:
+            raise TimeoutError("timed out trying to connect")
+        return enter(self)
+
+    monkeypatch.setattr(Cluster, "__enter__", too_late)
+    monkeypatch.setattr(engine_module, "FIRST_PAUSE", 0.2)
+    with TestClient(create_app(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as client:
+        wait_for(lambda: client.get("/readyz").status_code == 503)
+        services: Services = client.app.state.services  # type: ignore[attr-defined]
+        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:answer"))
+        wait_for(lambda: services.ledger.get(job_id).state == "succeeded", timeout=60)
+        assert client.get("/readyz").status_code == 200

@@ -1,0 +1,191 @@
+"""How much, how fast and how many: a service that is leaned on stays small and says what is too much."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
+from urllib.parse import urlsplit
+
+import anyio
+import httpx2
+import pytest
+from fastapi.testclient import TestClient
+from service_helpers import serving, wait_for
+
+from dynident_service.app import create_app
+from dynident_service.limits import MOST_VALUES, Admission
+from dynident_service.settings import Settings
+
+FORM = "multipart/form-data; boundary=x"
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    """A service that allows little."""
+    return Settings(
+        data_dir=tmp_path_factory.mktemp("small"),
+        workers=1,
+        port=0,
+        log_level="error",
+        max_body_bytes=1_000_000,
+        max_upload_bytes=3_000_000,
+        max_connections=5,
+        header_timeout_seconds=0.4,
+        body_timeout_seconds=0.4,
+    )
+
+
+@pytest.fixture(scope="module")
+def address(small: Settings) -> Iterator[tuple[str, int]]:
+    with serving(small) as url:
+        parts = urlsplit(url)
+        assert parts.hostname is not None
+        assert parts.port is not None
+        yield parts.hostname, parts.port
+
+
+def raw(address: tuple[str, int], content: bytes, timeout: float = 20.0) -> bytes:
+    """Send bytes and read until the other end closes."""
+    with socket.create_connection(address, timeout=timeout) as connection:
+        connection.sendall(content)
+        answer = b""
+        while part := connection.recv(65536):
+            answer += part
+        return answer
+
+
+def beginning(length: int) -> bytes:
+    """The beginning of a POST: all of its head, and nothing of its body."""
+    head = f"POST /v1/robots HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: {length}"
+    return head.encode() + b"\r\n\r\n"
+
+
+@pytest.mark.parametrize("path", ["/v1/robots", "/v1/simulations"])
+@pytest.mark.parametrize("kind", [FORM, "application/x-www-form-urlencoded", "text/csv"])
+def test_no_content_type_lifts_the_limit_of_a_body(small: Settings, path: str, kind: str) -> None:
+    with TestClient(create_app(small), "http://127.0.0.1", raise_server_exceptions=False) as client:
+        for content in (b"x" * 2_000_000, iter([b"x" * 100_000] * 20)):
+            answer = client.post(path, content=content, headers={"content-type": kind})
+            assert answer.status_code == 413
+            assert "DYNIDENT_MAX_BODY_BYTES" in answer.json()["detail"]
+
+
+def test_only_the_upload_of_a_recording_may_be_large_and_only_as_a_form(small: Settings) -> None:
+    with TestClient(create_app(small), "http://127.0.0.1", raise_server_exceptions=False) as client:
+        form = client.post("/v1/measurements", files={"file": b"x" * 2_000_000}, data={"metadata": "{}"})
+        assert form.status_code == 422
+        plain = {"content-type": "application/x-www-form-urlencoded"}
+        assert client.post("/v1/measurements", content=b"x" * 2_000_000, headers=plain).status_code == 413
+
+
+def test_a_body_of_too_many_values_is_refused_before_it_is_parsed(client: TestClient) -> None:
+    content = json.dumps({"name": [[]] * MOST_VALUES}).encode()
+    answer = client.post("/v1/robots", content=content, headers={"content-type": "application/json"})
+    assert answer.status_code == 413
+    assert "values" in answer.json()["detail"]
+
+
+def test_a_trajectory_that_is_wrong_throughout_gets_a_short_answer(client: TestClient) -> None:
+    body: dict[str, Any] = {"robot_id": "rob_x", "trajectory": {"t": [0, 1], "q": ["wrong"] * 300_000}}
+    answer = client.post("/v1/simulations", json=body)
+    assert answer.status_code == 422
+    assert "/trajectory/q/0" in [field["pointer"] for field in answer.json()["errors"]]
+    assert len(answer.content) < 20_000
+
+
+def test_a_request_with_many_wrong_fields_names_the_first_hundred(client: TestClient) -> None:
+    answer = client.post("/v1/robots", json={f"surprise{n}": 1 for n in range(5000)})
+    assert answer.status_code == 422
+    assert len(answer.json()["errors"]) == 100
+    assert "more" in answer.json()["detail"]
+
+
+def test_a_body_that_does_not_come_on_is_given_up(address: tuple[str, int]) -> None:
+    began = time.monotonic()
+    answer = raw(address, beginning(1000) + b'{"name":')
+    assert answer.startswith(b"HTTP/1.1 408")
+    assert b"application/problem+json" in answer
+    assert time.monotonic() - began < 10
+
+
+def test_a_body_that_only_trickles_is_given_up(address: tuple[str, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dynident_service.limits.FIRST_GRACE", 0.3)
+    with socket.create_connection(address, timeout=20) as connection:
+        connection.sendall(beginning(1000))
+        answer = b""
+        connection.settimeout(0.1)
+        for _ in range(50):
+            with suppress(TimeoutError):
+                answer = connection.recv(65536)
+                break
+            connection.sendall(b" ")
+        assert answer.startswith(b"HTTP/1.1 408")
+
+
+@pytest.mark.parametrize("content", [b"", b"GET /healthz HT", b"GET /healthz HTTP/1.1\r\nhost: localhost\r\nx"])
+def test_a_connection_that_asks_for_nothing_is_closed(address: tuple[str, int], content: bytes) -> None:
+    assert raw(address, content) == b""
+
+
+def test_a_connection_that_was_answered_and_asks_for_nothing_more_is_closed(address: tuple[str, int]) -> None:
+    asked = b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n"
+    answer = raw(address, asked + b"GET /healthz HT")
+    assert answer.count(b"HTTP/1.1 200") == 1
+
+
+def test_one_connection_too_many_is_told_to_come_back(address: tuple[str, int]) -> None:
+    def told() -> bytes:
+        return raw(address, b"GET /healthz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n")
+
+    wait_for(lambda: told().startswith(b"HTTP/1.1 200"))
+    held = [socket.create_connection(address) for _ in range(5)]
+    try:
+        answer = raw(address, b"")
+        assert answer.startswith(b"HTTP/1.1 503")
+        assert b"retry-after: 1" in answer
+        assert b"DYNIDENT_MAX_CONNECTIONS" in answer
+    finally:
+        for connection in held:
+            connection.close()
+    wait_for(lambda: told().startswith(b"HTTP/1.1 200"))
+
+
+def test_more_requests_than_can_be_answered_are_told_to_come_back(tmp_path: Any) -> None:
+    settings = Settings(data_dir=tmp_path, max_requests=2, max_followers=1)
+    go_on = threading.Event()
+    inside: list[str] = []
+
+    async def slow(scope: Any, receive: Any, send: Any) -> None:
+        inside.append(scope["path"])
+        while not go_on.is_set():
+            await anyio.sleep(0.01)
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def ask() -> None:
+        transport = httpx2.ASGITransport(Admission(slow, settings))
+        async with (
+            httpx2.AsyncClient(transport=transport, base_url="http://localhost") as client,
+            anyio.create_task_group() as group,
+        ):
+            for path in ("/v1/robots", "/v1/robots", "/v1/jobs/a/events"):
+                group.start_soon(client.get, path)
+            while len(inside) < 3:
+                await anyio.sleep(0.01)
+            for path in ("/v1/robots", "/v1/jobs/b/events"):
+                refused = await client.get(path)
+                assert refused.status_code == 429
+                assert refused.headers["retry-after"] == "1"
+                assert refused.headers["content-type"] == "application/problem+json"
+            group.start_soon(client.get, "/healthz")
+            while len(inside) < 4:
+                await anyio.sleep(0.01)
+            go_on.set()
+        assert inside[3] == "/healthz"
+
+    anyio.run(ask)
