@@ -10,10 +10,13 @@ from disturbed import loaded
 from hidden_effects import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, motions, nothing, on_joint, recorded
 
 from dynident.diagnosis.candidates.products import Stack
+from dynident.diagnosis.result import Change, ChangedValue
 from dynident.diagnosis.series import (
+    Course,
     Day,
     Measure,
     Series,
+    SeriesChange,
     days_from_bytes,
     days_to_bytes,
     free_name,
@@ -22,6 +25,7 @@ from dynident.diagnosis.series import (
     series,
     what_may_change,
 )
+from dynident.diagnosis.series.day_to_day import widened
 from dynident.diagnosis.series.steps import SteppedStack
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
@@ -157,6 +161,26 @@ def test_the_figure_has_a_panel_for_each_joint_and_parameter_that_may_vary() -> 
     for parameter in ("Fc1", "Fv6", "b3"):
         assert parameter in drawn
     assert "from day 2 on" in drawn
+
+
+def test_what_days_differ_in_without_a_change_widens_the_interval_of_one() -> None:
+    rng = np.random.default_rng(5)
+    held = wide = 0
+    for _ in range(200):
+        days = 3.0 + 0.2 * rng.normal(size=10)
+        days[6:] += 1.0
+        course = Course("Fc1", "coulomb", "j1", "N m", days, np.column_stack([days - 0.01, days + 0.01]), True)
+        value = float(days[6:].mean() - days[:6].mean())
+        main = ChangedValue("Fc1", value, "N m", (value - 0.02, value + 0.02))
+        told = Change(EffectChoice("coulomb", ("j1",)), main, (), 0.001, "")
+        (one,) = widened([SeriesChange(told, 6, 6, 6)], [course])
+        low, high = one.change.main.interval
+        held += low <= 1.0 <= high
+        wide += high - low > 0.04
+    assert 0.92 <= held / 200 <= 0.98
+    assert wide == 200
+    quiet = Course("Fc1", "coulomb", "j1", "N m", np.repeat([3.0, 4.0], [6, 4]), np.zeros((10, 2)), True)
+    assert widened([SeriesChange(told, 6, 6, 6)], [quiet])[0].change.main.interval == pytest.approx(told.main.interval)
 
 
 def test_a_second_file_of_one_name_gets_a_name_of_its_own() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from dynident.diagnosis.changed_values import Estimates, changes_at
 from dynident.diagnosis.search.state import Finding
 from dynident.diagnosis.series.courses import courses
+from dynident.diagnosis.series.day_to_day import widened
 from dynident.diagnosis.series.days import Day, Measure
 from dynident.diagnosis.series.result import Series, SeriesChange
 from dynident.diagnosis.series.searching import first_day, found_changes
@@ -72,8 +73,8 @@ def series(measure: Measure, days: Sequence[Day], progress: Progress = silent) -
     told = courses(days, measure.observation.columns, steps, part(progress, 0.6, 1.0))
     missing = tuple(choice for choice in choices if not choice.runs)
     progress(1.0, "compared")
-    found.sort(key=lambda one: one.since)
-    return Series(names, tuple(found), missing, told, _summary(found, names))
+    changes = widened(sorted(found, key=lambda one: one.since), told)
+    return Series(names, changes, missing, told, _summary(changes, names))
 
 
 def _check(measure: Measure, days: Sequence[Day], names: Sequence[str]) -> None:
