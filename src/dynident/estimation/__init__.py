@@ -21,6 +21,7 @@ from dynident.estimation.least_squares import (
     weighted,
     weighted_factor,
 )
+from dynident.estimation.linearised import Linearised, linearised
 from dynident.estimation.statistics import CovarianceName, Statistics, freedom_of_rows, statistics
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "FactorAccumulator",
     "Information",
     "InstrumentalSolution",
+    "Linearised",
     "Reduction",
     "Solution",
     "Statistics",
@@ -50,6 +52,7 @@ __all__ = [
     "freedom_of_rows",
     "instrumental",
     "known_values",
+    "linearised",
     "moving_errors",
     "noise_levels",
     "ordinary",
