@@ -70,9 +70,9 @@ def test_parameters_are_less_sure_than_with_the_constant_taken_for_certain():
 def test_an_estimate_beside_the_best_is_told_where_the_best_is():
     data = Decay(2)
     best, _ = estimated(data)
-    beside = best + [0.0, 0.0, 0.01]
+    beside = best + np.array([0.0, 0.0, 0.01])
     solution = solve(data.reduction(beside, shaped=False), np.array([SIGMA]))
-    start = np.append(solution.values, beside[2])
+    start = np.array([*solution.values, beside[2]])
     found = linearised(data.reduction(start), solution, WIDE, "by_time_and_joints")
     assert beside[2] + found.steps[0] == pytest.approx(best[2], abs=5e-4)
 

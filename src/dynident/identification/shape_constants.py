@@ -45,6 +45,10 @@ class ShapeConstant:
     note: str = ""
 
 
+_OF_A_LINE = 10
+"""Times as far as a line is refined it may lie elsewhere: a spectrum is as sharp as the motion is long."""
+
+
 def looked_at_shapes(model: Model, solution: Solution, kind: CovarianceName, shaped: Reduction) -> Linearised | None:
     """The model's parameters and the changes of its shape constants together; None where there are none to look at.
 
@@ -148,10 +152,11 @@ def _judged(model: Model, place: ShapePlace, seen: bool, step: float, deviation:
 
 def searched(place: ShapePlace, choice: EffectChoice, robot: Robot) -> tuple[float, float]:
     """The range that a constant is searched in: about its effect's grid, or about the value that a spectrum showed."""
-    around = [choice.shape_values[place.spec.name]]
+    around, wide = [choice.shape_values[place.spec.name]], _OF_A_LINE
     if place.spec.proposal == "grid":
         joint = joints_of(choice, robot)[0]
         around = [shape[place.spec.name] for shape in effect_by_id(choice.effect).grid(robot, joint)]
-    low = min(place.search.moved(value, -DOWN) for value in around)
-    high = max(place.search.moved(value, UP) for value in around)
+        wide = 1
+    low = min(place.search.moved(value, -wide * DOWN) for value in around)
+    high = max(place.search.moved(value, wide * UP) for value in around)
     return (low if place.spec.signed else max(low, place.spec.least)), high
