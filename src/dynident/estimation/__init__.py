@@ -1,6 +1,7 @@
 """y = W χ: solvers and statistics on triangular factors. Knows nothing of robots."""
 
 from dynident.estimation.beside import Apart, Beside, BesideAccumulator, distance_to_band
+from dynident.estimation.bootstrap import Bootstrap, Drawing, bootstrap
 from dynident.estimation.correlation import correlation_factor, effective_rows
 from dynident.estimation.essential import Elimination, EliminationPath, eliminate
 from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate
@@ -28,7 +29,9 @@ __all__ = [
     "Apart",
     "Beside",
     "BesideAccumulator",
+    "Bootstrap",
     "CovarianceName",
+    "Drawing",
     "Elimination",
     "EliminationPath",
     "EquationFactors",
@@ -41,6 +44,7 @@ __all__ = [
     "Reduction",
     "Solution",
     "Statistics",
+    "bootstrap",
     "concatenate",
     "condition_number",
     "correlation_factor",

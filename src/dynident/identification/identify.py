@@ -240,6 +240,7 @@ def conclude(
         smallest = smallest_inertia_eigenvalue(model, values)
     else:
         smallest = smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
+    certain = not least_squares_of_torque(choices)
     result = Identification(
         model=model,
         choices=choices,
@@ -249,7 +250,7 @@ def conclude(
         training=data.torque,
         held_out_data=held_out_data,
         solution=found.solution,
-        statistics=looked.of_parameters if looked is not None and _linear(choices) else found.statistics,
+        statistics=found.statistics if certain or looked is None else looked.of_parameters,
         fit=errors(data.torque, values),
         held_out=errors(held_out_data, values) if held_out_data is not None else None,
         condition_number=condition_number(data.equations),
@@ -275,7 +276,7 @@ def _with_shapes_uncertain(
     return looked_at_shapes(model, solution, choices.covariance, with_shapes)
 
 
-def _linear(choices: IdentificationChoices) -> bool:
+def least_squares_of_torque(choices: IdentificationChoices) -> bool:
     """Whether parameters are least squares of the joints' torques: then those with the shapes uncertain are, too."""
     return (
         choices.model == "dynamic" and choices.strategy == "global" and choices.estimator in ("ols", "wls", "feasible")
