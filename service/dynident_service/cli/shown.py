@@ -49,12 +49,6 @@ def show_identification(console: Console, found: Identification, *, parameters: 
     console.print(_errors_table(found))
     if parameters:
         console.print(_parameters_table(found))
-        if found.shape_constants:
-            console.print(_shapes_table(found))
-            for constant in found.shape_constants:
-                if constant.note and constant.judgement != "chosen":
-                    place = place_text(constant.joints, found.model.robot)
-                    console.print(f"  {constant.name} of {constant.effect} on {place}: {constant.note}.", markup=False)
         for sentence in parameter_dependence(found).sentences:
             console.print(f"  {sentence}", markup=False)
         console.print(
@@ -62,6 +56,12 @@ def show_identification(console: Console, found: Identification, *, parameters: 
             "per parameter",
             markup=False,
         )
+    if found.shape_constants:
+        console.print(_shapes_table(found))
+        for constant in found.shape_constants:
+            if constant.note and constant.judgement != "chosen":
+                place = place_text(constant.joints, found.model.robot)
+                console.print(f"  {constant.name} of {constant.effect} on {place}: {constant.note}.", markup=False)
     for warning in found.warnings:
         console.print(f"! {warning}", markup=False, style="yellow")
 

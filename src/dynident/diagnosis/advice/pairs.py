@@ -76,6 +76,8 @@ PAIRS: Mapping[frozenset[str], str] = MappingProxyType(
             ("joint_elasticity", "encoder_zero_error"),
             ("rotor_coupling", "rigid_body"),
         ),
+        # On which link: what turns it about its own axis, too.
+        **_pairs("as_it_is", ("payload", "payload")),
         **_pairs(
             "cold_and_warm",
             ("temperature_friction", "warm_up_friction"),
