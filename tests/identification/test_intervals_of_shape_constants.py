@@ -9,7 +9,7 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
-from dynident.estimation import statistics
+from dynident.estimation import statistics, weighted_factor
 from dynident.identification import (
     Identification,
     IdentificationChoices,
@@ -20,6 +20,7 @@ from dynident.identification import (
     remove,
     to_bytes,
 )
+from dynident.identification.essential import essential_parameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.rows import MOST_VALUES
 
@@ -132,6 +133,20 @@ def test_with_another_effect_taken_out_they_stay():
     left = remove(both, [EffectChoice("offset")])
     assert constant(left, "vs").standard_deviation == pytest.approx(constant(FOUND, "vs").standard_deviation, rel=0.02)
     assert not [one for one in remove(both, [EffectChoice("stribeck")]).shape_constants if one.name == "vs"]
+
+
+def test_essential_parameters_are_told_with_the_shape_uncertain():
+    noisy = identified(recorded(6, noise=2.0), STRIBECK)
+    left = essential_parameters(noisy, ratio=3.0)
+    assert left.steps
+    kept = [k for k in range(noisy.model.n_parameters) if k not in left.identification.not_essential]
+    data = noisy.equations.select(kept)
+    known = replace(left.identification.solution, values=left.identification.values[kept])
+    factor = weighted_factor(data, known.noise)[:-1, :-1]
+    certain = statistics(data, replace(known, factor=factor)).standard_deviations
+    coulomb = next(k for k, column in enumerate(noisy.model.kept) if column.name == "Fc1")
+    told = left.identification.statistics.standard_deviations[coulomb]
+    assert told > 1.02 * certain[kept.index(coulomb)]
 
 
 @pytest.mark.parametrize("method", [{"estimator": "irls"}, {"strategy": "sequential"}, {"model": "filtered"}])
