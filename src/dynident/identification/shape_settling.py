@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.effects import Column, EffectChoice, columns_of
-from dynident.estimation import noise_levels, ordinary, weighted_factor
+from dynident.estimation import (
+    EstimationError,
+    Reduction,
+    linearised,
+    noise_levels,
+    solve,
+    weighted_factor,
+)
+from dynident.estimation.triangles import BoolArray
 from dynident.identification.shape_columns import TINY, ShapePlace, changed_choice, shape_places
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
@@ -17,6 +25,10 @@ from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray
 
 _ROUNDS = 3
+_LEVEL = 0.95
+"""Of the interval outside of which a natural value has to be for the data to speak against it."""
+_WIDE = 3.0
+"""Standard deviation of a constant, or its logarithm, without any data: that of most ranges that are searched."""
 _SETTLED = 0.02
 """Share of a step of the search that a last round moves a constant by, at most."""
 
@@ -32,15 +44,26 @@ def settled_shapes(
 ) -> tuple[EffectChoice, ...]:
     """The choices with the shape constants of the smallest squared error near theirs.
 
-    What `kept` names stays, as do natural values and those at the lower end of what is searched. No constant moves by
-    more than a step of its search in a round, and none for the worse.
+    What `kept` names stays, as do values at the lower end of what is searched, and natural ones that the data do not
+    speak against. No constant moves by more than a step of its search in a round, and none for the worse.
     """
     here, before, least = tuple(choices), tuple(choices), np.inf
-    for _ in range(_ROUNDS):
+    staying: set[tuple[int, str]] = set()
+    noise: FloatArray | None = None
+    for number in range(_ROUNDS):
         places = [p for p in shape_places(here) if p.spec.name not in kept[p.choice] and _loose(p, here)]
+        places = [p for p in places if (p.choice, p.spec.name) not in staying]
         if not places:
             return here
-        data = _Derivatives.of(model, here, places, recordings, preprocessing, reference)
+        data = _Derivatives.of(model, here, places, recordings, preprocessing, reference, noise)
+        noise = data.noise
+        if number == 0:
+            against = data.spoken_against()
+            free = [k for k, p in enumerate(places) if against[k] or p.value(here) not in p.spec.natural]
+            staying = {(p.choice, p.spec.name) for k, p in enumerate(places) if k not in free}
+            places, data = [places[k] for k in free], data.only(free)
+            if not places:
+                return here
         error, changes = data.step()
         if error > least:
             return before
@@ -54,8 +77,7 @@ def settled_shapes(
 
 
 def _loose(place: ShapePlace, choices: Sequence[EffectChoice]) -> bool:
-    value = place.value(choices)
-    return value not in place.spec.natural and (place.spec.signed or value > place.spec.least)
+    return place.spec.signed or place.value(choices) > place.spec.least
 
 
 def _moved(choices: tuple[EffectChoice, ...], place: ShapePlace, step: float) -> tuple[EffectChoice, ...]:
@@ -70,13 +92,14 @@ def _moved(choices: tuple[EffectChoice, ...], place: ShapePlace, step: float) ->
 
 @dataclass(frozen=True, eq=False)
 class _Derivatives:
-    """Factor of [model | choices | the choices with a constant a little larger, then smaller | Y], all rows together.
+    """Rows of [model | choices | the choices with a constant a little larger, then smaller | Y], and their noise (n,).
 
     `n_columns` are those of the model and the choices; `pairs` (k) the numbers of three columns each, here, above and
     below, for every constant, and `widths` (k,) how far above and below are apart.
     """
 
-    factor: FloatArray
+    reduction: Reduction
+    noise: FloatArray
     n_columns: int
     pairs: list[list[tuple[int, int, int]]]
     widths: list[float]
@@ -90,6 +113,7 @@ class _Derivatives:
         recordings: Sequence[Recording],
         preprocessing: Preprocessing,
         reference: FloatArray,
+        noise: FloatArray | None,
     ) -> _Derivatives:
         columns: list[Column] = list(model.kept)
         numbers: list[range] = []
@@ -108,20 +132,54 @@ class _Derivatives:
             pairs.append([(k, first + i, first + len(own) + i) for i, k in enumerate(own)])
         observation = Observation.of(model.robot, columns, model.signals)
         reduction = reduce_recordings(observation, recordings, preprocessing, reference)
-        alone = reduction.select(list(range(model.n_parameters)))
-        factor = weighted_factor(reduction, noise_levels(alone, ordinary(alone).values))
-        return cls(factor, n_columns, pairs, [2.0 * place.change(TINY) for place in places])
+        if noise is None:
+            # Of the model with the choices: without them, a joint that lacks much would hardly count.
+            here = reduction.select(list(range(n_columns)))
+            levels = noise_levels(here, _values(here, np.ones(len(here.equations))))
+            noise = noise_levels(here, _values(here, levels))
+        return cls(reduction, noise, n_columns, pairs, [2.0 * place.change(TINY) for place in places])
+
+    def only(self, numbers: Sequence[int]) -> _Derivatives:
+        """The same of some of the constants."""
+        return replace(self, pairs=[self.pairs[k] for k in numbers], widths=[self.widths[k] for k in numbers])
+
+    def spoken_against(self) -> BoolArray:
+        """(k,): constants whose value is outside of what the data say of them, as far as the data tell all columns."""
+        none = np.zeros(len(self.pairs), dtype=bool)
+        try:
+            solution = solve(self.reduction.select(list(range(self.n_columns))), self.noise)
+            found = linearised(
+                self.reduction.combined(self._with_slopes(solution.values)),
+                solution,
+                np.full(len(none), _WIDE),
+                "by_time_and_joints",
+            )
+        except EstimationError:
+            return none
+        return np.asarray(np.abs(found.steps) > found.statistics.half_widths(_LEVEL)[self.n_columns :])
+
+    def _with_slopes(self, values: FloatArray) -> FloatArray:
+        """(c, n_columns + k): what the columns and the derivatives by the constants are made of."""
+        whole = np.zeros((self.reduction.n_columns, self.n_columns + len(self.pairs)))
+        whole[: self.n_columns, : self.n_columns] = np.eye(self.n_columns)
+        for number, (own, width) in enumerate(zip(self.pairs, self.widths, strict=True)):
+            for k, above, below in own:
+                whole[above, self.n_columns + number] += values[k] / width
+                whole[below, self.n_columns + number] -= values[k] / width
+        return whole
 
     def step(self) -> tuple[float, FloatArray]:
         """The squared error here, and the changes (k,) of the constants that would make it smallest."""
-        w, y = self.factor[:, : self.n_columns], self.factor[:, -1]
-        values, error = _solved(w, y)
-        slopes = [
-            sum((values[k] * (self.factor[:, a] - self.factor[:, b]) for k, a, b in own), np.zeros(len(y))) / width
-            for own, width in zip(self.pairs, self.widths, strict=True)
-        ]
-        together, _ = _solved(np.column_stack([w, *slopes]), y)
+        factor = weighted_factor(self.reduction, self.noise)
+        columns, y = factor[:, :-1], factor[:, -1]
+        values, error = _solved(columns[:, : self.n_columns], y)
+        together, _ = _solved(columns @ self._with_slopes(values), y)
         return error, together[self.n_columns :]
+
+
+def _values(reduction: Reduction, noise: FloatArray) -> FloatArray:
+    factor = weighted_factor(reduction, noise)
+    return _solved(factor[:, :-1], factor[:, -1])[0]
 
 
 def _solved(w: FloatArray, y: FloatArray) -> tuple[FloatArray, float]:
