@@ -1,19 +1,25 @@
 """How often 95 % intervals hold the truth, by class of parameter and for predicted torque, over simulated recordings.
 
 python benchmarks/interval_coverage.py [recordings [estimator]]
+python benchmarks/interval_coverage.py shapes [recordings]
 
 Torque of Pinocchio along another random motion each time, white torque noise of 1 % of the largest torque, encoders of
 2^17 counts a turn that are one count unsteady; filters are chosen from the data as for a user. Then the same with
 something that no model has and all joints share: a force and a moment at the flange that wander, as a hose, a tool
 cable or a shaking base make them (some 4 % of the torque). Beside the intervals that are told: those that take the
 joints for independent, and those that count every filtered sample.
+
+`shapes`: the same of shape constants, and of the parameters of the joints that they are on, beside what these would be
+told with the shapes taken for certain. Three joints each have Stribeck friction, a power of the speed, presliding or a
+ripple; another case is a counterbalance on the second. Constants are found as for a user: searched for, or refined from
+a line of the residual's spectrum.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -22,11 +28,13 @@ import pinocchio
 from common import FloatArray
 from scipy.signal import lfilter
 
-from dynident.effects import Column, EffectChoice
+from dynident.effects import Column, EffectChoice, MemorySignal
+from dynident.effects.memory import step
 from dynident.estimation import CovarianceName, statistics
-from dynident.identification import IdentificationChoices, identify_model
+from dynident.identification import Identification, IdentificationChoices, identify, identify_model
 from dynident.identification.choices import AVAILABLE_COVARIANCES, EstimatorName
 from dynident.identification.prediction import predict
+from dynident.identification.shapes import refine_shapes
 from dynident.progress import silent
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays
 from dynident.regressors.model import build_model
@@ -58,6 +66,45 @@ class Coverage:
     largest_bias: Mapping[str, float]
 
 
+@dataclass(frozen=True)
+class Hidden:
+    """An effect on some joints with true shape constants `shape`, and where a search for them begins, if anywhere.
+
+    `own`: the true value of its first parameter, None where that depends on a phase.
+    """
+
+    effect: str
+    joints: tuple[int, ...]
+    torque: Callable[[FloatArray, FloatArray], FloatArray]
+    shape: Mapping[str, float]
+    begun: tuple[tuple[str, float], ...] = ()
+    own: float | None = None
+
+
+def _stop(q: FloatArray, dq: FloatArray) -> FloatArray:
+    """Presliding by the stop operator, from a state of zero."""
+    signal, z, out = MemorySignal("stop", 0, 0.02), 0.0, np.zeros(len(q))
+    for k in range(1, len(q)):
+        z = step(signal, z, q[k] - q[k - 1])
+        out[k] = 8.0 * z
+    return out
+
+
+def _counterbalance(q: FloatArray, dq: FloatArray) -> FloatArray:
+    x, r = q - 0.4, 0.45
+    return -1200.0 * np.sin(x) * (1 - 0.4 / np.sqrt(1 + r**2 + 2 * r * np.cos(x)))
+
+
+THREE = (1, 2, 3)
+HIDDEN = (
+    Hidden("stribeck", THREE, lambda q, dq: 8.0 * np.exp(-((dq / 0.2) ** 2)) * np.sign(dq), {"vs": 0.2}, own=8.0),
+    Hidden("viscous_nonlinear", THREE, lambda q, dq: 12.0 * np.abs(dq) ** 2.4 * np.sign(dq), {"p": 2.4}, own=12.0),
+    Hidden("presliding", THREE, _stop, {"d0": 0.02}, own=8.0),
+    Hidden("torque_ripple", THREE, lambda q, dq: 4.0 * np.cos(30.02 * q), {"k": 30.02}, (("k", 30.0),)),
+    Hidden("gravity_compensator", (1,), _counterbalance, {"phi": 0.4, "r": 0.45}),
+)
+
+
 class VirtualArm:
     """An arm with drawn rotors and friction, and what measures it."""
 
@@ -73,13 +120,16 @@ class VirtualArm:
         assert self.robot.inertias is not None
         return np.concatenate([self.robot.inertias.reshape(-1), self.drives.ravel()])
 
-    def recorded(self, seed: int, memory: float | None = None) -> Recording:
+    def recorded(self, seed: int, memory: float | None = None, hidden: Hidden | None = None) -> Recording:
         """A recording of another motion with another noise for every seed, and a force with so long a memory (s)."""
         rng = np.random.default_rng([7, seed])
         q, dq, ddq = self.motion(rng)
         ia, fc, fv, b = self.drives
         rigid = np.array([pinocchio.rnea(self._model, self._data, *rows) for rows in zip(q, dq, ddq, strict=True)])
         tau = rigid + ia * ddq + fc * np.sign(dq) + fv * dq + b
+        if hidden is not None:
+            for joint in hidden.joints:
+                tau[:, joint] += hidden.torque(q[:, joint], dq[:, joint])
         tau += TORQUE_NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
         if memory is not None:
             tau += self._disturbed(q, memory, rng)
@@ -161,7 +211,106 @@ def study(recordings: int, first: int = 0, estimator: EstimatorName = "wls", mem
     )
 
 
+@dataclass(frozen=True)
+class ShapeCoverage:
+    """Shares of intervals that hold the truth: of shape constants by name, of parameters by effect.
+
+    `told`: share of the constants that have an interval at all; `pull`: mean of their errors over their deviations, and
+    the standard deviation of that; `certain` of parameters with the shapes taken for certain.
+    """
+
+    told: Mapping[str, float]
+    constants: Mapping[str, float]
+    pull: Mapping[str, tuple[float, float]]
+    parameters: Mapping[str, float]
+    certain: Mapping[str, float]
+
+
+def shapes_found(arm: VirtualArm, hidden: Hidden, recording: Recording) -> Identification:
+    """Identify with the hidden effect; its constants are searched for, or refined from where they were begun."""
+    filters = choose_preprocessing([recording])
+    names = [arm.robot.joint_names[joint] for joint in hidden.joints]
+    choices = [EffectChoice(hidden.effect, (name,), hidden.begun) for name in names]
+    if hidden.begun:
+        plain = identify(arm.robot, [recording], [], IdentificationChoices(effects=EFFECTS, preprocessing=filters))
+        choices = list(refine_shapes(plain.model, choices, [recording], filters, plain.next_reference()))
+    return identify(
+        arm.robot, [recording], [], IdentificationChoices(effects=(*EFFECTS, *choices), preprocessing=filters)
+    )
+
+
+def study_shapes(hidden: Hidden, recordings: int, first: int = 0, memory: float | None = None) -> ShapeCoverage:
+    """Identify so many recordings with one hidden effect and count."""
+    arm = VirtualArm()
+    held: dict[str, list[bool]] = {name: [] for name in hidden.shape}
+    told: dict[str, list[bool]] = {name: [] for name in hidden.shape}
+    pulls: dict[str, list[float]] = {name: [] for name in hidden.shape}
+    parameters: dict[str, list[bool]] = {}
+    certain: dict[str, list[bool]] = {}
+    names = [arm.robot.joint_names[joint] for joint in hidden.joints]
+    for seed in range(first, first + recordings):
+        found = shapes_found(arm, hidden, arm.recorded(seed, memory, hidden))
+        for one in found.shape_constants:
+            if one.name not in hidden.shape:
+                continue
+            told[one.name].append(one.interval is not None)
+            if one.interval is not None:
+                truth = hidden.shape[one.name]
+                held[one.name].append(one.interval[0] <= truth <= one.interval[1])
+                pulls[one.name].append((one.value - truth) / one.standard_deviation)
+        half = statistics(found.equations, found.solution).half_widths()
+        for k, parameter in enumerate(found.parameters):
+            if parameter.link not in names:
+                continue
+            joint = arm.robot.joint_names.index(parameter.link)
+            truths = {"coulomb": arm.drives[1, joint], "viscous": arm.drives[2, joint], hidden.effect: hidden.own}
+            if parameter.effect not in truths or (parameter.effect == hidden.effect and parameter.name[:-1] in _MORE):
+                continue
+            truth = truths[parameter.effect]
+            if truth is None:
+                continue
+            low, high = parameter.interval
+            parameters.setdefault(parameter.effect, []).append(low <= truth <= high)
+            certain.setdefault(parameter.effect, []).append(abs(parameter.value - truth) <= half[k])
+    return ShapeCoverage(
+        _shares(told),
+        _shares(held),
+        {name: (float(np.mean(own)), float(np.std(own))) if own else (0.0, 0.0) for name, own in pulls.items()},
+        _shares(parameters),
+        _shares(certain),
+    )
+
+
+_MORE = ("cz",)
+"""Parameters of hidden effects that are zero in truth."""
+
+
+def _shares(found: Mapping[str, Sequence[bool]]) -> dict[str, float]:
+    return {name: float(np.mean(own)) if own else float("nan") for name, own in found.items()}
+
+
+def main_of_shapes(recordings: int) -> None:
+    for hidden in HIDDEN:
+        for memory in (None, MEMORIES[0]):
+            begun = time.perf_counter()
+            found = study_shapes(hidden, recordings, memory=memory)
+            shared = "sensor noise alone" if memory is None else f"and a force at the flange, memory {memory:g} s"
+            spent = time.perf_counter() - begun
+            print(f"{hidden.effect}, {recordings} recordings, {shared} ({spent:.0f} s)")
+            for name, share in found.constants.items():
+                mean, spread = found.pull[name]
+                print(
+                    f"  {name:18s} {share:6.1%} of {found.told[name]:.0%} with an interval; "
+                    f"error / deviation {mean:+.2f} ± {spread:.2f}"
+                )
+            for name, share in found.parameters.items():
+                print(f"  {name:18s} {share:6.1%}; with the shape for certain {found.certain[name]:.1%}", flush=True)
+
+
 def main() -> None:
+    if sys.argv[1:2] == ["shapes"]:
+        main_of_shapes(int(sys.argv[2]) if len(sys.argv) > 2 else 100)
+        return
     recordings = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     estimator = cast(EstimatorName, sys.argv[2]) if len(sys.argv) > 2 else "wls"
     for memory in (None, *MEMORIES):

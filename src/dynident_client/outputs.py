@@ -229,8 +229,8 @@ class Validations(Collection[Validation]):
     ) -> Validation:
         """Try a model.
 
-        `kind`: "direct", "cross", "inertia_matrix", "payload", "methods", "simulation" or "filters". `more`: limit,
-        methods, cutoffs, longest, mass, seed, as in the contract.
+        `kind`: "direct", "cross", "inertia_matrix", "payload", "methods", "simulation", "filters" or "bootstrap".
+        `more`: limit, methods, cutoffs, longest, mass, draws, seed, as in the contract.
         """
         measurement_ids = None if measurements is None else [id_of(one) for one in measurements]
         body = {"identification_id": id_of(identification), "kind": kind, "measurement_ids": measurement_ids}

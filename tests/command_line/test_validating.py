@@ -33,6 +33,29 @@ def test_the_worst_posture(desk: Path):
     assert answer.code == (0 if answer.document["verdict"] == "pass" else 1)
 
 
+def test_a_shape_constant_is_told_with_its_interval_or_in_words(desk: Path):
+    extend = ["extend", desk / "model.npz", desk / "run1.csv", "--effects", f"stribeck@{ROBOT.joint_names[0]}"]
+    velocity, kind = dynident(*extend, "--json").document["shape_constants"]
+    low, high = velocity["interval"]
+    assert (velocity["name"], velocity["unit"], velocity["joints"]) == ("vs", "rad/s", [ROBOT.joint_names[0]])
+    assert low < 0.2 < high
+    assert velocity["judgement"] in ("determined", "uncertain")
+    assert (kind["name"], kind["interval"], kind["judgement"]) == ("delta", None, "chosen")
+    shown = dynident(*extend)
+    assert "Shape constants" in shown.out
+    assert "chosen" in shown.out
+
+
+def test_deviations_beside_those_of_draws(desk: Path):
+    answer = dynident("validate", desk / "model.npz", "bootstrap", "--draws", "200", "--seed", "1", "--json")
+    drawn = answer.document["bootstrap"]
+    assert drawn["draws"] == 200
+    assert answer.code == (0 if answer.document["verdict"] == "pass" else 1)
+    shown = dynident("validate", desk / "model.npz", "bootstrap", "--draws", "200", "--seed", "1")
+    assert "Standard deviations as told, and over draws" in shown.out
+    assert all(one["name"] in shown.out for one in drawn["parameters"])
+
+
 def test_methods_in_a_table(desk: Path):
     asked = ["validate", desk / "model.npz", "methods", desk / "run1.csv", "-v", desk / "run2.csv"]
     answer = dynident(*asked, "--methods", "wls,ols,sequential/wrist_then_shoulder", "--json")
@@ -86,6 +109,9 @@ def test_the_simulator_and_the_filters(desk: Path):
         (["sorcery", "{run}"], ["sorcery", "inertia_matrix"]),
         (["cross"], ["cross needs a measurement"]),
         (["inertia_matrix", "{run}"], ["takes no measurement"]),
+        (["bootstrap", "{run}"], ["takes no measurement"]),
+        (["bootstrap", "--draws", "3"], ["--draws", "99 to 9999"]),
+        (["direct", "{run}", "--draws", "300"], ["--draws"]),
         (["cross", "{run}", "--cutoffs", "3"], ["--cutoffs"]),
         (["cross", "{run}", "-v", "{run}"], ["--validation"]),
         (["cross", "{run}", "--limit", "-1"], ["limit", "above 0"]),

@@ -15,7 +15,7 @@ from dynident.diagnosis import Comparison, NextExperiment, compare
 from dynident.diagnosis.advice.doubts import Doubt, doubts_of
 from dynident.diagnosis.advice.kinds import EXPERIMENTS, Question
 from dynident.diagnosis.advice.next_experiment import next_experiment, within_the_motion
-from dynident.diagnosis.advice.pairs import ALONE, PAIRS, experiment_for
+from dynident.diagnosis.advice.pairs import ALONE, PAIRS, PLACES, experiment_for
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.state import Finding
@@ -192,7 +192,8 @@ def test_no_motion_is_proposed_for_what_no_motion_can_tell():
 
 def test_the_table_knows_every_effect_of_the_catalogue():
     assert set(CATALOGUE) <= set(ALONE)
-    assert set(ALONE.values()) | set(PAIRS.values()) == set(EXPERIMENTS)
+    assert set(ALONE.values()) | set(PAIRS.values()) | set(PLACES.values()) == set(EXPERIMENTS)
+    assert set(PLACES) == {effect.id for effect in CATALOGUE.values() if effect.in_some_runs}
     for pair in PAIRS:
         assert len(pair) == 2
         assert pair <= set(ALONE)

@@ -9,7 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from interval_coverage import MEMORIES, TORQUE, Coverage, study
+from interval_coverage import HIDDEN, MEMORIES, TORQUE, Coverage, study, study_shapes
 
 CLASSES = {"inertia", "first moments", "rotor_inertia", "coulomb", "viscous", "offset", TORQUE}
 
@@ -41,6 +41,16 @@ def test_they_do_so_where_joints_share_what_the_model_lacks(shared):
 @pytest.mark.slow
 def test_joints_taken_for_independent_promise_too_much_there(shared):
     assert min(shared.by_joint.values()) < 0.90
+
+
+@pytest.mark.slow
+def test_shape_constants_and_the_parameters_beside_them_have_intervals_that_hold():
+    found = study_shapes(HIDDEN[0], 50)
+    assert found.told == {"vs": 1.0}
+    assert 0.90 <= found.constants["vs"] <= 0.99
+    for name, share in found.parameters.items():
+        assert 0.90 <= share <= 0.99, (name, share)
+    assert found.certain["coulomb"] < 0.92
 
 
 @pytest.mark.slow

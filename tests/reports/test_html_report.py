@@ -132,6 +132,16 @@ def test_values_deviations_and_relative_deviations_are_those_of_the_identificati
         assert parameter.grouping in PAGE.text["parameters"]
 
 
+def test_shape_constants_have_their_intervals_or_words() -> None:
+    by_name = {one.name: one for one in MODEL.shape_constants}
+    velocity, kind = by_name["vs"], by_name["delta"]
+    assert velocity.interval is not None
+    text = PAGE.text["parameters"]
+    assert " to ".join(estimate(end, velocity.standard_deviation)[0] for end in velocity.interval) in text
+    assert velocity.description in text
+    assert kind.note in text
+
+
 def test_errors_per_joint_are_those_of_fit_and_held_out_data_where_it_moves_and_on_all_rows() -> None:
     shown = np.array(PAGE.data_values["torque"]).reshape(ROBOT.n, 4, 2)
     for k, errors in enumerate((MODEL.fit_moving, MODEL.fit, MODEL.held_out_moving, MODEL.held_out)):

@@ -65,6 +65,18 @@ def test_the_worst_posture_is_named(tried: Tried) -> None:
     assert all(joint in found["reason"] for joint in joints)
 
 
+def test_deviations_stand_beside_those_of_draws(tried: Tried) -> None:
+    found = tried.ends("bootstrap", draws=200)
+    drawn = found["bootstrap"]
+    assert found["verdict"] in ("pass", "fail")
+    assert (drawn["draws"], drawn["kind"]) in ((200, "wild"), (200, "pairs"))
+    told = {one["name"]: one["standard_deviation"] for one in tried.model["result"]["parameters"]}
+    assert {one["name"]: one["told"] for one in drawn["parameters"]} == pytest.approx(told)
+    for one in drawn["parameters"]:
+        assert one["ratio"] == pytest.approx(one["drawn"] / one["told"])
+        assert one["outside"] == (not one["expected"][0] <= one["ratio"] <= one["expected"][1])
+
+
 def test_methods_stand_in_one_table(tried: Tried) -> None:
     found = tried.ends("methods")
     rows = found["methods"]
@@ -133,6 +145,9 @@ def test_a_known_load_is_weighed(tried: Tried) -> None:
         ("payload", {"mass": 2.0}, "/measurement_ids"),
         ("payload", {"mass": -2.0}, "/mass"),
         ("simulation", {"longest": 1e6}, "/longest"),
+        ("bootstrap", {"draws": 3}, "/draws"),
+        ("bootstrap", {"measurements": ["mea_x"]}, "/measurement_ids"),
+        ("direct", {"draws": 200}, "/draws"),
         ("sorcery", {}, "/kind"),
     ],
 )

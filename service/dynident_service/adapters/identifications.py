@@ -16,6 +16,7 @@ from dynident.identification.data import parted
 from dynident.identification.dependence import ParameterDependence, parameter_dependence
 from dynident.identification.essential import EssentialPath
 from dynident.identification.result import IdentifiedParameter
+from dynident.identification.shape_constants import ShapeConstant
 from dynident.identification.shapes import check_shapes_given
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
 from dynident.robot import Robot
@@ -65,6 +66,7 @@ def describe_identification(
     robot = found.model.robot
     return wire.IdentificationResult(
         parameters=[show_parameter(one) for one in found.parameters],
+        shape_constants=[show_shape_constant(one) for one in found.shape_constants],
         residual=show_fit(found),
         validation=show_held_out(found),
         converged=found.converged,
@@ -102,6 +104,22 @@ def show_parameter(one: IdentifiedParameter) -> wire.ParameterView:
         shape_parameters=dict(one.shape),
         interval=(finite(low), finite(high)),
         essential=one.essential,
+    )
+
+
+def show_shape_constant(one: ShapeConstant) -> wire.ShapeConstantView:
+    """Show a shape constant."""
+    return wire.ShapeConstantView(
+        effect=one.effect,
+        joints=list(one.joints),
+        name=one.name,
+        unit=one.unit,
+        description=one.description,
+        value=one.value,
+        standard_deviation=finite(one.standard_deviation),
+        interval=one.interval,
+        judgement=one.judgement,
+        note=one.note,
     )
 
 

@@ -8,7 +8,7 @@ from dynident.reports.numbers import number, percent
 from dynident.reports.validated import ReportedTable, ReportedValidation
 from dynident.validation import Judged
 from dynident_service.models.identifications import ErrorsView
-from dynident_service.models.validations import FiltersView, MethodView, PayloadView, ValidationResult
+from dynident_service.models.validations import BootstrapView, FiltersView, MethodView, PayloadView, ValidationResult
 
 TITLES = {
     "direct": "Direct validation: the identification's own data",
@@ -18,6 +18,7 @@ TITLES = {
     "methods": "Different methods on the same data",
     "simulation": "A simulator with the identified parameters",
     "filters": "Filters, by simulating the identification",
+    "bootstrap": "Standard deviations, with stretches of time drawn anew",
 }
 
 
@@ -52,6 +53,8 @@ def tables_of(result: ValidationResult, joints: Sequence[str]) -> list[ReportedT
         found.append(ReportedTable("Simulated against measured torque", columns, followed))
     if result.filters is not None:
         found.append(_filters(result.filters))
+    if result.bootstrap is not None and result.bootstrap.parameters:
+        found.append(_bootstrap(result.bootstrap))
     if result.payloads:
         found.append(_payloads(result.payloads))
         found += [_gains(one) for one in result.payloads if one.gains]
@@ -88,6 +91,22 @@ def _filters(filters: FiltersView) -> ReportedTable:
         rows.append((*cutoffs, str(used.decimation), *errors, ", ".join(words) or one.problem or ""))
     columns = ("position cut-off", "torque cut-off", "decimation", "parameter error", "bias", "")
     return ReportedTable("What each choice of filters leaves in the parameters", columns, tuple(rows), numbers_from=2)
+
+
+def _bootstrap(drawn: BootstrapView) -> ReportedTable:
+    rows = tuple(
+        (
+            one.name,
+            one.unit,
+            *("–" if value is None else number(value, 2) for value in (one.told, one.drawn)),
+            _maybe(one.ratio),
+            " to ".join(number(end) for end in one.expected),
+            "! outside" if one.outside else "✓",
+        )
+        for one in drawn.parameters
+    )
+    columns = ("parameter", "unit", "told", "drawn", "ratio", "expected", "")
+    return ReportedTable("Standard deviations as told, and over draws", columns, rows, numbers_from=2)
 
 
 def _payloads(payloads: Sequence[PayloadView]) -> ReportedTable:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dynident.identification.loads.drive_gains import DriveGains
 from dynident.robot.model import FloatArray
 from dynident.validation import (
+    BootstrapValidation,
     FiltersBySimulation,
     FilterTrial,
     InertiaMatrixValidation,
@@ -59,6 +60,33 @@ def describe_inertia_matrix(found: InertiaMatrixValidation) -> wire.ValidationRe
         eigenvalue_standard_deviation=None if found.standard_deviation is None else finite(found.standard_deviation),
         worst_posture=None if posture is None else dict(zip(found.joint_names, posture.tolist(), strict=True)),
         postures_tried=found.evaluations,
+    )
+
+
+def describe_bootstrap(found: BootstrapValidation) -> wire.ValidationResult:
+    """Describe deviations over draws of stretches of time."""
+    return wire.ValidationResult(
+        kind="bootstrap",
+        verdict=found.judged.verdict,
+        reason=found.judged.reason,
+        bootstrap=wire.BootstrapView(
+            kind=found.kind,
+            stretches=found.stretches,
+            draws=found.draws,
+            lost=found.lost,
+            parameters=[
+                wire.DrawnParameterView(
+                    name=one.name,
+                    unit=one.unit,
+                    told=finite(one.told),
+                    drawn=finite(one.drawn),
+                    ratio=finite(one.ratio),
+                    expected=(one.low, one.high),
+                    outside=one.outside,
+                )
+                for one in found.parameters
+            ],
+        ),
     )
 
 

@@ -15,7 +15,7 @@ from dynident.identification.essential import EssentialPath
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports.numbers import estimate, number, p_value, percent
-from dynident.reports.words import JUDGED, place_text, standing_text
+from dynident.reports.words import JUDGED, SHAPES_JUDGED, interval_text, place_text, standing_text
 from dynident.robot import Robot
 from dynident_service.cli.inputs import Loaded
 from dynident_service.cli.terminal import table
@@ -59,6 +59,12 @@ def show_identification(console: Console, found: Identification, *, parameters: 
             "per parameter",
             markup=False,
         )
+    if found.shape_constants:
+        console.print(_shapes_table(found))
+        for constant in found.shape_constants:
+            if constant.note and constant.judgement != "chosen":
+                place = place_text(constant.joints, found.model.robot)
+                console.print(f"  {constant.name} of {constant.effect} on {place}: {constant.note}.", markup=False)
     for warning in found.warnings:
         console.print(f"! {warning}", markup=False, style="yellow")
 
@@ -242,3 +248,15 @@ def _parameters_table(found: Identification) -> object:
         rows.append([one.name, one.link, value, deviation, interval, one.unit, relative, judged])
     columns = ("parameter", "joint", "value", "standard deviation", "95 % interval", "unit", "relative", "determined")
     return table(f"{len(rows)} base parameters", columns, rows, right_from=2)
+
+
+def _shapes_table(found: Identification) -> object:
+    rows = []
+    for one in found.shape_constants:
+        value, deviation = number(one.value, 4), "–"
+        if one.interval is not None:
+            value, deviation = estimate(one.value, one.standard_deviation)
+        place, judged = place_text(one.joints, found.model.robot), SHAPES_JUDGED[one.judgement].words
+        rows.append([one.effect, place, one.name, value, deviation, interval_text(one), one.unit, judged])
+    columns = ("effect", "joint", "constant", "value", "standard deviation", "95 % interval", "unit", "determined")
+    return table("Shape constants", columns, rows, right_from=3)

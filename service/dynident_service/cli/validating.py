@@ -10,6 +10,7 @@ from typing import get_args
 from pydantic import ValidationError
 
 from dynident.errors import DynidentError
+from dynident.estimation.bootstrap import DRAWS
 from dynident.identification import Identification
 from dynident.progress import Progress, part
 from dynident.recordings import Recording
@@ -17,6 +18,7 @@ from dynident.validation import (
     LARGEST_ERROR,
     Method,
     filters_by_simulation,
+    validate_bootstrap,
     validate_cross,
     validate_direct,
     validate_inertia_matrix,
@@ -31,6 +33,7 @@ from dynident_service.cli import inputs
 from dynident_service.models.validations import ValidationKind, ValidationResult
 
 _TITLE = "Unusable option"
+_OF_THE_MODEL: tuple[ValidationKind, ...] = ("inertia_matrix", "bootstrap")
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ class Asked:
     cutoffs: tuple[float, ...] | None = None
     longest: float | None = None
     mass: float | None = None
+    draws: int | None = None
     seed: int = 0
 
 
@@ -79,9 +83,13 @@ def check(asked: Asked, n_measurements: int, n_held_out: int) -> None:
     for option, kinds in _TAKEN_BY.items():
         if getattr(asked, option) is not None and asked.kind not in kinds:
             raise DynidentError(f"{asked.kind} takes no --{option}", pointer=f"--{option}", title=_TITLE)
-    if asked.kind == "inertia_matrix" and n_measurements:
-        raise DynidentError("inertia_matrix takes no measurement", pointer="MEASUREMENT", title=_TITLE)
-    if asked.kind != "inertia_matrix" and not n_measurements:
+    if asked.draws is not None and not 99 <= asked.draws <= 9999:
+        raise DynidentError(
+            f"--draws is {asked.draws}; give 99 to 9999, or leave it out for {DRAWS}", pointer="--draws", title=_TITLE
+        )
+    if asked.kind in _OF_THE_MODEL and n_measurements:
+        raise DynidentError(f"{asked.kind} takes no measurement", pointer="MEASUREMENT", title=_TITLE)
+    if asked.kind not in _OF_THE_MODEL and not n_measurements:
         raise DynidentError(f"{asked.kind} needs a measurement", pointer="MEASUREMENT", title=_TITLE)
     if asked.kind == "filters" and n_measurements > 1:
         raise DynidentError("filters are chosen on one measurement; give one", pointer="MEASUREMENT", title=_TITLE)
@@ -111,6 +119,11 @@ def run(
         case "inertia_matrix":
             return adapter.describe_inertia_matrix(
                 validate_inertia_matrix(identification, seed=asked.seed, progress=progress)
+            )
+        case "bootstrap":
+            draws = DRAWS if asked.draws is None else asked.draws
+            return adapter.describe_bootstrap(
+                validate_bootstrap(identification, draws=draws, seed=asked.seed, progress=progress)
             )
         case "methods":
             return adapter.describe_methods(
@@ -145,4 +158,5 @@ _TAKEN_BY: dict[str, tuple[ValidationKind, ...]] = {
     "cutoffs": ("filters",),
     "longest": ("simulation", "filters"),
     "mass": ("payload",),
+    "draws": ("bootstrap",),
 }

@@ -14,6 +14,9 @@ PRIORS = Literal["description", "description_entropic"]
 ESTIMATORS = Literal["ols", "wls", "irls", "feasible", "iv", "didim", "ekf"]
 COVARIANCES = Literal["by_time_and_joints", "by_joint", "independent"]
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
+SHAPE_JUDGEMENTS = Literal[
+    "determined", "uncertain", "not_determined", "at_edge", "elsewhere", "chosen", "not_looked_at"
+]
 STEPS = Literal["link_by_link", "wrist_then_shoulder"]
 DEFAULT_EFFECTS = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 
@@ -119,6 +122,24 @@ class ParameterView(Shown):
     essential: bool = Field(default=True, description="False: set to zero as not essential")
 
 
+class ShapeConstantView(Shown):
+    """A constant inside an effect's columns: a Stribeck velocity, a slip distance, the frequency of a ripple."""
+
+    effect: str
+    joints: list[str] = Field(description="Empty where the effect is of the whole robot")
+    name: str
+    unit: str
+    description: str
+    value: float
+    standard_deviation: float | None = Field(description="null where no number says how sure it is")
+    interval: tuple[float, float] | None = Field(description="Holds the true value in 95 of 100 cases")
+    judgement: SHAPE_JUDGEMENTS = Field(
+        description="determined, uncertain; the interval covers all that is searched (not_determined); at the edge of "
+        "that; the data would have it elsewhere; chosen among a few kinds; not looked at, without a recording"
+    )
+    note: str = Field(description="Why there is no interval, or what is odd about it; empty where nothing is")
+
+
 class ErrorFigures(Shown):
     """Errors of a model on rows: rms in N m or N, relative as ||y − ŷ|| / ||y||; null where a joint has no such row."""
 
@@ -159,6 +180,9 @@ class IdentificationResult(Shown):
     """An identified model."""
 
     parameters: list[ParameterView]
+    shape_constants: list[ShapeConstantView] = Field(
+        default=[], description="How sure the effects' shape constants are, the other parameters accounted for"
+    )
     residual: ErrorsView
     validation: ErrorsView | None
     converged: bool = Field(default=True, description="Whether the rounds that the estimator takes have settled")

@@ -17,7 +17,9 @@ from dynident_service.models.identifications import (
     UsedPreprocessing,
 )
 
-ValidationKind = Literal["direct", "cross", "inertia_matrix", "payload", "methods", "simulation", "filters"]
+ValidationKind = Literal[
+    "direct", "cross", "inertia_matrix", "payload", "methods", "simulation", "filters", "bootstrap"
+]
 VerdictWord = Literal["pass", "fail", "not_evaluated"]
 
 
@@ -39,7 +41,8 @@ class ValidationRequest(Asked):
         description="direct: errors on the identification's own data; cross: on data that the model has not seen; "
         "inertia_matrix: a search for the posture where it is least positive; payload: a known load found from runs "
         "with it; methods: all methods on the same data; simulation: a simulated robot against the recorded one; "
-        "filters: cut-off frequencies chosen by simulating the identification"
+        "filters: cut-off frequencies chosen by simulating the identification; bootstrap: standard deviations held "
+        "against draws of the reduced data's stretches of time"
     )
     measurement_ids: list[Identifier] | None = Field(
         default=None,
@@ -64,7 +67,10 @@ class ValidationRequest(Asked):
     mass: float | None = Field(
         default=None, gt=0, description="payload: the known mass in kg, where the measurements do not state it"
     )
-    seed: int = Field(default=0, ge=0, description="Of what is drawn at random: postures, noise")
+    draws: int | None = Field(
+        default=None, ge=99, le=9999, description="bootstrap: how often stretches of time are drawn (999)"
+    )
+    seed: int = Field(default=0, ge=0, description="Of what is drawn at random: postures, noise, stretches of time")
 
 
 class MeasurementErrors(Shown):
@@ -162,6 +168,30 @@ class PayloadView(Shown):
     reason: str
 
 
+class DrawnParameterView(Shown):
+    """The standard deviation of one parameter, as told and over draws of stretches of time."""
+
+    name: str = Field(description="A parameter, or ln and name of a shape constant that is searched for in ratios")
+    unit: str
+    told: float | None
+    drawn: float | None
+    ratio: float | None = Field(description="drawn over told")
+    expected: tuple[float, float] = Field(description="Where the ratio is by the randomness of so few stretches alone")
+    outside: bool
+
+
+class BootstrapView(Shown):
+    """Standard deviations over draws of the reduced data's stretches of time, beside those that are told."""
+
+    kind: Literal["wild", "pairs"] | None = Field(
+        description="wild: residuals of each stretch weighted at random; pairs: stretches drawn with replacement"
+    )
+    stretches: int
+    draws: int
+    lost: int = Field(description="Draws that do not determine all parameters")
+    parameters: list[DrawnParameterView]
+
+
 class ValidationResult(Shown):
     """What the model is worth by one test, with the verdict and its reason in a sentence."""
 
@@ -183,6 +213,7 @@ class ValidationResult(Shown):
     simulations: list[SimulationOnMeasurement] = Field(default=[])
     filters: FiltersView | None = None
     payloads: list[PayloadView] = Field(default=[])
+    bootstrap: BootstrapView | None = None
 
 
 class ValidationView(Computed[ValidationRequest, ValidationResult]):

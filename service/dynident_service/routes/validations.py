@@ -118,7 +118,7 @@ def _chosen(body: ValidationRequest, asked: StoredIdentification, motions: list[
     match body.kind:
         case "direct":
             return motions
-        case "inertia_matrix":
+        case "inertia_matrix" | "bootstrap":
             return []
         case "cross":
             if not (given or asked.validation_ids):
@@ -146,4 +146,5 @@ _TAKEN_BY: dict[str, tuple[ValidationKind, ...]] = {
     "cutoffs": ("filters",),
     "longest": _SIMULATED,
     "mass": ("payload",),
+    "draws": ("bootstrap",),
 }

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
+from dynident.estimation.bootstrap import DRAWS
 from dynident.identification import Identification
 from dynident.progress import part
 from dynident.validation import (
     LARGEST_ERROR,
     filters_by_simulation,
+    validate_bootstrap,
     validate_cross,
     validate_direct,
     validate_inertia_matrix,
@@ -47,6 +49,11 @@ def _cross(task: Task, request: ValidationRequest, model: Identification) -> Val
 
 def _inertia_matrix(task: Task, request: ValidationRequest, model: Identification) -> ValidationResult:
     return adapter.describe_inertia_matrix(validate_inertia_matrix(model, seed=request.seed, progress=task.progress))
+
+
+def _bootstrap(task: Task, request: ValidationRequest, model: Identification) -> ValidationResult:
+    found = validate_bootstrap(model, draws=request.draws or DRAWS, seed=request.seed, progress=task.progress)
+    return adapter.describe_bootstrap(found)
 
 
 def _methods(task: Task, request: ValidationRequest, model: Identification) -> ValidationResult:
@@ -99,5 +106,6 @@ TESTS: Mapping[ValidationKind, Test] = MappingProxyType(
         "simulation": _simulation,
         "filters": _filters,
         "payload": _payload,
+        "bootstrap": _bootstrap,
     }
 )

@@ -138,6 +138,7 @@ def diagnose(
             identification,
             comparisons,
             doubts_of(picks, recommended, invisible, model.robot, first, candidates or ()),
+            recordings,
         ),
         changes=changes,
     )

@@ -26,6 +26,9 @@ def rank_all(
         why = f"Its mark in a residual: {effect_by_id(choice.effect).signature}."
         if twins:
             why += f" This data cannot tell it from: {', '.join(twins)}."
+        places = [item.candidate.joints for item in finding.equal if item.candidate.effect == choice.effect]
+        if places and effect_by_id(choice.effect).in_some_runs:
+            why += f" It may as well be on: {', '.join(name for joints in places for name in joints)}."
         item = _narrowed(finding.judged, choice)
         ranked.append(_ranked(len(ranked) + 1, item, choice, finding.p, why, twins))
     picked = {choice.effect for choice in recommended}

@@ -1,6 +1,7 @@
 """y = W χ: solvers and statistics on triangular factors. Knows nothing of robots."""
 
 from dynident.estimation.beside import Apart, Beside, BesideAccumulator, distance_to_band
+from dynident.estimation.bootstrap import Bootstrap, Drawing, bootstrap
 from dynident.estimation.correlation import correlation_factor, effective_rows
 from dynident.estimation.essential import Elimination, EliminationPath, eliminate
 from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate
@@ -21,13 +22,16 @@ from dynident.estimation.least_squares import (
     weighted,
     weighted_factor,
 )
+from dynident.estimation.linearised import Linearised, linearised
 from dynident.estimation.statistics import CovarianceName, Statistics, freedom_of_rows, statistics
 
 __all__ = [
     "Apart",
     "Beside",
     "BesideAccumulator",
+    "Bootstrap",
     "CovarianceName",
+    "Drawing",
     "Elimination",
     "EliminationPath",
     "EquationFactors",
@@ -36,9 +40,11 @@ __all__ = [
     "FactorAccumulator",
     "Information",
     "InstrumentalSolution",
+    "Linearised",
     "Reduction",
     "Solution",
     "Statistics",
+    "bootstrap",
     "concatenate",
     "condition_number",
     "correlation_factor",
@@ -50,6 +56,7 @@ __all__ = [
     "freedom_of_rows",
     "instrumental",
     "known_values",
+    "linearised",
     "moving_errors",
     "noise_levels",
     "ordinary",

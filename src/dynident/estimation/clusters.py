@@ -131,6 +131,11 @@ def _without(informations: FloatArray) -> tuple[FloatArray, FloatArray]:
     return away, alone + gone.sum(axis=0)
 
 
+def without_leverage(informations: FloatArray) -> FloatArray:
+    """(s, f, f): what the estimate's own part in the residuals of each stretch is made up for by, of A_s (s, f, f)."""
+    return _without(informations)[0]
+
+
 def _satterthwaite(informations: FloatArray, away: FloatArray, directions: FloatArray) -> FloatArray:
     """(c,): degrees of freedom of the variance along directions (c, f), for independent residuals of size one.
 

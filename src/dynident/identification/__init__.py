@@ -8,6 +8,7 @@ from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimat
 from dynident.identification.loads.weighing import PayloadVerdict, payload_from_pair
 from dynident.identification.removing import remove
 from dynident.identification.result import Identification, IdentifiedParameter
+from dynident.identification.shape_constants import ShapeConstant
 from dynident.identification.standard import StandardParameters
 from dynident.identification.storage import from_bytes, to_bytes
 
@@ -19,6 +20,7 @@ __all__ = [
     "IdentifiedParameter",
     "PayloadEstimate",
     "PayloadVerdict",
+    "ShapeConstant",
     "StandardParameters",
     "extend",
     "from_bytes",

@@ -7,7 +7,7 @@ from dataclasses import replace
 from dynident.errors import DynidentError
 from dynident.identification.choices import EstimatorName, IdentificationChoices, StrategyName
 from dynident.identification.identify import Part, conclude
-from dynident.identification.removing import combined_data, smaller_model
+from dynident.identification.removing import combined_data, combined_shapes, smaller_model
 from dynident.identification.result import Identification
 from dynident.threads import single_threaded
 
@@ -43,7 +43,9 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
         model, weights = smaller_model(known, choices.effects, choices.tolerance)
         part = Part(known, weights)
     data, held_out = combined_data(identification, None if part is None else part.weights)
-    found = conclude(model, replace(choices, preprocessing=identification.choices.preprocessing), data, held_out, part)
+    shaped = combined_shapes(identification, model.effects, None if part is None else part.weights)
+    chosen = replace(choices, preprocessing=identification.choices.preprocessing)
+    found = conclude(model, chosen, data, held_out, part, lambda _: shaped)
     return replace(
         found,
         measurement_names=identification.measurement_names,

@@ -22,8 +22,10 @@ from dynident.estimation import (
     statistics,
 )
 from dynident.estimation.essential import RATIO, Stop
+from dynident.identification.identify import least_squares_of_torque
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.identification.result import Identification
+from dynident.identification.shape_constants import looked_at_shapes
 from dynident.threads import single_threaded
 
 
@@ -132,6 +134,7 @@ def _with_only(identification: Identification, full: Solution, removed: tuple[in
     c = identification.model.n_parameters
     kept = np.array([k for k in range(c) if k not in removed], dtype=np.intp)
     solution, found = _of_kept(identification.equations, full, kept, identification.choices.covariance)
+    found = _with_shapes_uncertain(identification, solution, kept) or found
     values, covariance, freedom = np.zeros(c), np.zeros((c, c)), np.full(c, np.inf)
     freedom[kept] = found.freedom
     values[kept] = solution.values
@@ -149,6 +152,19 @@ def _with_only(identification: Identification, full: Solution, removed: tuple[in
         not_essential=removed,
         standard=None,
     )
+
+
+def _with_shapes_uncertain(
+    identification: Identification, solution: Solution, kept: NDArray[np.intp]
+) -> Statistics | None:
+    """How sure the parameters that are kept are with the shape constants uncertain; None where these are not."""
+    shaped, choices = identification.shaped, identification.choices
+    if shaped is None or not least_squares_of_torque(choices):
+        return None
+    constants = np.arange(identification.model.n_parameters, shaped.n_columns)
+    data = shaped.select(np.concatenate([kept, constants]))
+    looked = looked_at_shapes(identification.model, solution, choices.covariance, data)
+    return None if looked is None else looked.of_parameters
 
 
 def _of_kept(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
-from dynident.estimation import Reduction, condition_number, errors, weighted
+from dynident.estimation import Linearised, Reduction, condition_number, errors, noise_levels, weighted
 from dynident.identification.checks import (
     check_recordings,
     check_reduction,
@@ -19,11 +19,14 @@ from dynident.identification.checks import (
 )
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.data import Data, parted, reduced, torque_of
+from dynident.identification.fit import Fit
 from dynident.identification.gain import warnings_of_addition
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.identification.model_equations import with_constants
 from dynident.identification.prior import prior_of
 from dynident.identification.result import Identification
+from dynident.identification.shape_columns import shape_columns, shape_places
+from dynident.identification.shape_constants import looked_at_shapes, shape_constants
 from dynident.identification.shapes import check_shapes_given, complete_shapes, lacks_shape
 from dynident.identification.strategies.by_name import fit
 from dynident.identification.warnings import warnings_of
@@ -31,7 +34,7 @@ from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.extension import extended_model
 from dynident.regressors.model import Model, build_model
-from dynident.regressors.rows import KeptRows
+from dynident.regressors.rows import KeptRows, reduce_with_more
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import FloatArray, Robot
 from dynident.threads import single_threaded
@@ -185,7 +188,17 @@ def identify_model(
     if validation:
         held_out = torque_of(model, validation, preprocessing, reference, part(progress, share, 0.9), known[1])
     progress(0.9, "solving")
-    found = conclude(model, choices, training, None if held_out is None else held_out.torque)
+    told = part(progress, 0.9, 1.0)
+
+    def shaped(values: FloatArray) -> Reduction | None:
+        places = shape_places(model.effects)
+        if not places:
+            return None
+        columns = shape_columns(model, values, places)
+        ordinary = training.recordings
+        return reduce_with_more(model, columns, ordinary, preprocessing, reference, told, training.rows)
+
+    found = conclude(model, choices, training, None if held_out is None else held_out.torque, shaped=shaped)
     names = tuple(recording.name for recording in recordings), tuple(recording.name for recording in validation)
     rows = training.rows, None if held_out is None else held_out.rows
     return replace(found, measurement_names=names[0], validation_names=names[1], rows=rows)
@@ -205,6 +218,7 @@ def conclude(
     data: Data,
     held_out_data: Reduction | None,
     part_of: Part | None = None,
+    shaped: Callable[[FloatArray], Reduction | None] | None = None,
 ) -> Identification:
     """Solve, judge and describe a model on reduced data.
 
@@ -212,16 +226,21 @@ def conclude(
     ----------
     part_of : Part, optional
         A larger model: what is compiled for that one serves.
+    shaped : function, optional
+        Gives the joints' torques in the model's columns and, behind them, those of `shape_columns` at parameters (b,).
     """
     check_reduction(model, data.equations, prior_of(model, choices))
     if choices.model != "base_wrench":
         check_torque(model, data.torque)
     found = fit(model, choices, data)
     values = found.solution.values
+    with_shapes = None if shaped is None else shaped(values)
+    looked = None if with_shapes is None else _with_shapes_uncertain(model, choices, data, found, with_shapes)
     if part_of is None:
         smallest = smallest_inertia_eigenvalue(model, values)
     else:
         smallest = smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
+    certain = not least_squares_of_torque(choices)
     result = Identification(
         model=model,
         choices=choices,
@@ -231,7 +250,7 @@ def conclude(
         training=data.torque,
         held_out_data=held_out_data,
         solution=found.solution,
-        statistics=found.statistics,
+        statistics=found.statistics if certain or looked is None else looked.of_parameters,
         fit=errors(data.torque, values),
         held_out=errors(held_out_data, values) if held_out_data is not None else None,
         condition_number=condition_number(data.equations),
@@ -241,8 +260,27 @@ def conclude(
         measurement_names=(),
         validation_names=(),
         standard=found.standard,
+        shape_constants=shape_constants(model, looked),
+        shaped=with_shapes,
     )
     return replace(result, warnings=found.warnings + warnings_of(result))
+
+
+def _with_shapes_uncertain(
+    model: Model, choices: IdentificationChoices, data: Data, found: Fit, with_shapes: Reduction
+) -> Linearised | None:
+    """What the joints' torques say of the shape constants, whatever rows the parameters were solved from."""
+    solution = found.solution
+    if data.equations is not data.torque:
+        solution = replace(solution, noise=noise_levels(data.torque, solution.values))
+    return looked_at_shapes(model, solution, choices.covariance, with_shapes)
+
+
+def least_squares_of_torque(choices: IdentificationChoices) -> bool:
+    """Whether parameters are least squares of the joints' torques: then those with the shapes uncertain are, too."""
+    return (
+        choices.model == "dynamic" and choices.strategy == "global" and choices.estimator in ("ols", "wls", "feasible")
+    )
 
 
 def _prepared(

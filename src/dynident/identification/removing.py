@@ -14,6 +14,7 @@ from dynident.estimation import Reduction
 from dynident.identification.data import Data
 from dynident.identification.identify import Part, conclude
 from dynident.identification.result import Identification
+from dynident.identification.shape_columns import shape_places
 from dynident.regressors.base_parameters import base_parameters_among
 from dynident.regressors.model import Model, build_model, check_columns
 from dynident.robot import Robot
@@ -46,7 +47,8 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     choices = replace(identification.choices, effects=kept)
     model, weights = smaller_model(known, kept, choices.tolerance)
     data, held_out = combined_data(identification, weights)
-    smaller = conclude(model, choices, data, held_out, Part(known, weights))
+    shaped = combined_shapes(identification, kept, weights)
+    smaller = conclude(model, choices, data, held_out, Part(known, weights), lambda _: shaped)
     return replace(
         smaller,
         measurement_names=identification.measurement_names,
@@ -139,6 +141,27 @@ def combined_data(identification: Identification, weights: FloatArray | None = N
     data = Data(equations, torque, (), identification.preprocessing, identification.reference)
     held_out = identification.held_out_data
     return data, None if held_out is None else combined(held_out)
+
+
+def combined_shapes(
+    identification: Identification, effects: Sequence[EffectChoice], weights: FloatArray | None = None
+) -> Reduction | None:
+    """The rows that tell how sure shape constants are, for a model of some of the effects.
+
+    None where there are none, or the constant of an effect is to be told of on fewer joints than it was looked at on.
+    """
+    before, after = shape_places(identification.model.effects), shape_places(effects)
+    where = {(identification.model.effects[p.choice], p.spec.name): k for k, p in enumerate(before)}
+    wanted = [(effects[p.choice], p.spec.name) for p in after]
+    if identification.shaped is None or not wanted or any(one not in where for one in wanted):
+        return None
+    b = identification.model.n_parameters
+    own = np.eye(b) if weights is None else weights
+    whole = np.zeros((b + len(before), own.shape[1] + len(wanted)))
+    whole[:b, : own.shape[1]] = own
+    for k, one in enumerate(wanted):
+        whole[b + where[one], own.shape[1] + k] = 1.0
+    return identification.shaped.combined(whole)
 
 
 def _combinations(known: Model, smaller: Model) -> FloatArray:

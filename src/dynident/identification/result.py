@@ -14,6 +14,7 @@ from dynident.estimation import Errors, Reduction, Solution, Statistics, effecti
 from dynident.estimation.deviations import owed_to_known
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.judgement import ParameterJudgement, judged
+from dynident.identification.shape_constants import ShapeConstant
 from dynident.identification.standard import StandardParameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
@@ -64,7 +65,9 @@ class Identification:
     these, at rest the distance to what static friction may hold;
     `names` of the recordings; `added` and `removed` what was added to the model of `parent` or taken out of it; `rows`
     the filtered rows of both data sets where they are still in memory; `standard` the standard parameters where the
-    estimator solved for these; `not_essential` numbers of the parameters that were set to zero as such.
+    estimator solved for these; `not_essential` numbers of the parameters that were set to zero as such;
+    `shape_constants` those of the effects, with what the joints' torques say of them, and `shaped` these torques in the
+    model's columns and those of `shape_columns`.
     """
 
     model: Model
@@ -90,6 +93,8 @@ class Identification:
     rows: tuple[KeptRows | None, KeptRows | None] = (None, None)
     standard: StandardParameters | None = None
     not_essential: tuple[int, ...] = ()
+    shape_constants: tuple[ShapeConstant, ...] = ()
+    shaped: Reduction | None = None
 
     def __repr__(self) -> str:
         held_out = "no held-out data" if self.held_out is None else f"held out {self.held_out.relative_total:.2%}"

@@ -11,6 +11,7 @@ from dynident.effects import Column, EffectChoice, ShapeSpec, Signals, columns_o
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
 from dynident.estimation import noise_levels, ordinary, weighted_factor
+from dynident.identification.shape_settling import settled_shapes
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
@@ -20,8 +21,8 @@ from dynident.robot.model import FloatArray, Robot
 
 # Share of the squared error that a natural value may cost: what noise alone would give a free one, three times over.
 _AS_GOOD = 0.002
-# Steps around a coarse value, down and up.
-_DOWN, _UP = 6, 8
+DOWN, UP = 6, 8
+"""Steps around a coarse value, down and up."""
 
 
 def lacks_shape(choice: EffectChoice) -> bool:
@@ -114,6 +115,9 @@ def refine_shapes(
 ) -> tuple[EffectChoice, ...]:
     """Search around shape constants that came from a coarse grid, one constant of every effect after another.
 
+    What is found is then settled, all constants together: the vertex of a parabola through wide steps is close to the
+    smallest error, no more.
+
     Constants that are one of a few kinds, an exponent, a law, are chosen anew with the first: a coarse grid may have
     picked one for want of a value between.
 
@@ -134,7 +138,7 @@ def refine_shapes(
         here = part(progress, number / rounds, (number + 1) / rounds)
         picked, errors = _tabulate(model, options, recordings, preprocessing, reference, here).search()
         refined = tuple(_vertex(*found) for found in zip(lines, picked, errors, specs, strict=True))
-    return refined
+    return settled_shapes(model, refined, recordings, preprocessing, reference, kept=fixed)
 
 
 def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:
@@ -170,7 +174,7 @@ def _finer(choice: EffectChoice, spec: ShapeSpec | None) -> list[EffectChoice]:
     if spec is None:
         return [choice]
     value = choice.shape_values[spec.name]
-    moved = [_moved(spec, value, step) for step in range(-_DOWN, _UP + 1)]
+    moved = [_moved(spec, value, step) for step in range(-DOWN, UP + 1)]
     least = -np.inf if spec.signed else min(spec.least, value)
     return [_with(choice, spec.name, item) for item in moved if spec.admits(item) and item >= least]
 

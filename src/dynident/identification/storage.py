@@ -26,10 +26,11 @@ from dynident.estimation import (
 )
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.result import Identification
+from dynident.identification.shape_constants import ShapeConstant, shape_constants
 from dynident.identification.standard import StandardParameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.base_parameters import BaseParameters
-from dynident.regressors.model import build_model
+from dynident.regressors.model import Model, build_model
 from dynident.robot import Robot
 from dynident.robot.document import robot_document, robot_from_document
 from dynident.robot.model import FloatArray
@@ -83,6 +84,8 @@ def _arrays(identification: Identification) -> dict[str, Any]:
     _put_reduction(arrays, "training", identification.training)
     if identification.equations is not identification.training:
         _put_reduction(arrays, "equations", identification.equations)
+    if identification.shaped is not None:
+        _put_reduction(arrays, "shaped", identification.shaped)
     if identification.held_out is not None and identification.held_out_data is not None:
         _put_errors(arrays, "held_out", identification.held_out)
         _put_reduction(arrays, "held_out_data", identification.held_out_data)
@@ -102,6 +105,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
             "removed": [asdict(choice) for choice in identification.removed],
             "not_essential": identification.not_essential,
             "converged": identification.converged,
+            "shape_constants": [asdict(one) for one in identification.shape_constants],
         }
     )
     return arrays
@@ -186,6 +190,8 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
         removed=tuple(_effect(item) for item in header["removed"]),
         not_essential=tuple(header.get("not_essential", ())),
         standard=_standard(arrays),
+        shape_constants=_shape_constants(header, model),
+        shaped=_reduction(arrays, "shaped") if "shaped_size" in arrays else None,
     )
 
 
@@ -207,6 +213,18 @@ def _standard(arrays: Mapping[str, Any]) -> StandardParameters | None:
     if "standard_values" not in arrays:
         return None
     return StandardParameters(arrays["standard_values"], arrays["standard_deviations"])
+
+
+def _shape_constants(header: Mapping[str, Any], model: Model) -> tuple[ShapeConstant, ...]:
+    if "shape_constants" not in header:
+        return shape_constants(model, None)
+    return tuple(_shape_constant(document) for document in header["shape_constants"])
+
+
+def _shape_constant(document: Mapping[str, Any]) -> ShapeConstant:
+    ends = document["interval"]
+    interval = None if ends is None else (float(ends[0]), float(ends[1]))
+    return ShapeConstant(**{**document, "joints": tuple(document["joints"]), "interval": interval})
 
 
 def _of(parent: Identification) -> tuple[Robot, Signals]:

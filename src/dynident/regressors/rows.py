@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.effects import Column
 from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
@@ -69,7 +70,7 @@ def reduce_and_keep(
     def samples_of(recording: Recording) -> Iterator[FilteredSamples]:
         nonlocal budget
         collected: list[FilteredSamples] = []
-        for samples in _samples(model, recording, preprocessing, reference, usable):
+        for samples in _samples(observation, model.at_rest, recording, preprocessing, reference, usable):
             budget -= samples.values.size + samples.tau.size
             if budget >= 0:
                 collected.append(samples)
@@ -85,21 +86,48 @@ def reduce_and_keep(
     return reduction, KeptRows(observation, used, preprocessing, tuple(recordings), tuple(kept))
 
 
-def _samples(
+def reduce_with_more(
     model: Model,
+    more: Sequence[Column],
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress = silent,
+    known: KeptRows | None = None,
+) -> Reduction:
+    """Reduce recordings to a model's columns and more behind them, without what is beside the equations.
+
+    Parameters
+    ----------
+    more : sequence of Column
+        Made from the model's signals.
+    known : KeptRows, optional
+        Of the model: only the columns behind it are evaluated.
+    """
+    observation = model.observation.extended(more, model.signals)
+    usable = known if known is not None and _extends(observation, reference, known) else None
+
+    def samples_of(recording: Recording) -> Iterator[FilteredSamples]:
+        return _samples(observation, None, recording, preprocessing, reference, usable)
+
+    return reduce_recordings(observation, recordings, preprocessing, reference, progress, samples_of)
+
+
+def _samples(
+    observation: Observation,
+    at_rest: Observation | None,
     recording: Recording,
     preprocessing: Preprocessing,
     reference: FloatArray,
     known: KeptRows | None,
 ) -> Iterator[FilteredSamples]:
-    observation = model.observation
     head = None if known is None else known.of(recording, preprocessing)
     phases = RowPhases.of(observation, recording, preprocessing)
     if head is None or observation.parts is None:
-        yield from filtered_samples(observation, recording, preprocessing, reference, model.at_rest, phases)
+        yield from filtered_samples(observation, recording, preprocessing, reference, at_rest, phases)
         return
     # The filter cuts a recording into the same pieces whatever the columns.
-    tail = filtered_samples(observation.parts[1], recording, preprocessing, reference, model.at_rest, phases)
+    tail = filtered_samples(observation.parts[1], recording, preprocessing, reference, at_rest, phases)
     for before, behind in zip(head, tail, strict=True):
         whole = tuple(
             None if one is None or more is None else np.hstack([one[:, :-1], more])

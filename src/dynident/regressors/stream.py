@@ -81,16 +81,17 @@ class SampleFunction:
                 ddddq=block.ddddq[part],
                 time=block.t[part],
                 temperature=None if block.temperature is None else block.temperature[part],
-                runs=np.array([self._present(signal, block.segment) for signal in self._observation.runs]),
+                runs=np.array([in_run(signal, self._recording, block.segment) for signal in self._observation.runs]),
                 period=self._recording.period,
                 out=out[part],
             )
 
-    def _present(self, signal: RunSignal, segment: int) -> float:
-        """1 where a segment of the recording is one of the signal's runs."""
-        if not signal.runs:
-            return float(self._recording.payload is not None)
-        return float(bool({self._recording.name, self._recording.run_label(segment)} & set(signal.runs)))
+
+def in_run(signal: RunSignal, recording: Recording, segment: int) -> float:
+    """1 where a segment of a recording is one of the signal's runs, else 0."""
+    if not signal.runs:
+        return float(recording.payload is not None)
+    return float(bool({recording.name, recording.run_label(segment)} & set(signal.runs)))
 
 
 def filtered_samples(

@@ -9,6 +9,8 @@ from types import MappingProxyType
 from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
 from dynident.identification.gain import BestRung
 from dynident.identification.judgement import ParameterJudgement
+from dynident.identification.shape_constants import ShapeConstant, ShapeJudgement
+from dynident.reports.numbers import estimate
 from dynident.robot import Robot
 from dynident.robot.model import FloatArray
 
@@ -28,6 +30,13 @@ def shape_text(choice: EffectChoice) -> str:
     return ", ".join(
         f"{name} = {value:.3g}{'' if units[name] == '-' else ' ' + units[name]}" for name, value in choice.shape
     )
+
+
+def interval_text(constant: ShapeConstant) -> str:
+    """The 95 % interval of a shape constant; "–" where no number says how sure it is."""
+    if constant.interval is None:
+        return "–"
+    return " to ".join(estimate(end, constant.standard_deviation)[0] for end in constant.interval)
 
 
 def standing_text(shares: FloatArray) -> str:
@@ -80,3 +89,17 @@ JUDGED: Mapping[ParameterJudgement, Marked] = MappingProxyType(
     }
 )
 """What the interval says of a parameter."""
+
+
+SHAPES_JUDGED: Mapping[ShapeJudgement, Marked] = MappingProxyType(
+    {
+        "determined": Marked("✓ determined", "ok"),
+        "uncertain": Marked("! uncertain", "warning"),
+        "not_determined": Marked("✕ not determined", "warning"),
+        "at_edge": Marked("! at the edge", "warning"),
+        "elsewhere": Marked("! elsewhere in the data", "warning"),
+        "chosen": Marked("chosen", "plain"),
+        "not_looked_at": Marked("not looked at", "plain"),
+    }
+)
+"""What the data say of a shape constant."""

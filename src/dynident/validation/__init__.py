@@ -1,5 +1,6 @@
 """Is an identified model to be trusted: the validations of §12.7, each with a verdict and its reason."""
 
+from dynident.validation.bootstrap import BootstrapValidation, DrawnParameter, validate_bootstrap
 from dynident.validation.filters import FiltersBySimulation, FilterTrial, filters_by_simulation
 from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
 from dynident.validation.method import Method, available_methods, method_of
@@ -12,6 +13,8 @@ from dynident.validation.verdict import LARGEST_ERROR, Judged, Verdict, together
 
 __all__ = [
     "LARGEST_ERROR",
+    "BootstrapValidation",
+    "DrawnParameter",
     "FilterTrial",
     "FiltersBySimulation",
     "InertiaMatrixValidation",
@@ -30,6 +33,7 @@ __all__ = [
     "method_of",
     "sensor_noise",
     "together",
+    "validate_bootstrap",
     "validate_cross",
     "validate_direct",
     "validate_inertia_matrix",

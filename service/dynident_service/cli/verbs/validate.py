@@ -17,7 +17,7 @@ def validate(
         str,
         typer.Argument(
             metavar="KIND",
-            help="direct, cross, inertia_matrix, payload, methods, simulation or filters.",
+            help="direct, cross, inertia_matrix, payload, methods, simulation, filters or bootstrap.",
             show_default=False,
         ),
     ],
@@ -56,6 +56,9 @@ def validate(
         float | None, typer.Option("--longest", help="For simulation, filters: seconds that are simulated at most.")
     ] = None,
     mass: Annotated[float | None, typer.Option("--mass", help="For payload: what the load weighs in kg.")] = None,
+    draws: Annotated[
+        int | None, typer.Option("--draws", help="For bootstrap: how often stretches of time are drawn, 999.")
+    ] = None,
     unloaded: Annotated[
         list[Path] | None,
         typer.Option("--unloaded", metavar="FILE", help="For payload: runs without the load.", show_default=False),
@@ -84,6 +87,7 @@ def validate(
         cutoffs=tuple(parsing.numbers(cutoffs, "--cutoffs")) or None,
         longest=longest,
         mass=mass,
+        draws=draws,
         seed=seed,
     )
     given = measurements or []

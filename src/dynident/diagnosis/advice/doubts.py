@@ -80,18 +80,29 @@ def doubts_of(
 
 
 def _rivals(choice: EffectChoice, others: Iterable[Judged]) -> tuple[EffectChoice, ...]:
-    """Other names for an effect, one choice each.
+    """Other names for an effect, one choice each; of what some runs have, other links that it may as well sit on.
 
     Not those that are the same function of every motion, nor those so general that they can say the effect as well: no
     motion tells a special case from what includes it.
     """
     same = {choice.effect, *effect_by_id(choice.effect).same_function}
-    found: dict[str, EffectChoice] = {}
+    found: dict[object, EffectChoice] = {}
     for item in others:
         name = item.candidate.effect
-        if name not in same and choice.effect not in effect_by_id(name).covers:
+        if _elsewhere(item.candidate.choice, choice):
+            found.setdefault(item.candidate.joints, item.candidate.choice)
+        elif name not in same and choice.effect not in effect_by_id(name).covers:
             found.setdefault(name, item.candidate.choice)
     return tuple(found.values())[:_MOST_RIVALS]
+
+
+def _elsewhere(other: EffectChoice, choice: EffectChoice) -> bool:
+    """Whether it is the same effect, which some runs have, on another link."""
+    return (
+        other.effect == choice.effect
+        and effect_by_id(choice.effect).in_some_runs
+        and not set(other.joints) & set(choice.joints)
+    )
 
 
 def _near_doubt(choice: EffectChoice, beside: tuple[EffectChoice, ...], judged: Sequence[Judged]) -> Doubt | None:

@@ -47,6 +47,11 @@ class Question:
         """The suspect and its rival."""
         return (self.suspect,) if self.rival is None else (self.suspect, self.rival)
 
+    @property
+    def of_place(self) -> bool:
+        """Whether the question is where an effect is, not which one it is."""
+        return self.rival is not None and self.rival.effect == self.suspect.effect
+
     def shape(self, name: str, otherwise: float) -> float:
         """A shape constant of the suspect or its rival."""
         for choice in self.rivals:
@@ -61,10 +66,12 @@ class Question:
 
     def request(self, kind: str, trajectory: TrajectoryRequest) -> DesignRequest:
         """A design for the model with both rivals, measured by how well they are told apart."""
+        # At two places an effect has much in common: what is the suspect's own stands behind all of its rival.
+        told, pair = (self.rivals[:1], self.rivals[::-1]) if self.of_place else (self.rivals, self.rivals)
         return DesignRequest(
             kind=kind,
-            effects=(*self.effects, *self.rivals),
-            criterion=CriterionChoice("separation", effects=self.rivals),
+            effects=(*self.effects, *pair),
+            criterion=CriterionChoice("separation", effects=told),
             trajectory=trajectory,
             noise=self.noise,
             starts=_STARTS if kind == "optimized" else None,
@@ -168,6 +175,14 @@ EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType(
         "slow_sweep": Experiment("A slow sweep over the whole range, both ways,", _slow_sweep, _ONE_BY_ONE),
         "reversals": Experiment("Slow motion back and forth by small, growing amplitudes", _reversals, _ONE_BY_ONE),
         "whole_range": Experiment("A motion of all joints over the whole range, designed for it,", _whole_range),
+        "as_it_is": Experiment(
+            "A motion of all joints over the whole range, with what was added left on,",
+            _whole_range,
+            (
+                "Leave what was added where it is, as in the runs that showed it, and record the motion with it.",
+                "Send the run to the diagnosis, together with the data at hand.",
+            ),
+        ),
         "paces": Experiment("The same path at full speed, at half and at a quarter of it", _paces),
         "payload": Experiment(
             "The same motion without and with a payload",

@@ -30,6 +30,7 @@ from dynident.excitation.experiments.earlier import planned_seconds
 from dynident.excitation.limits.bounds import Bounds, bounds_of
 from dynident.excitation.observation.model import DesignModel, design_model
 from dynident.identification import Identification
+from dynident.recordings import Recording
 from dynident.robot.model import FloatArray
 from dynident.simulation import typical_effect
 
@@ -44,7 +45,10 @@ _SEEN = 3.0
 
 
 def next_experiment(
-    identification: Identification, comparisons: Sequence[Comparison], doubts: Sequence[Doubt]
+    identification: Identification,
+    comparisons: Sequence[Comparison],
+    doubts: Sequence[Doubt],
+    recordings: Sequence[Recording] = (),
 ) -> NextExperiment | None:
     """Propose the motion that decides the first doubt that a motion can decide.
 
@@ -61,6 +65,8 @@ def next_experiment(
         It beside the data at hand.
     doubts : sequence of Doubt
         What is open, most important first.
+    recordings : sequence of Recording, optional
+        Those of the comparisons: they tell which of the data are of runs that have what some runs have.
     """
     try:
         # With what the design will have to keep clear of, the robot itself: strokes are shorter for it.
@@ -70,11 +76,19 @@ def next_experiment(
         return None
     second_best = None
     for doubt in doubts:
-        found = _answer(identification, comparisons, doubt, bounds)
+        found = _answer(identification, _AtHand(tuple(comparisons), tuple(recordings)), doubt, bounds)
         if found is not None and found.decides:
             return found.advice
         second_best = second_best or found
     return None if second_best is None else second_best.advice
+
+
+@dataclass(frozen=True, eq=False)
+class _AtHand:
+    """The data at hand beside the model, and the recordings that they are of, where these are known."""
+
+    comparisons: tuple[Comparison, ...]
+    recordings: tuple[Recording, ...]
 
 
 @dataclass(frozen=True)
@@ -140,11 +154,9 @@ class _Case:
         return request.trajectory.sampling_rate if self.pairing.model.needs_path else self.rate
 
 
-def _answer(
-    identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt, bounds: Bounds
-) -> _Answer | None:
+def _answer(identification: Identification, data: _AtHand, doubt: Doubt, bounds: Bounds) -> _Answer | None:
     try:
-        case = _case_of(identification, comparisons, doubt, bounds)
+        case = _case_of(identification, data, doubt, bounds)
     except DynidentError:
         # Effects that no motion has columns for.
         return None
@@ -222,14 +234,17 @@ def _worth_trying(question: Question) -> list[Experiment]:
     """The experiment of the pair, then those that show one of the two alone."""
     names = [choice.effect for choice in question.rivals]
     offered = [experiment_for(names[0], names[1] if len(names) > 1 else None)]
+    if question.of_place:
+        # What shows the effect shows it wherever it is.
+        return offered
     offered += [EXPERIMENTS[ALONE[name]] for name in names if name in ALONE]
     return list(dict.fromkeys(offered))
 
 
-def _case_of(identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt, bounds: Bounds) -> _Case:
+def _case_of(identification: Identification, data: _AtHand, doubt: Doubt, bounds: Bounds) -> _Case:
     model = identification.model
-    pairing = _hardest(identification, comparisons, doubt)
-    rate = _row_rate(comparisons)
+    pairing = _hardest(identification, data, doubt)
+    rate = _row_rate(data.comparisons)
     raw_rate = rate * identification.preprocessing.decimation
     names, weights = model.robot.joint_names, pairing.row_weights
     question = Question(
@@ -244,9 +259,9 @@ def _case_of(identification: Identification, comparisons: Sequence[Comparison], 
     return _Case(question, pairing, rate)
 
 
-def _hardest(identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt) -> _Pairing:
+def _hardest(identification: Identification, data: _AtHand, doubt: Doubt) -> _Pairing:
     """The pairing with the rival that leaves the suspect least certain."""
-    pairings = [_paired(identification, comparisons, doubt, rival) for rival in doubt.rivals or (None,)]
+    pairings = [_paired(identification, data, doubt, rival) for rival in doubt.rivals or (None,)]
     # A rival without a column of its own is the same function as something in the model: it is no other explanation.
     real = [one for one in pairings if one.rival is None or parameters_of(one.model, one.rival)]
     return min(real or pairings, key=_certainty)
@@ -257,11 +272,10 @@ def _certainty(pairing: _Pairing) -> float:
     return 0.0 if found is None or found.t_value is None else found.t_value
 
 
-def _paired(
-    identification: Identification, comparisons: Sequence[Comparison], doubt: Doubt, rival: EffectChoice | None
-) -> _Pairing:
+def _paired(identification: Identification, data: _AtHand, doubt: Doubt, rival: EffectChoice | None) -> _Pairing:
     model = identification.model
-    pair = (doubt.suspect,) if rival is None else (doubt.suspect, rival)
+    of_place = rival is not None and rival.effect == doubt.suspect.effect
+    pair = (doubt.suspect,) if rival is None else (rival, doubt.suspect) if of_place else (doubt.suspect, rival)
     wanted = design_model(
         model.robot,
         (*model.effects, *doubt.beside, *pair),
@@ -269,7 +283,7 @@ def _paired(
         reference=identification.next_reference(),
         other_runs=True,
     )
-    rows = rows_of(wanted, comparisons)
+    rows = rows_of(wanted, data.comparisons, data.recordings)
     weights = row_weights(rows)
     known = rows.information(weights)
     undecided = _Pairing(rival, wanted, rows, weights, known, None, None)
@@ -279,9 +293,26 @@ def _paired(
         own, others = others, own
     if not own:
         return undecided
+    if of_place:
+        deciding, size = _largest_alone(identification, data, doubt, wanted, own)
+        return replace(undecided, deciding=deciding, size=size)
     sizes = _usual_sizes(wanted, doubt.suspect, own) if rival is None else amplitudes(known, own, others)
     pairings = [replace(undecided, deciding=k, size=float(size)) for k, size in zip(own, sizes, strict=True)]
     return max(pairings, key=_certainty)
+
+
+def _largest_alone(
+    identification: Identification, data: _AtHand, doubt: Doubt, model: DesignModel, own: Sequence[int]
+) -> tuple[int, float]:
+    """Of parameters that the rival cannot have elsewhere, the one that is surest to be there without the rival."""
+    alone = _paired(identification, data, replace(doubt, rivals=()), None)
+    there = parameters_of(alone.model, doubt.suspect)
+    sizes = amplitudes(alone.known, there, ())
+    told = [separation(alone.model, alone.known, k, float(size)) for k, size in zip(there, sizes, strict=True)]
+    by_name = {one.parameter: (one.t_value or 0.0, float(size)) for one, size in zip(told, sizes, strict=True)}
+    found = {k: by_name.get(model.kept[k].name, (0.0, 0.0)) for k in own}
+    surest = max(own, key=lambda k: found[k][0])
+    return surest, found[surest][1]
 
 
 def _usual_sizes(model: DesignModel, suspect: EffectChoice, parameters: Sequence[int]) -> list[float]:
@@ -309,16 +340,23 @@ def within_the_motion(model: DesignModel, request: DesignRequest, effects: tuple
     return replace(request, effects=effects, criterion=CriterionChoice())
 
 
+def _told(rival: EffectChoice, suspect: EffectChoice) -> str:
+    return f"the same on {', '.join(rival.joints)}" if rival.effect == suspect.effect else rival.effect
+
+
 def _reason(
     experiment: Experiment, question: Question, doubt: Doubt, present: Separation | None, reached: Separation | None
 ) -> str:
     suspect = doubt.suspect.effect
     where = ", ".join(question.joints) if effect_by_id(suspect).scope == "joint" else "the whole robot"
     if doubt.rivals:
-        what = f"tell {suspect} from {' or '.join(rival.effect for rival in doubt.rivals)}"
+        others = [_told(rival, doubt.suspect) for rival in doubt.rivals]
+        what = f"tell {suspect} from {' or '.join(others)}"
     else:
         what = f"show whether {suspect} is there"
     text = f"{experiment.words} would {what} on {where}."
+    if any(rival.effect == suspect for rival in doubt.rivals):
+        text = f"{experiment.words} would tell {suspect} on {where} from {' or '.join(others)}."
     if present is None or reached is None:
         return text
     unit = "" if reached.unit == "-" else f" {reached.unit}"

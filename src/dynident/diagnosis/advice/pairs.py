@@ -92,6 +92,10 @@ PAIRS: Mapping[frozenset[str], str] = MappingProxyType(
 """The experiment that tells two effects apart; for all other pairs the one that shows the first alone."""
 
 
+PLACES: Mapping[str, str] = MappingProxyType({"payload": "as_it_is"})
+"""The experiment that tells two places of an effect apart."""
+
+
 ALONE: Mapping[str, str] = MappingProxyType(
     {
         "rigid_body": "whole_range",
@@ -133,6 +137,8 @@ ALONE: Mapping[str, str] = MappingProxyType(
 
 
 def experiment_for(suspect: str, rival: str | None) -> Experiment:
-    """The experiment that decides between two effects, or that shows one."""
+    """The experiment that decides between two effects, or between two places of one, or that shows one."""
+    if suspect == rival:
+        return EXPERIMENTS[PLACES.get(suspect, "whole_range")]
     name = None if rival is None else PAIRS.get(frozenset((suspect, rival)))
     return EXPERIMENTS[name or ALONE.get(suspect, "whole_range")]

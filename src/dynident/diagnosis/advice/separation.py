@@ -17,7 +17,9 @@ from dynident.excitation.criteria.variances import inverse_diagonal_of
 from dynident.excitation.experiments.task import STANDS
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.trajectories.motion import Motion
+from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
+from dynident.regressors.stream import in_run
 from dynident.robot.model import FloatArray
 
 IntArray = NDArray[np.intp]
@@ -81,14 +83,17 @@ class Rows:
         return made * float(np.sqrt(self.share / n_rows))
 
 
-def rows_of(model: DesignModel, comparisons: Sequence[Comparison]) -> Rows:
-    """The data at hand, as far as they are needed, in the columns of a model."""
+def rows_of(model: DesignModel, comparisons: Sequence[Comparison], recordings: Sequence[Recording] = ()) -> Rows:
+    """The data at hand, as far as they are needed, in the columns of a model.
+
+    `recordings` are those of the comparisons: what is in some runs is in these alone. Without them it is in all.
+    """
     total = sum(len(one.t) for one in comparisons)
     every = max(1, -(-total // _MOST_DATA_ROWS))
     w, residual, borders, seconds, step = [], [], [0], 0.0, 1.0
     n, b = model.robot.n, model.n_parameters
     counts = np.zeros(n)
-    for one in comparisons:
+    for number, one in enumerate(comparisons):
         if len(one.t) < 2:
             continue
         step = float(np.median(np.diff(one.t)))
@@ -96,14 +101,22 @@ def rows_of(model: DesignModel, comparisons: Sequence[Comparison]) -> Rows:
         jerk = np.gradient(one.ddq, step, axis=0)
         motion = Motion(step * np.arange(len(one.t), dtype=np.float64), one.q, one.dq, one.ddq, jerk)
         taken = np.arange(0, len(one.t), every)
+        runs = _runs_of(model, one.segment[taken], recordings[number]) if recordings else None
         # As in a fit: the equation of a joint that stands tells nothing but that friction is enough to hold it.
         moves = one.phase[taken] != Phase.STANDING
-        w.append(model.observe_along(motion, taken).reshape(len(taken), n, b) * moves[:, :, None])
+        w.append(model.observe_along(motion, taken, runs).reshape(len(taken), n, b) * moves[:, :, None])
         residual.append(one.residual[taken] * moves)
         counts += moves.sum(axis=0)
         borders.append(borders[-1] + len(taken))
     stretch = max(1, round(float(np.clip(seconds / _STRETCHES, _SHORTEST, _LONGEST)) / (step * every)))
     return Rows(np.concatenate(w), np.concatenate(residual), counts, total, stretch, tuple(borders))
+
+
+def _runs_of(model: DesignModel, segments: FloatArray, recording: Recording) -> FloatArray:
+    """(m, number of run signals): 1 where a row of one of these segments (m,) is in the signal's runs."""
+    signals = model.observation.runs
+    known = {int(one): [in_run(signal, recording, int(one)) for signal in signals] for one in np.unique(segments)}
+    return np.array([known[int(one)] for one in segments]).reshape(len(segments), len(signals))
 
 
 def row_weights(rows: Rows) -> FloatArray:

@@ -14,6 +14,9 @@ from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.robot.model import FloatArray
 
+_NOTHING = 1.0
+"""A difference of squared errors in units of the noise that says nothing: what is not there gains as much."""
+
 
 def placed(
     identification: Identification, picks: Sequence[Finding], recordings: Sequence[Recording], reference: FloatArray
@@ -39,13 +42,22 @@ def placed(
     return tuple(found)
 
 
+def _as_good(best: Judged, other: Judged) -> bool:
+    """Whether data do not tell another place from the best: the same function of the motion, solved for otherwise.
+
+    Rounding, and which of the columns are left out as dependent, makes a difference that is small but always has the
+    same sign.
+    """
+    return indistinguishable(best, other) or float((best.gains - other.gains).sum()) < _NOTHING
+
+
 def _places(choice: EffectChoice, joints: Sequence[str]) -> list[EffectChoice]:
     return [replace(choice, joints=(joint,)) for joint in joints]
 
 
 def _at_its_place(pick: Finding, judged: Sequence[Judged], joints: Sequence[str]) -> Finding:
     best = max(judged, key=lambda item: item.total_gain)
-    alike = [item for item in judged if item is best or indistinguishable(best, item)]
+    alike = [item for item in judged if item is best or _as_good(best, item)]
     outer = max(alike, key=lambda item: joints.index(item.candidate.joints[0]))
     here = replace(outer, p=pick.p)
     return replace(pick, judged=here, equal=(*pick.equal, *(item for item in alike if item is not outer)), around=())

@@ -101,8 +101,12 @@ class DesignModel:
         dddq: FloatArray | None = None,
         ddddq: FloatArray | None = None,
         memory: FloatArray | None = None,
+        runs: FloatArray | None = None,
     ) -> FloatArray:
-        """W (m n, b) at m samples, dense; q and its derivatives (m, n), and the hysteresis states if there are any."""
+        """W (m n, b) at m samples, dense; q and its derivatives (m, n), and the hysteresis states if there are any.
+
+        `runs` (m, number of run signals): 1 where a sample is in a signal's runs, which it is where they are left out.
+        """
         observation = self.observation
         states = np.zeros((len(q), observation.n_memory)) if memory is None else memory
         entries = observation.evaluate(
@@ -113,7 +117,7 @@ class DesignModel:
             ddddq=ddddq,
             reference=self.reference,
             memory=states,
-            runs=np.ones(len(observation.runs)),
+            runs=np.ones(len(observation.runs)) if runs is None else runs,
             period=JUMP_TIME,
         )
         w = np.zeros((len(q), self.robot.n, observation.n_columns))
@@ -121,8 +125,8 @@ class DesignModel:
         w[:, ~self.counted] = 0.0
         return w.reshape(-1, observation.n_columns)
 
-    def observe_along(self, motion: Motion, taken: IntArray) -> FloatArray:
-        """W (m n, b) at the samples `taken` (m,) of a motion that begins at rest."""
+    def observe_along(self, motion: Motion, taken: IntArray, runs: FloatArray | None = None) -> FloatArray:
+        """W (m n, b) at the samples `taken` (m,) of a motion that begins at rest; `runs` as for `observe`."""
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else 1.0
         snap = np.gradient(motion.dddq, step, axis=0) if len(motion.t) > 1 else np.zeros_like(motion.dddq)
         return self.observe(
@@ -132,6 +136,7 @@ class DesignModel:
             dddq=motion.dddq[taken],
             ddddq=snap[taken],
             memory=self.memory_along(motion.q)[taken],
+            runs=runs,
         )
 
     @cached_property

@@ -10,9 +10,11 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.estimation import CovarianceName
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.identification.dependence import parameter_dependence
+from dynident.identification.shape_constants import ShapeConstant
 from dynident.reports.numbers import estimate, number, percent
 from dynident.reports.section import Section
-from dynident.reports.words import JUDGED, shape_text
+from dynident.reports.words import JUDGED, SHAPES_JUDGED, interval_text, place_text, shape_text
+from dynident.robot import Robot
 
 _COUNTED: Mapping[CovarianceName, str] = MappingProxyType(
     {
@@ -37,6 +39,21 @@ class ParameterRow:
     relative: str
     unit: str
     times_smallest: str
+    judged: str
+    mark: str
+
+
+@dataclass(frozen=True)
+class ShapeRow:
+    """A shape constant in words, beside the constant itself."""
+
+    constant: ShapeConstant
+    effect: str
+    place: str
+    value: str
+    deviation: str
+    interval: str
+    unit: str
     judged: str
     mark: str
 
@@ -74,6 +91,7 @@ class ParametersContent:
     counted: str
     n_parameters: int
     together: tuple[str, ...]
+    shapes: tuple[ShapeRow, ...]
 
 
 def parameters_section(identification: Identification) -> Section:
@@ -87,6 +105,7 @@ def parameters_section(identification: Identification) -> Section:
         _COUNTED[identification.choices.covariance],
         len(parameters),
         parameter_dependence(identification).sentences,
+        tuple(_shape_row(one, identification.model.robot) for one in identification.shape_constants),
     )
     return Section("parameters", "Identified parameters", "parameters", content)
 
@@ -109,6 +128,23 @@ def _row(parameter: IdentifiedParameter) -> ParameterRow:
         number(parameter.times_smallest, 2),
         JUDGED[parameter.judgement].words,
         JUDGED[parameter.judgement].mark,
+    )
+
+
+def _shape_row(one: ShapeConstant, robot: Robot) -> ShapeRow:
+    value, deviation = (number(one.value, 4), "–")
+    if one.interval is not None:
+        value, deviation = estimate(one.value, one.standard_deviation)
+    return ShapeRow(
+        one,
+        effect_by_id(one.effect).title,
+        place_text(one.joints, robot),
+        value,
+        deviation,
+        interval_text(one),
+        "–" if one.unit == "-" else one.unit,
+        SHAPES_JUDGED[one.judgement].words,
+        SHAPES_JUDGED[one.judgement].mark,
     )
 
 

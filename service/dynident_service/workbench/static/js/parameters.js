@@ -1,7 +1,7 @@
 // The base parameters of a model: how sure they are, what belongs together, which are essential.
 
 import { get } from "./api.js";
-import { titleOf } from "./catalogue.js";
+import { placeOf, titleOf } from "./catalogue.js";
 import { h, numeric, put, row, table } from "./dom.js";
 import { number, percent } from "./format.js";
 import { problemBox } from "./problem.js";
@@ -18,6 +18,7 @@ export function parametersSection(model, signal) {
       h("summary", {}, h("h2", {}, `Base parameters (${parameters.length})`)),
       together(dependence),
       parametersTable(model, "Base parameters", parameters),
+      shapesTable(model),
       essentialPart(model, signal),
     ),
   );
@@ -39,6 +40,37 @@ function parametersTable(model, caption, parameters) {
     ]),
   );
   return table(caption, head, rows);
+}
+
+const SHAPES_JUDGED = {
+  determined: ["ok", "✓ determined"],
+  uncertain: ["warning", "! uncertain"],
+  not_determined: ["warning", "✕ not determined"],
+  at_edge: ["warning", "! at the edge"],
+  elsewhere: ["warning", "! elsewhere in the data"],
+  chosen: ["plain", "chosen"],
+  not_looked_at: ["plain", "not looked at"],
+};
+
+/** The constants inside the effects' columns, with their intervals or why there is none. */
+function shapesTable(model) {
+  const constants = model.result.shape_constants ?? [];
+  if (!constants.length) return null;
+  const head = ["constant", "effect", "joint", right("value"), right("standard deviation"), right("95 % interval"), "unit", "determined"];
+  const rows = constants.map((one) => {
+    const [kind, text] = SHAPES_JUDGED[one.judgement] ?? SHAPES_JUDGED.not_looked_at;
+    return row([
+      h("span", { title: one.description }, h("code", {}, one.name)),
+      titleOf(model.effects, one.effect),
+      placeOf(model.effects, one, model.joints),
+      numeric(number(one.value, 4), one.value),
+      numeric(number(one.standard_deviation, 2), one.standard_deviation),
+      { class: "n", text: one.interval === null ? "–" : `${number(one.interval[0], 4)} to ${number(one.interval[1], 4)}` },
+      one.unit,
+      h("span", {}, h("span", { class: `mark ${kind}` }, text), one.note ? h("small", { class: "note" }, h("br"), one.note) : null),
+    ]);
+  });
+  return table("Shape constants", head, rows);
 }
 
 const JUDGED = {

@@ -14,6 +14,7 @@ const KINDS = [
   ["simulation", "Simulation", "A robot with these parameters makes the recorded motion: does it need the recorded torque?"],
   ["methods", "Methods", "All models, strategies and estimators on the same data: do they agree?"],
   ["filters", "Filters", "Recordings like these are simulated and identified with many filters: were the right ones chosen?"],
+  ["bootstrap", "Deviations", "Stretches of time are drawn anew: do the standard deviations stand?"],
   ["payload", "Known load", "A run with a known load: is the load found?"],
 ];
 const WORDS = { pass: "✓ pass", fail: "✕ fail", not_evaluated: "– not evaluated" };
@@ -109,10 +110,27 @@ async function known(model, lines, signal) {
   }
 }
 
+function drawnTable(drawn) {
+  const head = ["parameter", "unit", { text: "told", class: "n" }, { text: "drawn", class: "n" }, { text: "ratio", class: "n" }, { text: "expected", class: "n" }, ""];
+  const rows = drawn.parameters.map((one) =>
+    row([
+      h("code", {}, one.name),
+      one.unit,
+      numeric(number(one.told, 2), one.told),
+      numeric(number(one.drawn, 2), one.drawn),
+      numeric(number(one.ratio, 3), one.ratio),
+      { class: "n", text: `${number(one.expected[0], 3)} to ${number(one.expected[1], 3)}` },
+      one.outside ? h("span", { class: "mark warning" }, "! outside") : "✓",
+    ]),
+  );
+  return table("Standard deviations as told, and over draws", head, rows);
+}
+
 function details(model, result) {
   if (result.methods.length) return methodsTable(model, result);
   if (result.simulations.some((one) => one.torque)) return simulationsTable(model, result);
   if (result.filters) return filtersTable(result.filters);
+  if (result.bootstrap?.parameters.length) return drawnTable(result.bootstrap);
   if (result.payloads.length) return payloadTable(result.payloads);
   if (result.measurements.length) return errorsTable(model, result);
   if (result.worst_posture) return postureTable(result);

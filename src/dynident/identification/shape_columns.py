@@ -1,0 +1,89 @@
+"""Columns for changes of shape constants: what the torque of an effect changes by where its shape is another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from dynident.effects import Column, EffectChoice, Refinement, ShapeSpec, Signals, columns_of, effect_by_id
+from dynident.regressors.model import Model
+from dynident.robot.model import FloatArray
+
+ColumnKey = tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]
+
+TINY = 1.0 / 16.0
+"""Share of a step of the search to either side of a constant, for its derivative."""
+
+_FAR = 100.0
+"""A logarithm of a ratio that is as good as infinite."""
+
+
+@dataclass(frozen=True)
+class ShapePlace:
+    """A shape constant that may take any value: of which of a model's choices, and which one of it."""
+
+    choice: int
+    spec: ShapeSpec
+    search: Refinement
+
+    def value(self, effects: Sequence[EffectChoice]) -> float:
+        """Its value in these choices."""
+        return effects[self.choice].shape_values[self.spec.name]
+
+    def change(self, steps: float) -> float:
+        """What `moved` adds so many steps on: to the constant, or to its logarithm."""
+        return self.search.step * steps * (np.log(2.0) if self.search.in_octaves else 1.0)
+
+    def apart(self, low: float, high: float) -> float:
+        """The change from one value to another."""
+        return float(np.log(high / low)) if self.search.in_octaves else high - low
+
+    def moved(self, value: float, change: float) -> float:
+        """The value after a change of it, or of its logarithm where it is searched for in equal ratios."""
+        return float(value * np.exp(np.clip(change, -_FAR, _FAR))) if self.search.in_octaves else value + change
+
+
+def shape_places(effects: Sequence[EffectChoice]) -> tuple[ShapePlace, ...]:
+    """The shape constants of choices that may take any value, those of one choice after another."""
+    return tuple(
+        ShapePlace(number, spec, spec.refined)
+        for number, choice in enumerate(effects)
+        for spec in effect_by_id(choice.effect).shapes
+        if spec.refined is not None and spec.name in choice.shape_values
+    )
+
+
+def changed_choice(choice: EffectChoice, name: str, value: float) -> EffectChoice:
+    """A choice with another value of one of its shape constants."""
+    return replace(choice, shape=tuple(sorted({**choice.shape_values, name: value}.items())))
+
+
+def shape_columns(model: Model, values: FloatArray, places: Sequence[ShapePlace]) -> list[Column]:
+    """∂(W χ)/∂θ of every constant, one column each, at parameters χ (b,).
+
+    Differences are taken of the expressions before they are filtered, so that what is sampled, filtered and left out
+    is the same as for W.
+    """
+    found = {column.key: float(value) for column, value in zip(model.kept, values, strict=True)}
+    return [_derivative(model.signals, model.effects[place.choice], place, found) for place in places]
+
+
+def _derivative(signals: Signals, choice: EffectChoice, place: ShapePlace, found: Mapping[ColumnKey, float]) -> Column:
+    value, tiny = choice.shape_values[place.spec.name], place.change(TINY)
+    either = [
+        columns_of([changed_choice(choice, place.spec.name, place.moved(value, way * tiny))], signals)
+        for way in (1.0, -1.0)
+    ]
+    here = columns_of([choice], signals)
+    torque = ca.SX(signals.robot.n, 1)
+    for column, above, below in zip(here, *either, strict=True):
+        # A column that dissolves in others has no parameter of its own.
+        amplitude = found.get(column.key, 0.0)
+        if amplitude != 0.0:
+            torque += amplitude * (above.torque - below.torque) / (2.0 * tiny)
+    return replace(
+        here[0], parameter=place.spec.name, name=place.spec.name, unit=place.spec.unit, torque=ca.sparsify(torque)
+    )

@@ -1,0 +1,162 @@
+"""How sure the shape constants of a model are: values and intervals, or in words why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf
+from typing import Literal
+
+import numpy as np
+
+from dynident.effects import EffectChoice, ShapeSpec, columns_of, effect_by_id
+from dynident.effects.catalogue import joints_of
+from dynident.estimation import CovarianceName, EstimationError, Linearised, Reduction, Solution, linearised
+from dynident.identification.judgement import DETERMINED
+from dynident.identification.shape_columns import ShapePlace, shape_places
+from dynident.identification.shapes import DOWN, UP
+from dynident.regressors.model import Model
+from dynident.robot.model import Robot
+
+ShapeJudgement = Literal["determined", "uncertain", "not_determined", "at_edge", "elsewhere", "chosen", "not_looked_at"]
+
+_AT_END = 1e-3
+_NO_BETTER = 0.7
+"""Of the standard deviation of the range that is searched: the data tell no more of a constant than that range."""
+
+
+@dataclass(frozen=True)
+class ShapeConstant:
+    """A constant inside an effect's columns, on `joints`; `interval` holds the true value with a probability of 95 %.
+
+    `judgement`: the data determine it, leave it uncertain, do not determine it within the range that is searched, have
+    it at the edge of that or elsewhere than the model; it is one of a few kinds that was chosen; or nobody looked.
+    Where there is no number, `note` says why.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    name: str
+    unit: str
+    description: str
+    value: float
+    judgement: ShapeJudgement
+    standard_deviation: float = inf
+    interval: tuple[float, float] | None = None
+    note: str = ""
+
+
+_OF_A_LINE = 10
+"""Times as far as a line is refined it may lie elsewhere: a spectrum is as sharp as the motion is long."""
+
+
+def looked_at_shapes(model: Model, solution: Solution, kind: CovarianceName, shaped: Reduction) -> Linearised | None:
+    """The model's parameters and the changes of its shape constants together; None where there are none to look at.
+
+    Parameters
+    ----------
+    solution : the model's
+        Weighted by the noise of the joints' torques.
+    kind : what of the residuals is taken to be correlated
+    shaped : the joints' torques in the model's columns and, behind them, those of `shape_columns`
+    """
+    ranges = []
+    for place in shape_places(model.effects):
+        low, high = searched(place, model.effects[place.choice], model.robot)
+        ranges.append(place.apart(low, high) / np.sqrt(12.0))
+    try:
+        return linearised(shaped, solution, np.array(ranges), kind) if ranges else None
+    except EstimationError:
+        return None
+
+
+def shape_constants(model: Model, found: Linearised | None) -> tuple[ShapeConstant, ...]:
+    """The shape constants of a model with what the joints' torques say of them, None where nobody looked."""
+    looked: dict[tuple[int, str], ShapeConstant] = {}
+    if found is not None:
+        told = zip(shape_places(model.effects), found.steps, found.deviations, found.half_widths, strict=True)
+        seen = _choices_seen(model, found)
+        looked = {
+            (p.choice, p.spec.name): _judged(model, p, p.choice in seen, *map(float, numbers)) for p, *numbers in told
+        }
+    return tuple(
+        looked.get((number, spec.name)) or _unjudged(choice, spec, model.robot)
+        for number, choice in enumerate(model.effects)
+        for spec in effect_by_id(choice.effect).shapes
+        if spec.name in choice.shape_values
+    )
+
+
+def _choices_seen(model: Model, found: Linearised) -> set[int]:
+    """Numbers of the choices of which one parameter at least is told from zero."""
+    half = found.of_parameters.half_widths()
+    sure = {
+        column.key
+        for column, value, width in zip(model.kept, found.solution.values[: found.n_own], half, strict=True)
+        if abs(value) > width
+    }
+    return {
+        number
+        for number, choice in enumerate(model.effects)
+        if any(column.key in sure for column in columns_of([choice], model.signals))
+    }
+
+
+def _constant(
+    choice: EffectChoice, spec: ShapeSpec, robot: Robot, judgement: ShapeJudgement, note: str
+) -> ShapeConstant:
+    alone = effect_by_id(choice.effect).scope == "robot"
+    joints = () if alone else tuple(robot.joint_names[j] for j in joints_of(choice, robot))
+    value = choice.shape_values[spec.name]
+    return ShapeConstant(choice.effect, joints, spec.name, spec.unit, spec.description, value, judgement, note=note)
+
+
+def _unjudged(choice: EffectChoice, spec: ShapeSpec, robot: Robot) -> ShapeConstant:
+    if spec.refined is not None:
+        told = "only recordings tell how sure it is: identify from these"
+        return _constant(choice, spec, robot, "not_looked_at", told)
+    told = "one of a few kinds that was chosen: there is nothing between them"
+    if spec.proposal == "burst":
+        told = "read off the residual: nothing tells how sure it is"
+    return _constant(choice, spec, robot, "chosen", told)
+
+
+def _judged(model: Model, place: ShapePlace, seen: bool, step: float, deviation: float, half: float) -> ShapeConstant:
+    """What an interval says: step, deviation and half-width are of the constant, or of its logarithm (`ShapePlace`)."""
+    choice, value, robot = model.effects[place.choice], place.value(model.effects), model.robot
+    low, high = searched(place, choice, robot)
+    data = place.moved(value, step)
+
+    def worded(judgement: ShapeJudgement, note: str) -> ShapeConstant:
+        return _constant(choice, place.spec, robot, judgement, note)
+
+    if not seen:
+        return worded("not_determined", "the effect itself is not told from zero")
+    ends = place.moved(value, step - half), place.moved(value, step + half)
+    open_ = deviation > _NO_BETTER * place.apart(low, high) / np.sqrt(12.0)
+    if open_ or (ends[0] <= low and ends[1] >= high):
+        return worded("not_determined", f"the data leave it open from {low:.3g} to {high:.3g}, all that is searched")
+    if value <= low * (1 + _AT_END) and step <= half and not place.spec.signed:
+        return worded("at_edge", f"at the lower end of what is searched ({low:.3g}): it may as well be smaller")
+    if value >= high * (1 - _AT_END) and step >= -half and not place.spec.signed:
+        return worded("at_edge", f"at the upper end of what is searched ({high:.3g}): it may as well be larger")
+    if abs(step) > max(half, place.change(1.0)):
+        way = "larger" if step > 0 else "smaller"
+        return worded("elsewhere", f"the data would have it {way} by more than its uncertainty: search for it anew")
+    sure = deviation <= (DETERMINED if place.search.in_octaves else max(DETERMINED * abs(value), place.change(1.0)))
+    found = worded("determined" if sure else "uncertain", "")
+    if abs(step) > half:
+        found = worded("elsewhere", f"the data would have it at {data:.4g}, which its interval is about")
+    spread = deviation * (value if place.search.in_octaves else 1.0)
+    return replace(found, standard_deviation=spread, interval=ends)
+
+
+def searched(place: ShapePlace, choice: EffectChoice, robot: Robot) -> tuple[float, float]:
+    """The range that a constant is searched in: about its effect's grid, or about the value that a spectrum showed."""
+    around, wide = [choice.shape_values[place.spec.name]], _OF_A_LINE
+    if place.spec.proposal == "grid":
+        joint = joints_of(choice, robot)[0]
+        around = [shape[place.spec.name] for shape in effect_by_id(choice.effect).grid(robot, joint)]
+        wide = 1
+    low = min(place.search.moved(value, -wide * DOWN) for value in around)
+    high = max(place.search.moved(value, wide * UP) for value in around)
+    return (low if place.spec.signed else max(low, place.spec.least)), high

@@ -1,0 +1,191 @@
+"""Shape constants brought from near the smallest squared error to it, all of them together (Gauss and Newton)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.effects import Column, EffectChoice, columns_of
+from dynident.estimation import (
+    EstimationError,
+    Reduction,
+    linearised,
+    noise_levels,
+    solve,
+    weighted_factor,
+)
+from dynident.estimation.triangles import BoolArray
+from dynident.identification.shape_columns import TINY, ShapePlace, changed_choice, shape_places
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model import Model
+from dynident.regressors.observation import Observation
+from dynident.regressors.stream import reduce_recordings
+from dynident.robot.model import FloatArray
+
+_ROUNDS = 3
+_LEVEL = 0.95
+"""Of the interval outside of which a natural value has to be for the data to speak against it."""
+_WIDE = 3.0
+"""Standard deviation of a constant, or its logarithm, without any data: that of most ranges that are searched."""
+_SETTLED = 0.02
+"""Share of a step of the search that a last round moves a constant by, at most."""
+
+
+def settled_shapes(
+    model: Model,
+    choices: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    *,
+    kept: Sequence[Collection[str]],
+) -> tuple[EffectChoice, ...]:
+    """The choices with the shape constants of the smallest squared error near theirs.
+
+    What `kept` names stays, as do values at the lower end of what is searched, and natural ones that the data do not
+    speak against. No constant moves by more than a step of its search in a round, and none for the worse.
+    """
+    here, before, least = tuple(choices), tuple(choices), np.inf
+    staying: set[tuple[int, str]] = set()
+    noise: FloatArray | None = None
+    for number in range(_ROUNDS):
+        places = [p for p in shape_places(here) if p.spec.name not in kept[p.choice] and _loose(p, here)]
+        places = [p for p in places if (p.choice, p.spec.name) not in staying]
+        if not places:
+            return here
+        data = _Derivatives.of(model, here, places, recordings, preprocessing, reference, noise)
+        noise = data.noise
+        if number == 0:
+            against = data.spoken_against()
+            free = [k for k, p in enumerate(places) if against[k] or p.value(here) not in p.spec.natural]
+            staying = {(p.choice, p.spec.name) for k, p in enumerate(places) if k not in free}
+            places, data = [places[k] for k in free], data.only(free)
+            if not places:
+                return here
+        error, changes = data.step()
+        if error > least:
+            return before
+        before, least = here, error
+        steps = [float(np.clip(change / p.change(1.0), -1, 1)) for p, change in zip(places, changes, strict=True)]
+        for place, step in zip(places, steps, strict=True):
+            here = _moved(here, place, step)
+        if max(map(abs, steps)) < _SETTLED:
+            break
+    return here
+
+
+def _loose(place: ShapePlace, choices: Sequence[EffectChoice]) -> bool:
+    return place.spec.signed or place.value(choices) > place.spec.least
+
+
+def _moved(choices: tuple[EffectChoice, ...], place: ShapePlace, step: float) -> tuple[EffectChoice, ...]:
+    value = place.moved(place.value(choices), place.change(step))
+    if not place.spec.signed:
+        value = max(value, place.spec.least)
+    if not place.spec.admits(value):
+        return choices
+    changed = changed_choice(choices[place.choice], place.spec.name, value)
+    return (*choices[: place.choice], changed, *choices[place.choice + 1 :])
+
+
+@dataclass(frozen=True, eq=False)
+class _Derivatives:
+    """Rows of [model | choices | the choices with a constant a little larger, then smaller | Y], and their noise (n,).
+
+    `n_columns` are those of the model and the choices; `pairs` (k) the numbers of three columns each, here, above and
+    below, for every constant, and `widths` (k,) how far above and below are apart.
+    """
+
+    reduction: Reduction
+    noise: FloatArray
+    n_columns: int
+    pairs: list[list[tuple[int, int, int]]]
+    widths: list[float]
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        choices: Sequence[EffectChoice],
+        places: Sequence[ShapePlace],
+        recordings: Sequence[Recording],
+        preprocessing: Preprocessing,
+        reference: FloatArray,
+        noise: FloatArray | None,
+    ) -> _Derivatives:
+        columns: list[Column] = list(model.kept)
+        numbers: list[range] = []
+        for choice in choices:
+            made = columns_of([choice], model.signals)
+            numbers.append(range(len(columns), len(columns) + len(made)))
+            columns += made
+        n_columns = len(columns)
+        pairs = []
+        for place in places:
+            own, value = numbers[place.choice], place.value(choices)
+            ends = [place.moved(value, way * place.change(TINY)) for way in (1.0, -1.0)]
+            first = len(columns)
+            for end in ends:
+                columns += columns_of([changed_choice(choices[place.choice], place.spec.name, end)], model.signals)
+            pairs.append([(k, first + i, first + len(own) + i) for i, k in enumerate(own)])
+        observation = Observation.of(model.robot, columns, model.signals)
+        reduction = reduce_recordings(observation, recordings, preprocessing, reference)
+        if noise is None:
+            # Of the model with the choices: without them, a joint that lacks much would hardly count.
+            here = reduction.select(list(range(n_columns)))
+            levels = noise_levels(here, _values(here, np.ones(len(here.equations))))
+            noise = noise_levels(here, _values(here, levels))
+        return cls(reduction, noise, n_columns, pairs, [2.0 * place.change(TINY) for place in places])
+
+    def only(self, numbers: Sequence[int]) -> _Derivatives:
+        """The same of some of the constants."""
+        return replace(self, pairs=[self.pairs[k] for k in numbers], widths=[self.widths[k] for k in numbers])
+
+    def spoken_against(self) -> BoolArray:
+        """(k,): constants whose value is outside of what the data say of them, as far as the data tell all columns."""
+        none = np.zeros(len(self.pairs), dtype=bool)
+        try:
+            solution = solve(self.reduction.select(list(range(self.n_columns))), self.noise)
+            found = linearised(
+                self.reduction.combined(self._with_slopes(solution.values)),
+                solution,
+                np.full(len(none), _WIDE),
+                "by_time_and_joints",
+            )
+        except EstimationError:
+            return none
+        return np.asarray(np.abs(found.steps) > found.statistics.half_widths(_LEVEL)[self.n_columns :])
+
+    def _with_slopes(self, values: FloatArray) -> FloatArray:
+        """(c, n_columns + k): what the columns and the derivatives by the constants are made of."""
+        whole = np.zeros((self.reduction.n_columns, self.n_columns + len(self.pairs)))
+        whole[: self.n_columns, : self.n_columns] = np.eye(self.n_columns)
+        for number, (own, width) in enumerate(zip(self.pairs, self.widths, strict=True)):
+            for k, above, below in own:
+                whole[above, self.n_columns + number] += values[k] / width
+                whole[below, self.n_columns + number] -= values[k] / width
+        return whole
+
+    def step(self) -> tuple[float, FloatArray]:
+        """The squared error here, and the changes (k,) of the constants that would make it smallest."""
+        factor = weighted_factor(self.reduction, self.noise)
+        columns, y = factor[:, :-1], factor[:, -1]
+        values, error = _solved(columns[:, : self.n_columns], y)
+        together, _ = _solved(columns @ self._with_slopes(values), y)
+        return error, together[self.n_columns :]
+
+
+def _values(reduction: Reduction, noise: FloatArray) -> FloatArray:
+    factor = weighted_factor(reduction, noise)
+    return _solved(factor[:, :-1], factor[:, -1])[0]
+
+
+def _solved(w: FloatArray, y: FloatArray) -> tuple[FloatArray, float]:
+    """Least squares of columns that may depend on one another, and the squared error that is left."""
+    sizes = np.linalg.norm(w, axis=0)
+    scaled = w / np.where(sizes > 0, sizes, 1.0)
+    found = np.linalg.lstsq(scaled, y, rcond=1e-10)[0]
+    rest = y - scaled @ found
+    return found / np.where(sizes > 0, sizes, 1.0), float(rest @ rest)

@@ -1,0 +1,150 @@
+"""Do deviations stand when stretches of time are drawn anew (the bootstrap over clusters)?
+
+What is told of a parameter is computed, not drawn: the jackknife over stretches, with the weights of the equations and
+the columns of shape constants as they are at the estimate. Draws weigh the equations anew. Both are from the same
+stretches, which know a deviation to a share of 1 / sqrt(2 ν), with the ν degrees of freedom of its variance: where they
+differ by more than twice that, the deviation hangs on how it is computed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statistics, bootstrap
+from dynident.estimation.bootstrap import DRAWS
+from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied
+from dynident.identification import Identification
+from dynident.identification.identify import least_squares_of_torque
+from dynident.identification.shape_columns import shape_places
+from dynident.identification.shape_constants import looked_at_shapes
+from dynident.progress import Progress, silent
+from dynident.threads import single_threaded
+from dynident.validation.verdict import Judged
+
+_TWICE = 2.0
+_MOST_OUTSIDE = 0.1
+"""Share of the parameters that may be outside: of deviations known so well, one in twenty would be by chance."""
+
+_MOST_LOST = 0.1
+
+
+@dataclass(frozen=True)
+class DrawnParameter:
+    """A parameter, or a shape constant in the units of its search (its logarithm where that is in equal ratios).
+
+    `told` and `drawn` are its standard deviations without and with drawing; their ratio is expected between `low` and
+    `high`.
+    """
+
+    name: str
+    unit: str
+    told: float
+    drawn: float
+    low: float
+    high: float
+
+    @property
+    def ratio(self) -> float:
+        """`drawn` over `told`."""
+        return self.drawn / self.told if self.told > 0 else float("inf") if self.drawn > 0 else 1.0
+
+    @property
+    def outside(self) -> bool:
+        """Whether the two differ by more than so few stretches explain."""
+        return not self.low <= self.ratio <= self.high
+
+
+@dataclass(frozen=True)
+class BootstrapValidation:
+    """Deviations by drawing beside those told. `kind`, `stretches`, `draws`: how; `lost` draws were no use."""
+
+    parameters: tuple[DrawnParameter, ...]
+    kind: Drawing | None
+    stretches: int
+    draws: int
+    lost: int
+    judged: Judged
+
+
+@single_threaded
+def validate_bootstrap(
+    identification: Identification, *, draws: int = DRAWS, seed: int = 0, progress: Progress = silent
+) -> BootstrapValidation:
+    """Draw stretches of time anew and hold the deviations against those that the identification tells.
+
+    Only reduced data are used: no recording is read.
+    """
+    stretches = int(occupied(identification.equations).sum())
+    why = _why_not(identification, stretches)
+    if why:
+        return BootstrapValidation((), None, stretches, 0, 0, Judged("not_evaluated", why))
+    progress(0.0, "drawing stretches of time")
+    names, units, reduction, solution, told = _subject(identification)
+    found = bootstrap(reduction, solution, draws=draws, seed=seed)
+    error = 1.0 / np.sqrt(2.0 * draws)
+    width = _TWICE * np.sqrt(1.0 / (2.0 * told.freedom) + error**2)
+    values = zip(names, units, told.standard_deviations, found.deviations, width, strict=True)
+    parameters = tuple(
+        DrawnParameter(name, unit, float(own), float(drawn), float(1.0 / (1.0 + wide)), float(1.0 + wide))
+        for name, unit, own, drawn, wide in values
+    )
+    judged = _judged(parameters, found, stretches)
+    return BootstrapValidation(parameters, found.kind, stretches, draws, found.lost, judged)
+
+
+def _why_not(identification: Identification, stretches: int) -> str:
+    if not least_squares_of_torque(identification.choices):
+        return (
+            "Drawing anew is for parameters that are least squares of the joints' torques (the dynamic model, the "
+            "strategy global, the estimators ols, wls and feasible)."
+        )
+    if identification.not_essential:
+        return "Parameters were set to zero as not essential: draw from the model before that."
+    if stretches < FEWEST_CLUSTERS:
+        return f"There are {stretches} stretches of time, too few to draw from: {FEWEST_CLUSTERS} at least are needed."
+    return ""
+
+
+def _subject(identification: Identification) -> tuple[list[str], list[str], Reduction, Solution, Statistics]:
+    """What is drawn: names, units, data, estimate, and what is told of it; shape constants behind the parameters."""
+    model, choices = identification.model, identification.choices
+    names, units = [column.name for column in model.kept], [column.unit for column in model.kept]
+    found = None
+    if identification.shaped is not None:
+        found = looked_at_shapes(model, identification.solution, choices.covariance, identification.shaped)
+    if found is None:
+        return names, units, identification.equations, identification.solution, identification.statistics
+    for place in shape_places(model.effects):
+        joints = "+".join(model.effects[place.choice].joints)
+        names.append(f"{'ln ' if place.search.in_octaves else ''}{place.spec.name}{' on ' + joints if joints else ''}")
+        units.append("-" if place.search.in_octaves else place.spec.unit)
+    return names, units, found.reduction, found.solution, found.statistics
+
+
+def _judged(parameters: tuple[DrawnParameter, ...], found: Bootstrap, stretches: int) -> Judged:
+    how = "with Webb's weights for the residuals" if found.kind == "wild" else "with replacement"
+    drawn = f"{found.draws} draws of {stretches} stretches of time {how}"
+    if found.lost > _MOST_LOST * found.draws:
+        return Judged(
+            "not_evaluated",
+            f"Of {drawn} {found.lost} do not determine all parameters: few stretches tell of some of them.",
+        )
+    outside = [one for one in parameters if one.outside]
+    ratios = np.array([one.ratio for one in parameters])
+    middle = f"in {drawn} deviations are {np.median(ratios):.2f} times those told (median)"
+    if len(outside) <= _MOST_OUTSIDE * len(parameters):
+        few = f"; outside of what so few stretches explain: {_named(outside)}" if outside else ""
+        return Judged("pass", f"{middle[0].upper()}{middle[1:]}{few}.")
+    return Judged(
+        "fail",
+        f"{middle[0].upper()}{middle[1:]}; {len(outside)} of {len(parameters)} differ by more than so few stretches "
+        f"explain: {_named(outside)}. Their intervals are to be taken with care.",
+    )
+
+
+def _named(outside: list[DrawnParameter]) -> str:
+    worst = sorted(outside, key=lambda one: -abs(np.log(max(one.ratio, 1e-9))))[:6]
+    more = f" and {len(outside) - len(worst)} more" if len(outside) > len(worst) else ""
+    return ", ".join(f"{one.name} ({one.ratio:.2f})" for one in worst) + more
