@@ -70,6 +70,26 @@ def test_a_mistake_is_named(made: Mistake) -> None:
     assert left == pytest.approx(found[0].left_without)
 
 
+def test_a_wrist_whose_torque_is_turned_round_is_told_by_its_friction() -> None:
+    told = checks_against(ROBOT)(recorded(Mistake("torque turned", (5,))), Q, TAU)
+    assert told is not None
+    (wrong,) = [one for one in told if one.status == "error"]
+    assert wrong.name == "torque_sign"
+    assert "friction would drive the joint" in wrong.detail
+
+
+def test_a_robot_on_a_wall_is_not_refused_for_columns_in_another_order() -> None:
+    for gravity in ([0, -9.81, 0], [9.81, 0, 0], [0, 0, 9.81]):
+        leaning = Robot(ROBOT.name, ROBOT.joints, np.array(gravity), ROBOT.drives, ROBOT.description, ROBOT.inertias)
+        motion, tau = measured()
+        load = [pinocchio_torque(one, motion.q, motion.dq, motion.ddq) for one in (ROBOT, leaning)]
+        hung = record(ROBOT, motion, tau - load[0] + load[1])
+        told = checks_against(ROBOT)(hung, Q, TAU)
+        assert told is not None
+        assert all(one.status != "error" for one in told)
+        assert all("gravity" in one.detail for one in told if one.status == "warning")
+
+
 def test_two_mistakes_at_once_are_both_named() -> None:
     motion, tau = measured()
     wrong = tau[:, [1, 0, 2, 3, 4, 5]] * [1, 1, -1, 1, 1, 1]

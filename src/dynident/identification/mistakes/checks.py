@@ -19,6 +19,15 @@ _CHECK: dict[Kind, str] = {
 }
 
 
+_HARDLY = 1.1
+"""Times what is left without a mistake below which it is friction that tells of it."""
+
+_ELSE = (
+    " If columns and signs are right, something else about this robot is not: gravity in the description, the zero of "
+    "a joint, a drive gain."
+)
+
+
 def checks_against(robot: Robot) -> ModelChecks:
     """What a robot's own dynamics say of order and signs of the columns, for `import_recording`.
 
@@ -43,12 +52,18 @@ def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[s
     told = _told(one.mistake, recording, q, tau)
     twins = "; or ".join(_told(twin, recording, q, tau) for twin in one.alike[:2])
     doubt = f" (Or, which this data cannot tell from it, {twins}.)" if twins else ""
+    known, otherwise = ("It seems that", "") if one.certain else ("It may be that", _ELSE)
+    why = (
+        f"{one.left_with:.0%} of an average joint's torque cannot be explained by the robot's dynamics, put right "
+        f"{one.left_without:.0%}"
+    )
+    if one.left_with < _HARDLY * one.left_without:
+        why = "friction would drive the joint, which there is not"
     columns = tau if "torque" in one.mistake.kind else q
     return Check(
         _CHECK[one.mistake.kind],
-        "error",
-        f"It seems that {told}: as the columns are, {one.left_with:.0%} of an average joint's torque cannot be "
-        f"explained by the robot's dynamics, put right {one.left_without:.0%}. {_cure(one.mistake, q, tau)}{doubt}",
+        "error" if one.certain else "warning",
+        f"{known} {told}: as the columns are, {why}. {_cure(one.mistake, q, tau)}{doubt}{otherwise}",
         columns[one.mistake.joints[0]],
     )
 

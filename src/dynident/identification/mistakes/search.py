@@ -28,6 +28,10 @@ CLEARLY, SURELY = 0.1, 2.5
 over its standard error among blocks of time. On untouched recordings nothing falls by 0.07, nor surely at all; of what
 can be planted in them 98 % does, but for joints turned round, which change less (`benchmarks/gross_mistakes.py`)."""
 
+_CERTAIN = 0.4
+"""The same from which on nothing else is likely where whole joints are exchanged or turned round: gravity in another
+direction, a zero that is off by 90 degrees or a gain that is ten times too large look so, by 0.1 to 0.36."""
+
 _ALIKE = 0.02
 """Mistakes without which it falls as much, to this, cannot be told from each other."""
 
@@ -45,12 +49,16 @@ _MOST_MISTAKES = 3
 
 @dataclass(frozen=True)
 class Finding:
-    """A mistake that was made, what it cannot be told from, and what is left of the torque with it and without."""
+    """A mistake that was made, what it cannot be told from, and what is left of the torque with it and without.
+
+    Where it is not `certain`, something else that is wrong may look so.
+    """
 
     mistake: Mistake
     alike: tuple[Mistake, ...]
     left_with: float
     left_without: float
+    certain: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +189,8 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
         if not now.surely_above(left) or left.usual > _CURED:
             break
         twins = tuple(one for one, other in tried if one is not best and other.score - left.score < _ALIKE)
-        found.append(Finding(best, twins, now.usual, left.usual))
+        certain = not best.is_of_whole_joints or now.score - left.score >= _CERTAIN
+        found.append(Finding(best, twins, now.usual, left.usual, certain))
         motion, now = best.mended(motion), left
     return tuple(found), now.usual
 

@@ -43,6 +43,11 @@ class Mistake:
     kind: Kind
     joints: tuple[int, ...]
 
+    @property
+    def is_of_whole_joints(self) -> bool:
+        """Whether positions and torques are wrong alike."""
+        return self.kind in _OF_POSITION and self.kind in _OF_TORQUE
+
     def mended(self, motion: Motion) -> Motion:
         """The recording without the mistake, if it is the one that was made."""
         n = motion.q.shape[1]
