@@ -90,6 +90,18 @@ def heard() -> Heard:
 @pytest.fixture
 def page(browser: playwright.Browser, service: str, heard: Heard) -> Iterator[playwright.Page]:
     """A page of the service, listened to."""
+    yield from _listened_to(browser, service, heard)
+
+
+@pytest.fixture
+def first_page(browser: playwright.Browser, tmp_path: Path, heard: Heard) -> Iterator[playwright.Page]:
+    """A page of a service that nobody has used yet, listened to."""
+    (tmp_path / "service").mkdir()
+    with started(tmp_path / "service") as address:
+        yield from _listened_to(browser, address, heard)
+
+
+def _listened_to(browser: playwright.Browser, service: str, heard: Heard) -> Iterator[playwright.Page]:
     context = browser.new_context(base_url=service, viewport={"width": 1280, "height": 900})
     opened = context.new_page()
     opened.set_default_timeout(60_000)
