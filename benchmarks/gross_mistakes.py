@@ -7,6 +7,10 @@ each has to pass; then mistakes are planted one by one: torques, positions or bo
 turned round. `harm` is the mean over the joints of the logarithm by which the share of the torque grows that the
 robot's dynamics leave: what harms nothing (a joint about whose sign the data say nothing) cannot be noticed. `cured`:
 what was named, or the first thing that cannot be told from it, undoes it.
+
+Other faults: gravity in another direction, a joint's zero off by 90 degrees, a gain ten times too large, in recordings
+whose columns are right. What is named then is wrong; `refused` counts findings that are certain, `at most` is the
+largest of the same logarithm by which columns seemed better explained in another order.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ import os
 import secrets
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -23,6 +28,8 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 from common import show
+from engine import Arm, Bandwidth, Instruments, Plan, record, usual_drives
+from engine.motions import fourier_motion
 from engine.robots import arm_by_name, as_described
 from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
@@ -30,9 +37,10 @@ from placebos.subjects import REAL_ARMS, imported
 
 from dynident.identification.mistakes.search import kinds_alike, left_of, mistakes_of, motion_of
 from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
-from dynident.recordings import Recording
+from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot
 
+FAULTY, FAULTS = ("ur5", "ur10", "franka_panda"), 6
 HARMLESS = 0.1
 """Growth of the same logarithm that is no gross mistake."""
 
@@ -44,7 +52,7 @@ def main() -> None:
     print(f"seed {seed}")
     rng = np.random.default_rng(seed)
     untouched: list[tuple[str, int, float]] = []
-    planted: list[tuple[str, float, bool, bool]] = []
+    planted: list[tuple[str, float, bool, bool, bool]] = []
     with tempfile.TemporaryDirectory() as folder:
         for name, robot, recording in _recordings(seed, options.cases, Path(folder)):
             motion = motion_of(recording)
@@ -61,18 +69,18 @@ def main() -> None:
         "Untouched recordings",
         [("recording", "mistakes named", "left"), *((n, str(c), f"{left:.1%}") for n, c, left in untouched)],
     )
-    rows = [("mistake", "planted", "harmful", "noticed", "cured")]
+    show("Other faults", _other_faults(seed))
+    rows = [("mistake", "planted", "harmful", "noticed", "cured", "refused")]
     for kind in dict.fromkeys(one[0] for one in planted):
         own = [one for one in planted if one[0] == kind]
         harmful = [one for one in own if one[1] >= HARMLESS]
-        rows.append(
-            (kind, str(len(own)), str(len(harmful)), str(sum(o[2] for o in harmful)), str(sum(o[3] for o in harmful)))
-        )
+        told = (sum(one[k] for one in harmful) for k in (2, 3, 4))
+        rows.append((kind, str(len(own)), str(len(harmful)), *map(str, told)))
     show("Planted mistakes", rows)
 
 
-def _tried(robot: Robot, motion: Motion, mistake: Mistake) -> tuple[float, bool, bool]:
-    """Harm of a mistake, whether it is noticed, and whether what is named undoes it."""
+def _tried(robot: Robot, motion: Motion, mistake: Mistake) -> tuple[float, bool, bool, bool]:
+    """Harm of a mistake, whether it is noticed, whether what is named undoes it, and whether it blocks."""
     wrong = mistake.mended(motion)
     usual, bad = left_of(robot, motion), left_of(robot, wrong)
     told = mistakes_of(robot, wrong)
@@ -82,7 +90,58 @@ def _tried(robot: Robot, motion: Motion, mistake: Mistake) -> tuple[float, bool,
         mended = one.mistake.mended(mended)
     named = bool(found) and mistake in (found[0].mistake, *found[0].alike)
     cured = named or (bool(found) and left_of(robot, mended) <= usual * 1.05)
-    return float(np.log(bad / usual)), bool(found), cured
+    return float(np.log(bad / usual)), bool(found), cured, any(one.certain for one in found)
+
+
+def _other_faults(seed: int) -> list[tuple[str, str, str, str, str]]:
+    rows = [("fault", "recordings", "something named", "refused", "at most")]
+    for name, spoiled in (("gravity", _leaning), ("zero by 90 degrees", _off), ("gain times ten", _scaled)):
+        named = refused = count = 0
+        most = 0.0
+        for arm in FAULTY:
+            for draw in range(FAULTS):
+                robot, motion = spoiled(arm, np.random.default_rng([seed, draw]))
+                told = mistakes_of(robot, motion)
+                found = told[0] if told else ()
+                count, named, refused = count + 1, named + bool(found), refused + any(one.certain for one in found)
+                most = max([most, *(float(np.log(one.left_with / one.left_without)) for one in found)])
+        rows.append((name, str(count), str(named), str(refused), f"{most:.2f}"))
+    return rows
+
+
+def _leaning(arm: str, rng: np.random.Generator) -> tuple[Robot, Motion]:
+    robot = arm_by_name(arm)
+    direction = rng.normal(size=3)
+    leaning = replace(robot, gravity=9.81 * direction / np.linalg.norm(direction))
+    return robot, _moved(leaning, rng)
+
+
+def _off(arm: str, rng: np.random.Generator) -> tuple[Robot, Motion]:
+    robot = arm_by_name(arm)
+    motion = _moved(robot, rng)
+    off = 0.5 * np.pi * (np.arange(robot.n) == rng.integers(1, robot.n))
+    return robot, replace(motion, q=motion.q + off)
+
+
+def _scaled(arm: str, rng: np.random.Generator) -> tuple[Robot, Motion]:
+    robot = arm_by_name(arm)
+    motion = _moved(robot, rng)
+    return robot, replace(motion, tau=motion.tau * np.where(np.arange(robot.n) == rng.integers(robot.n), 10.0, 1.0))
+
+
+def _moved(robot: Robot, rng: np.random.Generator) -> Motion:
+    """Filtered rows of a robot with the engine's usual drives."""
+    arm = Arm(robot, usual_drives(robot), (), Bandwidth(8.0))
+    run = record(
+        arm,
+        fourier_motion(robot, 16.0, int(rng.integers(2**31)), arm.step),
+        Instruments(2**18, 0.006, 250.0),
+        int(rng.integers(2**31)),
+        Plan(0, 0.0),
+    )
+    motion = motion_of(recording_from_arrays(run.t, run.q, run.tau, joint_names=robot.joint_names))
+    assert motion is not None
+    return motion
 
 
 def _recordings(seed: int, cases: int, folder: Path) -> Iterator[tuple[str, Robot, Recording]]:

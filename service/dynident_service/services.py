@@ -9,7 +9,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from dynident_service.desk import Desk
+from dynident_service.awaited import Awaited
 from dynident_service.following import Following
 from dynident_service.housekeeping import Housekeeping
 from dynident_service.jobs.engine import Engine
@@ -32,7 +32,7 @@ class Services:
     ledger: Ledger
     engine: Engine
     housekeeping: Housekeeping
-    desk: Desk
+    awaited: Awaited
     following: Following
 
 
@@ -49,12 +49,12 @@ def open_services(settings: Settings) -> Iterator[Services]:
         engine.start()
         housekeeping = Housekeeping(settings, database, objects)
         housekeeping.start()
-        desk = Desk(settings.request_workers)
+        awaited = Awaited(settings.request_workers)
         resources, following = Resources(database, objects), Following(ledger)
         try:
-            yield Services(settings, database, objects, resources, ledger, engine, housekeeping, desk, following)
+            yield Services(settings, database, objects, resources, ledger, engine, housekeeping, awaited, following)
         finally:
-            desk.close()
+            awaited.close()
             housekeeping.close()
             engine.close()
     finally:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from small_arm import write_run
 
 import dynident as dy
 from dynident import diagnosis, identification
@@ -226,3 +227,14 @@ def test_days_without_recordings_are_refused(model: dy.Model, runs: dy.Recording
     with pytest.raises(dy.DynidentError, match="at least one recording") as refused:
         dy.series(model, {"monday": runs, "tuesday": runs[:0]})
     assert "tuesday" in refused.value.pointer
+
+
+def test_what_is_no_change_of_the_catalogue_is_not_told_as_one_that_may_be_nothing(
+    desk: Path, robot: dy.Robot, runs: dy.Recordings
+) -> None:
+    write_run(desk / "worn.csv", 4, stribeck=12.0)
+    worn = dy.read_recordings(desk / "worn.csv", robot=robot)
+    model = dy.identify(robot, runs[:1], validation=runs[1:], effects="default,stribeck@shoulder:vs=0.2")
+    for change in dy.changes(model, before=runs, after=worn):
+        low, high = change.main.interval
+        assert low * high > 0

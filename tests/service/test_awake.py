@@ -18,8 +18,8 @@ from fastapi import Request
 from service_helpers import serving, wait_for
 from test_jobs import is_running
 
-from dynident_service import desk as desk_module
-from dynident_service.desk import Desk
+from dynident_service import awaited as awaited_module
+from dynident_service.awaited import Awaited
 from dynident_service.following import LOOK, Following
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
@@ -38,35 +38,35 @@ class Client:
 
 
 @pytest.fixture(scope="module")
-def desk() -> Iterator[Desk]:
-    made = Desk(1)
+def awaited() -> Iterator[Awaited]:
+    made = Awaited(1)
     yield made
     made.close()
 
 
-def ask(desk: Desk, name: str, client: Client | None = None, longest: float = 60.0, **arguments: Any) -> Any:
+def ask(awaited: Awaited, name: str, client: Client | None = None, longest: float = 60.0, **arguments: Any) -> Any:
     async def call() -> Any:
         request = cast(Request, client or Client())
-        return await desk.call(request, f"small_jobs:{name}", arguments, longest)
+        return await awaited.call(request, f"small_jobs:{name}", arguments, longest)
 
-    desk._turns = None  # each test has an event loop of its own
+    awaited._turns = None  # each test has an event loop of its own
     return anyio.run(call)
 
 
-def test_a_request_gets_what_a_child_computed(desk: Desk) -> None:
-    assert [ask(desk, "twice", number=n) for n in range(3)] == [0, 2, 4]
+def test_a_request_gets_what_a_child_computed(awaited: Awaited) -> None:
+    assert [ask(awaited, "twice", number=n) for n in range(3)] == [0, 2, 4]
 
 
-def test_what_goes_wrong_in_the_child_is_the_answer(desk: Desk) -> None:
+def test_what_goes_wrong_in_the_child_is_the_answer(awaited: Awaited) -> None:
     with pytest.raises(ProblemError, match="q3 has a gap") as caught:
-        ask(desk, "refuses")
+        ask(awaited, "refuses")
     assert caught.value.problem.status == 422
     with pytest.raises(ProblemError, match="died"):
-        ask(desk, "dies_at_once")
-    assert ask(desk, "twice", number=4) == 8
+        ask(awaited, "dies_at_once")
+    assert ask(awaited, "twice", number=4) == 8
 
 
-def test_a_computation_ends_when_its_client_leaves(desk: Desk, tmp_path: Path) -> None:
+def test_a_computation_ends_when_its_client_leaves(awaited: Awaited, tmp_path: Path) -> None:
     client, note = Client(), tmp_path / "pid"
 
     def leave() -> None:
@@ -76,22 +76,22 @@ def test_a_computation_ends_when_its_client_leaves(desk: Desk, tmp_path: Path) -
     leaving = threading.Thread(target=leave)
     leaving.start()
     with pytest.raises(ProblemError, match="left"):
-        ask(desk, "never_answers", client, note=str(note))
+        ask(awaited, "never_answers", client, note=str(note))
     leaving.join()
     wait_for(lambda: not is_running(int(note.read_text())), timeout=5)
-    assert ask(desk, "twice", number=4) == 8
+    assert ask(awaited, "twice", number=4) == 8
 
 
-def test_a_computation_that_takes_too_long_for_a_request_is_stopped(desk: Desk, tmp_path: Path) -> None:
+def test_a_computation_that_takes_too_long_for_a_request_is_stopped(awaited: Awaited, tmp_path: Path) -> None:
     with pytest.raises(ProblemError, match="longer than 1 s") as caught:
-        ask(desk, "never_answers", longest=1.0, note=str(tmp_path / "pid"))
+        ask(awaited, "never_answers", longest=1.0, note=str(tmp_path / "pid"))
     assert caught.value.problem.status == 503
 
 
-def test_too_many_that_wait_are_told_to_come_back(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(desk_module, "MOST_WAITING", 0)
+def test_too_many_that_wait_are_told_to_come_back(awaited: Awaited, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(awaited_module, "MOST_WAITING", 0)
     with pytest.raises(ProblemError) as caught:
-        ask(desk, "twice", number=1)
+        ask(awaited, "twice", number=1)
     assert caught.value.problem.status == 429
 
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from dynident.identification.mistakes import checks_against
+from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import (
     Check,
-    JointLimits,
     Recording,
     RecordingError,
     RecordingMetadata,
-    import_recording,
     open_recording,
     phase_shares,
 )
-from dynident.robot import Robot, coupling_matrix
+from dynident.robot import Robot
 from dynident_service.models import measurements as wire
 from dynident_service.problems import Problem, ProblemField, problem_of
 from dynident_service.storage.objects import ObjectStore
@@ -27,13 +25,11 @@ def import_file(
     source: Path, destination: Path, robot: Robot, metadata: wire.MeasurementMetadata
 ) -> tuple[Recording, tuple[Check, ...]]:
     """Check a user's file and store it as a canonical recording."""
-    return import_recording(
+    return import_for_robot(
+        robot,
         source,
         destination,
-        joint_names=robot.joint_names,
-        gains=[drive.gain for drive in robot.drives],
-        coupling=coupling_matrix(robot),
-        metadata=RecordingMetadata(
+        RecordingMetadata(
             name=metadata.name,
             format=metadata.format,
             columns=metadata.columns,
@@ -44,11 +40,6 @@ def import_file(
             torque_delay=metadata.torque_delay,
             accept=tuple(metadata.accept),
         ),
-        limits=[
-            JointLimits(joint.kind, joint.limits.position, joint.limits.velocity, joint.limits.effort)
-            for joint in robot.joints
-        ],
-        against=checks_against(robot),
     )
 
 

@@ -20,11 +20,11 @@ from dynident.effects import EffectChoice
 from dynident.effects.written import written_effects
 from dynident.errors import DynidentError
 from dynident.identification import Identification, from_bytes
-from dynident.identification.mistakes import checks_against
+from dynident.identification.robot_recordings import import_for_robot
 from dynident.progress import Progress, part
-from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
+from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.names import unique_names
-from dynident.robot import Robot, coupling_matrix
+from dynident.robot import Robot
 from dynident_service.adapters.identifications import check_effects
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
@@ -108,17 +108,7 @@ def loaded(
 def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress) -> Loaded:
     check_readable(path)
     try:
-        recording, checks = import_recording(
-            path,
-            destination,
-            joint_names=robot.joint_names,
-            gains=[drive.gain for drive in robot.drives],
-            coupling=coupling_matrix(robot),
-            metadata=metadata,
-            limits=[JointLimits(j.kind, j.limits.position, j.limits.velocity, j.limits.effort) for j in robot.joints],
-            against=checks_against(robot),
-            progress=progress,
-        )
+        recording, checks = import_for_robot(robot, path, destination, metadata, progress)
     except RecordingError as error:
         # Which of the files: the science knows columns, rows and times alone.
         error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"

@@ -14,7 +14,8 @@ from dynident.identification.dependence import parameter_dependence
 from dynident.identification.essential import EssentialPath
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
-from dynident.reports.numbers import estimate, number, p_value, percent
+from dynident.reports.change_rows import COLUMNS, change_rows
+from dynident.reports.numbers import estimate, number, percent
 from dynident.reports.words import JUDGED, SHAPES_JUDGED, interval_text, place_text, standing_text
 from dynident.robot import Robot
 from dynident_service.cli.inputs import Loaded
@@ -169,23 +170,9 @@ def show_diagnosis(console: Console, found: Diagnosis, robot: Robot) -> None:
 def show_changes(console: Console, found: Diagnosis, robot: Robot) -> None:
     """What differs from the baseline, and what both lack."""
     console.print(found.summary, markup=False, style="bold")
-    rows = [
-        [
-            effect_by_id(one.choice.effect).title,
-            place_text(one.choice.joints, robot),
-            value.parameter,
-            "" if value.before is None else number(value.before),
-            f"{'+' if value.value > 0 else ''}{number(value.value)}",
-            " to ".join(number(end) for end in value.interval),
-            value.unit,
-            p_value(one.p_value) if value is one.main else "",
-        ]
-        for one in found.changes or ()
-        for value in (one.main, *one.more)
-    ]
+    rows = [list(row) for one in found.changes or () for row in change_rows(one, robot)]
     if rows:
-        columns = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
-        console.print(table("Changes since the baseline", columns, rows, right_from=3))
+        console.print(table("Changes since the baseline", COLUMNS, rows, right_from=3))
     for one in found.changes or ():
         doubt = f" This data cannot tell it from: {', '.join(one.equivalent)}." if one.equivalent else ""
         console.print(f"  {one.evidence}{doubt}", markup=False)

@@ -8,9 +8,8 @@ import numpy as np
 from rich.console import Console
 
 from dynident.diagnosis.series import Course, Series, SeriesChange
-from dynident.effects import effect_by_id
-from dynident.reports.numbers import number, p_value
-from dynident.reports.words import place_text
+from dynident.reports.change_rows import COLUMNS, change_rows
+from dynident.reports.numbers import number
 from dynident.robot import Robot
 from dynident_service.cli.shown import choice_text
 from dynident_service.cli.terminal import table
@@ -19,10 +18,9 @@ from dynident_service.cli.terminal import table
 def show_series(console: Console, found: Series, robot: Robot) -> None:
     """What changed and when, and the course of what did; of all else the file has it."""
     console.print(found.summary, markup=False, style="bold")
-    rows = [_row(one, found.days, robot) for one in found.changes]
+    rows = [[when(one, found.days), *row] for one in found.changes for row in change_rows(one.change, robot)]
     if rows:
-        columns = ("from", "changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
-        console.print(table("Changes", columns, rows, right_from=4))
+        console.print(table("Changes", ("from", *COLUMNS), rows, right_from=4))
     changed = {
         (one.change.choice.effect, joint) for one in found.changes for joint in one.change.choice.joints or ("",)
     }
@@ -42,21 +40,6 @@ def when(one: SeriesChange, days: Sequence[str]) -> str:
     if one.earliest == one.latest:
         return days[one.since]
     return f"{days[one.since]} ({days[one.earliest]} to {days[one.latest]})"
-
-
-def _row(one: SeriesChange, days: Sequence[str], robot: Robot) -> list[str]:
-    main = one.change.main
-    return [
-        when(one, days),
-        effect_by_id(one.change.choice.effect).title,
-        place_text(one.change.choice.joints, robot),
-        main.parameter,
-        "" if main.before is None else number(main.before),
-        f"{'+' if main.value > 0 else ''}{number(main.value)}",
-        " to ".join(number(end) for end in main.interval),
-        main.unit,
-        p_value(one.change.p_value),
-    ]
 
 
 def _courses(courses: Sequence[Course], days: Sequence[str]) -> object:

@@ -21,7 +21,7 @@ import warnings
 
 from dynident_service.jobs import child
 
-PRELOADED = ("dynident_service.work", "dynident_service.work.at_the_desk")
+PRELOADED = ("dynident_service.work", "dynident_service.work.awaited")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 MESSAGE = struct.Struct("!ii")
 FORK, REAP, LOOK = 1, 2, 3

@@ -20,7 +20,7 @@ from dynident_service.problems import unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.diagnosed import as_diagnosed
 from dynident_service.routes.needs import needed, needed_measurements, needed_robot
-from dynident_service.routes.uncertainty import AT_THE_DESK, model_file
+from dynident_service.routes.uncertainty import AWAITED, model_file
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry
 
@@ -170,7 +170,7 @@ async def export_identification(
 
     model = await model_file(services, identification_id)
     asked = {"model": model, "format": format, "nearest": nearest, "shown": await to_thread.run_sync(find)}
-    return file_response(await services.desk.call(request, f"{AT_THE_DESK}:export", asked))
+    return file_response(await services.awaited.call(request, f"{AWAITED}:export", asked))
 
 
 def show(resource: Resource) -> IdentificationView:

@@ -29,7 +29,7 @@ router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
 MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}
 
 
-IMPORT = "dynident_service.work.at_the_desk:import_measurement"
+IMPORT = "dynident_service.work.awaited:import_measurement"
 LONGEST_IMPORT = 3600.0
 
 
@@ -49,7 +49,7 @@ async def upload_measurement(
         received = await to_thread.run_sync(_receive, services, _metadata(metadata), file, Path(name), retry)
         if received.known is not None:
             return show(again(received.known, response))
-        result = await services.desk.call(request, IMPORT, received.to_import(), LONGEST_IMPORT)
+        result = await services.awaited.call(request, IMPORT, received.to_import(), LONGEST_IMPORT)
         return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 

@@ -20,7 +20,7 @@ async def create_robot(
 ) -> RobotView:
     """Store a robot; the answer has its joints and its base parameters."""
     asked = {"request": plain(body)}
-    result = await services.desk.call(request, "dynident_service.work.at_the_desk:describe", asked)
+    result = await services.awaited.call(request, "dynident_service.work.awaited:describe", asked)
     new = NewResource("robot", plain(body), name=body.name, result=result, retry=retry.of(body))
     return await to_thread.run_sync(lambda: show(make(services, new, response)))
 

@@ -11,7 +11,7 @@ from dynident_service.models.identifications import CorrelationView, EssentialVi
 from dynident_service.routes.common import succeeded
 from dynident_service.services import Services, ServicesDep
 
-AT_THE_DESK = "dynident_service.work.at_the_desk"
+AWAITED = "dynident_service.work.awaited"
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
 
@@ -27,14 +27,14 @@ async def get_essential_parameters(
 ) -> EssentialView:
     """Find the essential parameters by backward elimination, with the errors along the way."""
     asked = {"model": await model_file(services, identification_id), "ratio": ratio}
-    return EssentialView.model_validate(await services.desk.call(request, f"{AT_THE_DESK}:essential", asked))
+    return EssentialView.model_validate(await services.awaited.call(request, f"{AWAITED}:essential", asked))
 
 
 @router.get("/{identification_id}/correlation")
 async def get_correlation(identification_id: str, request: Request, services: ServicesDep) -> CorrelationView:
     """Show the correlation of the estimates, and say in words which of them the motion determines only together."""
     asked = {"model": await model_file(services, identification_id)}
-    return CorrelationView.model_validate(await services.desk.call(request, f"{AT_THE_DESK}:correlation", asked))
+    return CorrelationView.model_validate(await services.awaited.call(request, f"{AWAITED}:correlation", asked))
 
 
 async def model_file(services: Services, identifier: str) -> str:

@@ -18,9 +18,8 @@ from dynident.errors import DynidentError
 from dynident.html import block, folded, listed, paragraph, table
 from dynident.identification import Identification
 from dynident.progress import Progress, silent
-from dynident.reports.numbers import number, p_value
-from dynident.reports.words import place_text, title_of
-from dynident.robot import Robot
+from dynident.reports.change_rows import COLUMNS, change_rows
+from dynident.reports.words import title_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +73,15 @@ class Changes(Sequence[Change]):
 
     def __repr__(self) -> str:
         head = f"Changes({len(self.items)}): {self.summary}"
-        rows = list(_rows(self.items, self.model.robot))
-        return text_table(head, _COLUMNS, rows, len(rows), right_from=3) if rows else head
+        rows = [row for one in self.items for row in change_rows(one, self.model.robot)]
+        return text_table(head, COLUMNS, rows, len(rows), right_from=3) if rows else head
 
     def _repr_html_(self) -> str:
-        rows = list(_rows(self.items, self.model.robot))
+        rows = [row for one in self.items for row in change_rows(one, self.model.robot)]
         invisible = ", ".join(dict.fromkeys(title_of(one.effect) for one in self.diagnosis.not_visible))
         return block(
             paragraph(self.summary, strong=True),
-            table(_COLUMNS, rows, right_from=3) if rows else "",
+            table(COLUMNS, rows, right_from=3) if rows else "",
             folded("evidence", listed(one.evidence for one in self.items)) if self.items else "",
             paragraph(f"These motions could not have shown: {invisible}.") if invisible else "",
         )
@@ -129,21 +128,3 @@ def changes(
         progress=progress,
     )
     return Changes(known, earlier, later, found)
-
-
-_COLUMNS = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
-
-
-def _rows(items: Sequence[Change], robot: Robot) -> Iterator[tuple[str, ...]]:
-    for one in items:
-        for value in (one.main, *one.more):
-            yield (
-                title_of(one.choice.effect),
-                place_text(one.choice.joints, robot),
-                value.parameter,
-                "–" if value.before is None else number(value.before),
-                f"{'+' if value.value > 0 else ''}{number(value.value)}",
-                " to ".join(number(end) for end in value.interval),
-                "" if value.unit == "-" else value.unit,
-                p_value(one.p_value) if value is one.main else "",
-            )

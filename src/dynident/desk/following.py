@@ -16,11 +16,13 @@ from dynident.desk.texts import text_table
 from dynident.html import block, folded, listed, paragraph, table
 from dynident.identification import Identification
 from dynident.progress import Progress, part, silent
-from dynident.reports.numbers import number, p_value
-from dynident.reports.words import place_text, title_of
+from dynident.reports.change_rows import COLUMNS, change_rows
 
 if TYPE_CHECKING:
     from dynident.diagnosis.series import Day, Measure, Series, SeriesChange
+
+
+_COLUMNS = ("from", *COLUMNS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +95,11 @@ class FollowedRobot(Sequence["SeriesChange"]):
 
     def __repr__(self) -> str:
         head = f"FollowedRobot({len(self.days)} days): {self.summary}"
-        rows = list(self._rows())
+        rows = self._rows()
         return text_table(head, _COLUMNS, rows, len(rows), right_from=4) if rows else head
 
     def _repr_html_(self) -> str:
-        rows = list(self._rows())
+        rows = self._rows()
         return block(
             paragraph(self.summary, strong=True),
             table(_COLUMNS, rows, right_from=4) if rows else "",
@@ -105,20 +107,9 @@ class FollowedRobot(Sequence["SeriesChange"]):
             self.plot()._repr_html_(),
         )
 
-    def _rows(self) -> Iterator[tuple[str, ...]]:
-        for one in self.items:
-            for value in (one.change.main, *one.change.more):
-                yield (
-                    self.series.days[one.since],
-                    title_of(one.change.choice.effect),
-                    place_text(one.change.choice.joints, self.model.robot),
-                    value.parameter,
-                    "–" if value.before is None else number(value.before),
-                    f"{'+' if value.value > 0 else ''}{number(value.value)}",
-                    " to ".join(number(end) for end in value.interval),
-                    "" if value.unit == "-" else value.unit,
-                    p_value(one.change.p_value) if value is one.change.main else "",
-                )
+    def _rows(self) -> list[tuple[str, ...]]:
+        robot, days = self.model.robot, self.series.days
+        return [(days[one.since], *row) for one in self.items for row in change_rows(one.change, robot)]
 
 
 def series(
@@ -178,6 +169,3 @@ def _named(
     if isinstance(days, Mapping):
         return [(str(name), one) for name, one in days.items()]
     return [(None, one) for one in days]
-
-
-_COLUMNS = ("from", "changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")

@@ -14,11 +14,11 @@ from typing import Any, Literal
 from dynident.desk.recordings import CheckedRecording, Recordings
 from dynident.desk.robots import DriveGains, with_gains
 from dynident.errors import DynidentError
-from dynident.identification.mistakes import checks_against
+from dynident.identification.robot_recordings import import_for_robot
 from dynident.progress import Progress, part, silent
-from dynident.recordings import Check, JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
+from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.names import unique_names
-from dynident.robot import Robot, coupling_matrix
+from dynident.robot import Robot
 
 Role = Literal["identification", "validation", "friction", "payload"]
 
@@ -130,17 +130,7 @@ def _read(
     else:
         destination = folder / f"{metadata.name}.checked.parquet"
     try:
-        recording, checks = import_recording(
-            path,
-            destination,
-            joint_names=robot.joint_names,
-            gains=[drive.gain for drive in robot.drives],
-            coupling=coupling_matrix(robot),
-            metadata=metadata,
-            limits=[JointLimits(j.kind, j.limits.position, j.limits.velocity, j.limits.effort) for j in robot.joints],
-            against=checks_against(robot),
-            progress=progress,
-        )
+        recording, checks = import_for_robot(robot, path, destination, metadata, progress)
     except BaseException:
         if temporary:
             destination.unlink(missing_ok=True)

@@ -24,15 +24,8 @@ MOST_CHANGES = 12
 """A robot that differs in more is another robot on other days."""
 
 
-def found_changes(
-    data: PhasedProducts, pool: Pool, floor: FloatArray, progress: Progress
-) -> tuple[tuple[Finding, ...], FloatArray]:
-    """Add what gains most from the day on from which it gains most, until nothing does.
-
-    Returns
-    -------
-    the findings; the noise (n,) that is left beside them
-    """
+def found_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress: Progress) -> tuple[Finding, ...]:
+    """Add what gains most from the day on from which it gains most, until nothing does."""
     base = tuple(range(pool.n_base))
     state = State(base, noise_left(data, base), floor, (), pool.since)
     remaining: Sequence[Candidate] = pool.candidates
@@ -51,15 +44,14 @@ def found_changes(
         )
         firm = firm or generalises(data.of(grown), state)
         if not firm:
-            return (), state.noise
+            return ()
         remaining = [one for one in remaining if not set(one.columns) <= set(grown)]
-    state = pruned(data, pool, state)
-    return state.picks, state.noise
+    return pruned(data, pool, state).picks
 
 
-def first_day(candidate: Candidate, pool: Pool) -> int:
-    """The day, by number, from which on something is there; 0 for all."""
-    return len(pool.since) + 1 - len(candidate.runs) if candidate.runs else 0
+def first_day(candidate: Candidate, count: int) -> int:
+    """The day of so many, by number, from which on something is there; 0 for all."""
+    return count - len(candidate.runs) if candidate.runs else 0
 
 
 def _is_shadow(item: Judged, judged: Sequence[Judged]) -> bool:
@@ -75,7 +67,7 @@ def _is_shadow(item: Judged, judged: Sequence[Judged]) -> bool:
 
 def _on_its_side(item: Judged, pool: Pool, data: PhasedProducts) -> Judged:
     """A change by what it explains before its day or from it on: of ten days, the last is a tenth of all the error."""
-    since = first_day(item.candidate, pool)
+    since = first_day(item.candidate, len(pool.since) + 1)
     if not since:
         return item
     later = data.moving.run >= since

@@ -49,7 +49,7 @@ def series(measure: Measure, days: Sequence[Day], progress: Progress = silent) -
     pool, columns = stepped_pool(measure, names)
     data = stepped_products(days, columns)
     floor = np.sqrt(np.mean([day.floor**2 for day in days], axis=0))
-    picks, _ = found_changes(data, pool, floor, part(progress, 0.0, 0.6))
+    picks = found_changes(data, pool, floor, part(progress, 0.0, 0.6))
     numbers = list(range(pool.n_base)) + sorted({k for pick in picks for k in pick.columns})
     numbers += _companions(measure, picks, numbers, names, columns)
     numbers = _independent(days, columns, numbers)
@@ -67,7 +67,7 @@ def series(measure: Measure, days: Sequence[Day], progress: Progress = silent) -
     found: list[SeriesChange] = []
     for pick, one in zip(picks, ranked, strict=True):
         if pool.is_change(pick.judged.candidate):
-            since = first_day(pick.judged.candidate, pool)
+            since = first_day(pick.judged.candidate, len(names))
             as_well = [since, *_days_as_well(pick, len(names))]
             found += [SeriesChange(c, since, min(as_well), max(as_well)) for c in changes_at(estimates, pick, one)]
     told = courses(days, measure.observation.columns, steps, part(progress, 0.6, 1.0))
@@ -102,7 +102,7 @@ def _companions(
         choice = pick.judged.candidate.choice
         if not choice.runs:
             continue
-        since = len(names) - len(choice.runs)
+        since = first_day(pick.judged.candidate, len(names))
         others = set(effect_by_id(choice.effect).changes_with) & known
         for possible in measure.possible:
             one = possible.choice
@@ -113,10 +113,10 @@ def _companions(
 
 def _days_as_well(pick: Finding, count: int) -> list[int]:
     """Days from which on the same change explains as much."""
-    mine = pick.judged.candidate.choice
+    mine = pick.judged.candidate
     return [
-        count - len(other.runs)
-        for other in (item.candidate.choice for item in pick.equal)
+        first_day(other, count)
+        for other in (item.candidate for item in pick.equal)
         if (other.effect, other.joints, other.shape) == (mine.effect, mine.joints, mine.shape) and other.runs
     ]
 

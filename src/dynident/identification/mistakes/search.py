@@ -28,9 +28,10 @@ CLEARLY, SURELY = 0.1, 2.5
 over its standard error among blocks of time. On untouched recordings nothing falls by 0.07, nor surely at all; of what
 can be planted in them 98 % does, but for joints turned round, which change less (`benchmarks/gross_mistakes.py`)."""
 
-_CERTAIN = 0.4
-"""The same from which on nothing else is likely where whole joints are exchanged or turned round: gravity in another
-direction, a zero that is off by 90 degrees or a gain that is ten times too large look so, by 0.1 to 0.36."""
+_CERTAIN, _CERTAIN_OF_JOINTS, _SOUND = 0.2, 0.4, 0.2
+"""The same from which on nothing else is likely: of torques or positions alone, and of whole joints; and what may then
+be left of an average joint's torque. Gravity in another direction, a zero that is off by 90 degrees or a gain that is
+ten times too large look like an exchange by up to 0.16 and 0.27, or leave more (`benchmarks/gross_mistakes.py`)."""
 
 _ALIKE = 0.02
 """Mistakes without which it falls as much, to this, cannot be told from each other."""
@@ -189,7 +190,8 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
         if not now.surely_above(left) or left.usual > _CURED:
             break
         twins = tuple(one for one, other in tried if one is not best and other.score - left.score < _ALIKE)
-        certain = not best.is_of_whole_joints or now.score - left.score >= _CERTAIN
+        least = _CERTAIN_OF_JOINTS if best.is_of_whole_joints else _CERTAIN
+        certain = now.score - left.score >= least and left.usual <= _SOUND
         found.append(Finding(best, twins, now.usual, left.usual, certain))
         motion, now = best.mended(motion), left
     return tuple(found), now.usual

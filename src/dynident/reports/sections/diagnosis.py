@@ -11,6 +11,7 @@ from dynident.diagnosis import Change, Diagnosis, FailureSpot, NextExperiment, R
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification
 from dynident.recordings import Recording
+from dynident.reports.change_rows import ChangeCells, change_rows
 from dynident.reports.figures.candidates import candidates_figure
 from dynident.reports.figures.evidence import evidence_figure
 from dynident.reports.numbers import number, p_value, percent, span
@@ -48,14 +49,7 @@ class ChangeRow:
     """One number that differs from the baseline, in words; `first` of its change, where the evidence stands."""
 
     change: Change
-    title: str
-    place: str
-    parameter: str
-    before: str
-    difference: str
-    interval: str
-    unit: str
-    p: str
+    cells: ChangeCells
     equivalent: str
     first: bool
 
@@ -166,20 +160,9 @@ def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
 
 def _changed(changes: Sequence[Change], robot: Robot) -> Iterator[ChangeRow]:
     for one in changes:
-        for value in (one.main, *one.more):
-            yield ChangeRow(
-                one,
-                effect_by_id(one.choice.effect).title,
-                place_text(one.choice.joints, robot),
-                value.parameter,
-                "–" if value.before is None else number(value.before),
-                number(value.value),
-                " to ".join(number(end) for end in value.interval),
-                "–" if value.unit == "-" else value.unit,
-                p_value(one.p_value),
-                ", ".join(title_of(name) for name in one.equivalent),
-                value is one.main,
-            )
+        alike = ", ".join(title_of(name) for name in one.equivalent)
+        for place, cells in enumerate(change_rows(one, robot)):
+            yield ChangeRow(one, cells, alike, place == 0)
 
 
 def _choice(choice: EffectChoice, robot: Robot) -> ChoiceText:

@@ -24,7 +24,7 @@ LONGEST = 120.0
 """Seconds that a computation may take which a request waits for."""
 
 
-class Desk:
+class Awaited:
     """Has children compute for requests, as many at a time as there are children."""
 
     def __init__(self, size: int) -> None:

@@ -1,0 +1,41 @@
+"""What differs, in words: the same on the command line, in a notebook and in a report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from dynident.diagnosis import Change
+from dynident.reports.numbers import number, p_value
+from dynident.reports.words import place_text, title_of
+from dynident.robot import Robot
+
+COLUMNS = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
+
+
+class ChangeCells(NamedTuple):
+    """A number that differs, in words: what `COLUMNS` says."""
+
+    title: str
+    place: str
+    parameter: str
+    before: str
+    difference: str
+    interval: str
+    unit: str
+    p: str
+
+
+def change_rows(one: Change, robot: Robot) -> Iterator[ChangeCells]:
+    """A row of `COLUMNS` for each number of a change, the one that says how large it is first; it alone has p."""
+    for value in (one.main, *one.more):
+        yield ChangeCells(
+            title_of(one.choice.effect),
+            place_text(one.choice.joints, robot),
+            value.parameter,
+            "–" if value.before is None else number(value.before),
+            f"{'+' if value.value > 0 else ''}{number(value.value)}",
+            " to ".join(number(end) for end in value.interval),
+            "" if value.unit == "-" else value.unit,
+            p_value(one.p_value) if value is one.main else "",
+        )
