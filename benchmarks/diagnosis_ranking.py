@@ -26,7 +26,7 @@ from dynident.recordings import Preprocessing, Recording, recording_from_arrays
 from dynident.regressors.stream import filtered_samples, reduce_recordings
 from dynident.robot import robot_from_library, to_pinocchio
 
-IntArray = NDArray[np.intp]
+IndexArray = NDArray[np.intp]
 RATE, N_REFITTED = 200.0, 4
 PREPROCESSING = Preprocessing(10.0, 10.0, 4)
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
@@ -99,7 +99,7 @@ def refitted(
     return seconds / len(picked), worst
 
 
-def rows_of(pool: Pool, recording: Recording, model: Identification) -> tuple[FloatArray, FloatArray, IntArray]:
+def rows_of(pool: Pool, recording: Recording, model: Identification) -> tuple[FloatArray, FloatArray, IndexArray]:
     """W (m, n, c) and Y (m, n) after the parallel filter, and the number of the stretch that each row is in."""
     observation = pool.observation
     w, y, t = [], [], []
@@ -113,7 +113,7 @@ def rows_of(pool: Pool, recording: Recording, model: Identification) -> tuple[Fl
     return np.concatenate(w), np.concatenate(y), np.searchsorted(starts, np.concatenate(t), side="right") - 1
 
 
-def held_out(w: FloatArray, y: FloatArray, stretch: IntArray) -> FloatArray:
+def held_out(w: FloatArray, y: FloatArray, stretch: IndexArray) -> FloatArray:
     """Residual (m, n) of every row, predicted by a fit to the other folds."""
     rest = np.empty_like(y)
     for left_out in folds(int(stretch.max()) + 1, "interleaved"):

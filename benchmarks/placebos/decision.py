@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis import compare
 from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Pool, build_pool
@@ -28,7 +29,6 @@ from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
 from dynident.regressors.row_phases import RowPhases, joints_with_friction
 from dynident.regressors.stream import FilteredSamples, filtered_samples
-from dynident.robot.model import FloatArray
 from placebos.shifting import IntArray, SamplesOf, remembered
 
 Change = Callable[[SamplesOf], SamplesOf]

@@ -18,12 +18,12 @@ from dynident.regressors.observation import Observation
 from dynident.regressors.stream import FilteredSamples
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+IndexArray = NDArray[np.intp]
 
 SamplesOf = Callable[[Recording], Iterable[FilteredSamples]]
 """The filtered rows of W and Y of a recording, as `reduce_recordings` takes them."""
 
-KindsOf = Callable[[Recording, FilteredSamples], IntArray]
+KindsOf = Callable[[Recording, FilteredSamples], IndexArray]
 """(m, n): the kind of every row for every joint; rows change places with rows of their own kind alone."""
 
 # Shares of a run: clear of no shift at all, which is also one of the whole run.
@@ -75,7 +75,7 @@ class ShiftedCandidates:
                 values[:, entries] = rolled(values[:, entries], share, kinds[:, row])
             yield replace(samples, values=values)
 
-    def _groups(self) -> Iterator[tuple[tuple[str, str, int], IntArray]]:
+    def _groups(self) -> Iterator[tuple[tuple[str, str, int], IndexArray]]:
         """Entries of W that are shifted alike and stand in the same row."""
         columns = self.observation.columns
 
@@ -100,7 +100,7 @@ def wrong_shares(tau: FloatArray) -> FloatArray:
     return shares[wrong] if wrong.any() else shares[inside]
 
 
-def rolled(values: FloatArray, share: float, kinds: IntArray) -> FloatArray:
+def rolled(values: FloatArray, share: float, kinds: IndexArray) -> FloatArray:
     """Values (m, k) later by a share of all rows, each kind of rows (m,) among themselves, the last ones in front."""
     out = np.empty_like(values)
     for kind in np.unique(kinds):

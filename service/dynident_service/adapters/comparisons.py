@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 from tsdownsample import MinMaxLTTBDownsampler
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis import Comparison, Judgement, ResidualSpectrum, angle_spectrum, autocorrelation, time_spectrum
 from dynident.diagnosis.comparing.spectrum import HIGHEST_IN_A_METRE, HIGHEST_IN_A_RADIAN
 from dynident.errors import DynidentError
@@ -23,7 +24,6 @@ from dynident_service.models.measurements import PhasesView
 
 SIGNALS = ("measured", "predicted", "lower", "upper", "residual", "phase", "deviation", "q", "dq", "ddq", "load")
 METADATA_KEY = b"dynident.comparison"
-FloatArray = NDArray[np.float64]
 
 
 def describe_comparison(found: Comparison, judged: Judgement, held_out: bool | None) -> wire.ComparisonResult:

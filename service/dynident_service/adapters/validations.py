@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dynident.arrays import FloatArray
 from dynident.identification.loads.drive_gains import DriveGains
-from dynident.robot.model import FloatArray
 from dynident.validation import (
     BootstrapValidation,
     FiltersBySimulation,

@@ -11,6 +11,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from scipy.interpolate import CubicSpline
 
+from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.effects.written import effect_parts, effect_texts
 from dynident.errors import DynidentError
@@ -23,7 +24,6 @@ from dynident_service.models.simulations import TrueEffect as WireEffect
 
 _TITLE = "Unusable trajectory"
 _RANDOM = TrajectoryRequest(sampling_rate=200.0)
-FloatArray = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
 def true_effects(given: Sequence[str], robot: Robot) -> tuple[TrueEffect, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis import Comparison, Diagnosis, compare, diagnose
 from dynident.excitation import Design
 from dynident.identification import Identification, extend, identify
@@ -13,7 +14,6 @@ from dynident.progress import Progress, part
 from dynident.recordings import Recording
 from dynident.reports import html_report
 from dynident.robot import Robot
-from dynident.robot.model import FloatArray
 from dynident_service.cli.inputs import FileOptions, Loaded, loaded, recordings_of
 from dynident_service.cli.reporting import reported_runs
 

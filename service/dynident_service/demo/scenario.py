@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.excitation import TrajectoryRequest
 from dynident.robot import Limits, Robot
-from dynident.robot.model import FloatArray
 from dynident.simulation import TrueEffect, typical_drive
 from dynident_service.demo.hiding import hideable
 

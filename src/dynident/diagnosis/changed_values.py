@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtrit
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.result import Change, ChangedValue, RankedEffect
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import Column, EffectChoice, effect_by_id
 from dynident.estimation import Statistics
 from dynident.identification import Identification
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 _NOTICED = 0.05
 """Share of what a parameter was before from which on anybody would call it another one."""

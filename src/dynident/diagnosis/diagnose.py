@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.advice.doubts import doubts_of
 from dynident.diagnosis.advice.next_experiment import next_experiment
 from dynident.diagnosis.candidates.gate import Judged
@@ -33,7 +34,6 @@ from dynident.identification import Identification, extend
 from dynident.identification.data import parted
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
-from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
 
 DEFAULT_MOST_EFFECTS = 8

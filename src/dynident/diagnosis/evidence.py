@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.result import RankedEffect
 from dynident.effects import Column, EffectChoice, columns_of
 from dynident.effects.catalogue import joints_of
@@ -19,7 +20,6 @@ from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases
 from dynident.regressors.stream import FilteredSamples, filtered_samples, parallel_filtered, reduce_recordings
 from dynident.robot import Robot
-from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
 
 Axis = Literal["position", "velocity", "acceleration", "load", "time", "travel since reversal", "phase"]

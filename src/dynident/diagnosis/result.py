@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice
 from dynident.excitation import DesignRequest
-from dynident.robot.model import FloatArray
 
 Verdict = Literal["adequate", "missing_effect", "unexplained"]
 Variable = Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.result import RankedEffect, UnknownPattern, Verdict
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 
 
 def rank_all(

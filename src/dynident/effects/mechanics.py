@@ -13,7 +13,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from dynident.robot.model import FloatArray, Joint, Robot
+from dynident.arrays import FloatArray
+from dynident.robot.model import Joint, Robot
 
 # Rounded right angles in a description leave 1e-17 where a zero is meant; every one of them costs instructions.
 _SNAP = 1e-12

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects.signals import MemorySignal
-from dynident.robot.model import FloatArray
 
 
 def step(signal: MemorySignal, state: float, displacement: float) -> float:

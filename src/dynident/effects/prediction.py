@@ -11,9 +11,10 @@ from functools import cached_property
 
 import casadi as ca
 
+from dynident.arrays import FloatArray
 from dynident.effects.mechanics import constant
 from dynident.effects.newton_euler import inverse_dynamics
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 DRIVE_PARAMETERS = (("rotor_inertia", "Ia"), ("coulomb", "Fc"), ("viscous", "Fv"), ("offset", "b"))
 """Effect and parameter of what a motor's torque consists of beside the load, in the order of `reference`."""

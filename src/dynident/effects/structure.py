@@ -8,9 +8,10 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, ShapeSpec
 from dynident.effects.signals import Signals
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 
 class Offset(Effect):

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.estimation.triangles import FloatArray, squared, triangular
+from dynident.arrays import FloatArray
+from dynident.estimation.triangles import squared, triangular
 
 MOST = 1000
 """Rows at rest that are kept of one equation of a recording; of more, every so many-th."""

@@ -14,10 +14,10 @@ from typing import Literal
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.estimation.clusters import occupied, without_leverage
 from dynident.estimation.factors import Reduction
 from dynident.estimation.least_squares import Solution
-from dynident.estimation.triangles import FloatArray
 
 Drawing = Literal["wild", "pairs"]
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.estimation.factors import Reduction
 from dynident.estimation.least_squares import Solution
-from dynident.estimation.triangles import BoolArray, FloatArray
 
 FEWEST_CLUSTERS = 5
 """Fewer stretches say nothing of how the estimate depends on them."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.estimation.factors import EquationFactors, Reduction
-from dynident.estimation.triangles import FloatArray, triangular
+from dynident.estimation.triangles import triangular
 from dynident.estimation.whitening import Whitened, whitened
 
 _FEWEST_STRETCHES = 5

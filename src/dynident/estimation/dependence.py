@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.estimation.least_squares import Solution
 from dynident.estimation.statistics import Statistics, correlations
-from dynident.estimation.triangles import FloatArray
 
 CLOSE = 0.9
 """Two estimates with a correlation above this are determined mostly together."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray
 from dynident.estimation.factors import Reduction
 from dynident.estimation.least_squares import Solution, doubtful_noise, weighted_factor
-from dynident.estimation.triangles import FloatArray
 
 _NULL, _LOOSE = 1e-9, 1e-5
 # More than so many times as sure as by the data alone: three quarters of what is known come from elsewhere.

@@ -17,11 +17,12 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.stats import f as fisher
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.estimation.factors import Reduction
 from dynident.estimation.information import covariance_of, deviations_of
 from dynident.estimation.least_squares import Solution, weighted_factor
 from dynident.estimation.statistics import Statistics
-from dynident.estimation.triangles import FloatArray, IntArray, triangular
+from dynident.estimation.triangles import triangular
 
 Stop = Literal["ratio", "test", "last"]
 
@@ -120,7 +121,7 @@ def eliminate(
         kept, values, covariance = rest, smaller, smaller_covariance
 
 
-def _fitted(r: FloatArray, kept: IntArray, meat: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _fitted(r: FloatArray, kept: IndexArray, meat: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Values (k,) of these parameters alone, and their covariance (k, k)."""
     small = triangular(r[:, [*kept, r.shape[1] - 1]])
     k = len(kept)
@@ -137,7 +138,7 @@ def _spread(relative: FloatArray) -> float:
     return float(relative.max()) / smallest if smallest > 0 else 1.0
 
 
-def _wald(values: FloatArray, covariance: FloatArray, removed: IntArray) -> float:
+def _wald(values: FloatArray, covariance: FloatArray, removed: IndexArray) -> float:
     """χ_Sᵀ C_SS⁻¹ χ_S / |S|, in units of the parameters' own deviations against rounding."""
     block = covariance[np.ix_(removed, removed)]
     deviations = np.sqrt(np.maximum(np.diag(block), np.finfo(float).tiny))

@@ -12,8 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.estimation.beside import Beside, beside_all
-from dynident.estimation.triangles import BoolArray, FloatArray, IntArray, join, squared, triangular
+from dynident.estimation.triangles import join, squared, triangular
 from dynident.estimation.whitening import Whitened, whitened
 
 
@@ -26,9 +27,9 @@ class EquationFactors:
     the equation and is not fitted to, or is told apart.
     """
 
-    columns: IntArray
+    columns: IndexArray
     factors: FloatArray
-    counts: IntArray
+    counts: IndexArray
     beside: Beside | None = None
 
     def __repr__(self) -> str:
@@ -57,7 +58,7 @@ class EquationFactors:
         keep[list(stretches)] = False
         return join(self.factors[keep])
 
-    def select(self, columns: IntArray) -> EquationFactors:
+    def select(self, columns: IndexArray) -> EquationFactors:
         """The same rows with only these parameters; parameters the equation does not contain are passed over.
 
         The positions in `columns` (k,) become the new parameter numbers.
@@ -82,7 +83,7 @@ class EquationFactors:
         beside = None if self.beside is None else self.beside.combined(whole)
         return EquationFactors(chosen.astype(np.intp), squared(factors), self.counts, beside)
 
-    def changed(self, change: FloatArray, columns: IntArray) -> EquationFactors:
+    def changed(self, change: FloatArray, columns: IndexArray) -> EquationFactors:
         """The rows of [W | Y] change, change (p + 1, p' + 1): Y and W mixed; `columns` (p',) name the new columns.
 
         What is beside them is left out: a band about Y is none about what Y is made part of.
@@ -126,7 +127,7 @@ class Reduction:
         """(n,): number of rows of every equation."""
         return np.array([float(equation.counts.sum()) for equation in self.equations])
 
-    def select(self, columns: Sequence[int] | IntArray) -> Reduction:
+    def select(self, columns: Sequence[int] | IndexArray) -> Reduction:
         """The same data with only these columns, in this order."""
         chosen = np.asarray(columns, dtype=np.intp)
         return Reduction(len(chosen), tuple(e.select(chosen) for e in self.equations), self.spans)
@@ -173,12 +174,12 @@ class FactorAccumulator:
     # Rows collected before they are folded: QR of a tall block costs less than of many short ones.
     _PENDING = 2048
 
-    def __init__(self, columns: Sequence[IntArray], n_columns: int, stretch: float) -> None:
+    def __init__(self, columns: Sequence[IndexArray], n_columns: int, stretch: float) -> None:
         self._columns = [np.asarray(item, dtype=np.intp) for item in columns]
         self._n_columns = n_columns
         self._stretch = stretch
         self._factors: list[list[FloatArray]] = [[] for _ in self._columns]
-        self._counts: list[IntArray] = []
+        self._counts: list[IndexArray] = []
         self._spans: list[tuple[float, float]] = []
         self._pending: list[list[FloatArray]] = [[] for _ in self._columns]
         self._pending_rows = 0

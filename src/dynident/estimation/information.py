@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from dynident.estimation.triangles import FloatArray, IntArray
+from dynident.arrays import FloatArray, IndexArray
 
 _FLAT = 1e-12
 
@@ -38,7 +38,7 @@ class Information:
         return Information(np.vstack([self.factor, other.factor]), np.concatenate([self.right, other.right]))
 
 
-def known_values(values: FloatArray, covariance: FloatArray, columns: IntArray, n_columns: int) -> Information:
+def known_values(values: FloatArray, covariance: FloatArray, columns: IndexArray, n_columns: int) -> Information:
     """Estimates (k,) of the parameters with these numbers (k,), with their covariance (k, k), out of c.
 
     A variance of zero would be certainty, which no weight can express: it counts as a millionth of a millionth of the

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from dynident.arrays import FloatArray
 from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied, spread_over_stretches
 from dynident.estimation.correlation import overstatement
 from dynident.estimation.factors import Reduction
@@ -27,7 +28,7 @@ from dynident.estimation.least_squares import (
     weights_settled,
 )
 from dynident.estimation.statistics import CovarianceName, Statistics, freedom_of_rows
-from dynident.estimation.triangles import FloatArray, triangular
+from dynident.estimation.triangles import triangular
 
 _SINGULAR = 1e-10
 WEAKEST = 0.1

@@ -24,8 +24,8 @@ from typing import Protocol
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.estimation.least_squares import EstimationError
-from dynident.estimation.triangles import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

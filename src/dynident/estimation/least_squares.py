@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation.correlation import correlation_factors
 from dynident.estimation.factors import Reduction
 from dynident.estimation.information import Information, root_of
-from dynident.estimation.triangles import FloatArray, triangular
+from dynident.estimation.triangles import triangular
 
 MOST_ROUNDS = 20
 """Of re-estimating the noise of every equation, at most; on sound data the third changes no digit that is read."""

@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.estimation.factors import Reduction
 from dynident.estimation.information import Information
 from dynident.estimation.least_squares import Solution, check_rank, doubtful_noise, weighted_factor
 from dynident.estimation.statistics import CovarianceName, Statistics, statistics
-from dynident.estimation.triangles import FloatArray, triangular
+from dynident.estimation.triangles import triangular
 
 _SINGULAR = 1e-12
 

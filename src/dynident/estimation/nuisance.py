@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.estimation.factors import EquationFactors, Reduction
 from dynident.estimation.least_squares import noise_levels, weighted_factor
-from dynident.estimation.triangles import FloatArray, squared, triangular
+from dynident.estimation.triangles import squared, triangular
 
 _NOISE_ROUNDS = 3
 _FLAT = 1e-11

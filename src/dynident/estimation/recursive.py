@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from dynident.arrays import FloatArray
 from dynident.estimation.factors import Reduction
 from dynident.estimation.information import Information
 from dynident.estimation.least_squares import weighted_factor
 from dynident.estimation.statistics import Statistics, freedom_of_rows
-from dynident.estimation.triangles import FloatArray
 
 
 def recursive_statistics(rows: Reduction, values: FloatArray, start: Information) -> Statistics:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.estimation.triangles import FloatArray
+from dynident.arrays import FloatArray
 
 _HUBER, _BISQUARE = 1.345, 4.685
 # Median absolute deviation of a normal distribution, in standard deviations.

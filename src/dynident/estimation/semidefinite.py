@@ -12,8 +12,8 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.errors import DynidentError
-from dynident.estimation.triangles import FloatArray, IntArray
 
 _SOLVED = ("Solved", "AlmostSolved")
 _INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
@@ -35,7 +35,7 @@ class MatrixBound:
     `columns` (k,) are the parameters in it, `parts` (k, m, m) what one of each adds, `constant` (m, m).
     """
 
-    columns: IntArray
+    columns: IndexArray
     parts: FloatArray
     constant: FloatArray
 
@@ -71,7 +71,7 @@ def constrained_least_squares(
     factor: FloatArray,
     right: FloatArray,
     matrices: Sequence[MatrixBound] = (),
-    not_negative: Sequence[int] | IntArray = (),
+    not_negative: Sequence[int] | IndexArray = (),
     equations: Equations | None = None,
 ) -> Constrained:
     """Minimise ‖factor x - right‖² over the x (c,) that satisfy all constraints.
@@ -103,7 +103,7 @@ class _Problem:
     factor: FloatArray
     right: FloatArray
     matrices: tuple[MatrixBound, ...]
-    at_least: IntArray
+    at_least: IndexArray
     equations: Equations | None
 
     def solve(self) -> FloatArray:
@@ -194,6 +194,6 @@ def _packed(matrix: FloatArray) -> FloatArray:
     return np.asarray(matrix[rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0)))
 
 
-def _triangle(size: int) -> tuple[IntArray, IntArray]:
+def _triangle(size: int) -> tuple[IndexArray, IndexArray]:
     columns, rows = np.tril_indices(size)
     return rows, columns

@@ -22,12 +22,12 @@ from typing import Literal
 import numpy as np
 from scipy.special import stdtrit
 
+from dynident.arrays import FloatArray
 from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied, spread_over_stretches
 from dynident.estimation.correlation import correlation_factors
 from dynident.estimation.factors import Reduction
 from dynident.estimation.information import deviations_of
 from dynident.estimation.least_squares import Solution, residual_noise
-from dynident.estimation.triangles import FloatArray
 
 CovarianceName = Literal["by_time_and_joints", "by_joint", "independent"]
 

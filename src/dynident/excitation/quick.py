@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.criteria.deciding import yardstick_of
 from dynident.excitation.experiments.periodic import family_of, searched
 from dynident.excitation.experiments.strokes import Stroke, course_of, strokes_of
@@ -19,7 +20,6 @@ from dynident.excitation.optimising.sampling import samples_of_a_period
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
 from dynident.excitation.trajectories.family import PeriodicMotion
 from dynident.excitation.trajectories.motion import Motion, in_sequence, joined
-from dynident.robot.model import FloatArray
 
 _CANDIDATES = 6
 _POSTURES = 30

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray, IntArray
 from dynident.excitation.criteria.baseline import Baseline
 from dynident.excitation.criteria.expected import ExpectedParameter
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.limits.margins import Margin
 from dynident.excitation.request import DesignRequest
-from dynident.robot.model import FloatArray
 
-IntArray = NDArray[np.int64]
 _HAIR = 1e-9
 
 

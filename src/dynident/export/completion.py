@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import errors
 from dynident.estimation.semidefinite import Equations, InfeasibleError, constrained_least_squares
@@ -20,7 +21,6 @@ from dynident.export.unknowns import Unknowns
 from dynident.identification import Identification
 from dynident.identification.data import Data
 from dynident.identification.estimators.feasible import feasible
-from dynident.robot.model import FloatArray
 
 # Least eigenvalues of a link's pseudo-inertia, in units of its usual mass and size, that are tried one after the other.
 # Links that were estimated as feasible are so already.

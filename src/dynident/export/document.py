@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, reference_size
 from dynident.effects.memory import MemoryStates
 from dynident.errors import DynidentError
@@ -21,7 +22,7 @@ from dynident.regressors.model import Model, build_model
 from dynident.regressors.observation import Observation
 from dynident.robot.document import robot_document, robot_from_document
 from dynident.robot.json_fields import parse_json
-from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
+from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.version import __version__
 
 FORMAT = "dynident model 1"

@@ -8,12 +8,13 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
+from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.export.completion import Completion, complete
 from dynident.export.summary import effect_line
 from dynident.identification import Identification
 from dynident.robot import to_pinocchio
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 SMALL = 1e-9
 """Share of the torque that is rounding."""

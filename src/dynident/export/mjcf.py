@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.export.exported import SMALL, ExportedFile, Links
 from dynident.export.names import in_xml_comment, printable, slug
 from dynident.export.summary import SIGNS, identification_lines, origin
 from dynident.identification import Identification
-from dynident.robot.model import FloatArray, Joint
+from dynident.robot.model import Joint
 from dynident.robot.pinocchio_model import dynamic_parameters
 from dynident.robot.urdf_writer import link_names
 from dynident.robot.urdf_xml import Element, number_text, write

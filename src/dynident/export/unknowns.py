@@ -7,13 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation.semidefinite import MatrixBound
-from dynident.estimation.triangles import IntArray
 from dynident.identification.standard import StandardParameters
 from dynident.regressors.model import Model
-from dynident.robot.model import INERTIAL_NAMES, FloatArray
+from dynident.robot.model import INERTIAL_NAMES
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
@@ -34,7 +34,7 @@ class Unknowns:
     model: Model
     links: tuple[int, ...]
     rotors: tuple[int, ...]
-    columns: IntArray
+    columns: IndexArray
     scale: FloatArray
     nominal: FloatArray
 
@@ -83,12 +83,12 @@ class Unknowns:
         return len(self.columns)
 
     @property
-    def rotor_places(self) -> IntArray:
+    def rotor_places(self) -> IndexArray:
         """Places of the rotors among the unknowns."""
         return np.arange(self.size - len(self.rotors), self.size)
 
     @cached_property
-    def base_rows(self) -> IntArray:
+    def base_rows(self) -> IndexArray:
         """Base parameters that are those of links and rotors."""
         inertial = [effect_by_id(column.effect).is_inertia and not column.runs for column in self.model.kept]
         return np.flatnonzero(inertial)

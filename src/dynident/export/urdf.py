@@ -14,12 +14,12 @@ from xml.dom import minidom
 import numpy as np
 import pinocchio as pin
 
+from dynident.arrays import FloatArray
 from dynident.export.exported import ExportedFile, Links
 from dynident.export.names import in_xml_comment, slug
 from dynident.export.summary import SIGNS, identification_lines, origin
 from dynident.identification import Identification
 from dynident.robot import urdf_from_robot
-from dynident.robot.model import FloatArray
 from dynident.robot.urdf_writer import inertial_element
 from dynident.robot.urdf_xml import Element, number_text, write
 

@@ -11,11 +11,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from llvmlite import binding as llvm
-from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray
 from dynident.expressions.translation import LIBRARY_FUNCTIONS, translated
-
-FloatArray = NDArray[np.float64]
 
 NUMBER = 8
 """Bytes of a number."""

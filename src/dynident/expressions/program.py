@@ -12,7 +12,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from dynident.expressions.machine_code import NUMBER, Compiled, FloatArray
+from dynident.arrays import FloatArray
+from dynident.expressions.machine_code import NUMBER, Compiled
 
 _LANES = 4
 

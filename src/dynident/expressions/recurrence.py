@@ -5,7 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynident.expressions.machine_code import Compiled, FloatArray
+from dynident.arrays import FloatArray
+from dynident.expressions.machine_code import Compiled
 
 
 class Recurrence:

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.estimation import Information
 from dynident.estimation.deviations import null_space
-from dynident.regressors.base_parameters import BoolArray
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 
 _NULL = 1e-9
 

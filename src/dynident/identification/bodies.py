@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import IndexArray
 from dynident.effects import Column
-from dynident.estimation.triangles import IntArray
 from dynident.robot.model import INERTIAL_NAMES
 
 
@@ -21,7 +21,7 @@ class Body:
 
     name: str
     link: str
-    columns: IntArray
+    columns: IndexArray
 
 
 def bodies_of(columns: Sequence[Column]) -> tuple[Body, ...]:

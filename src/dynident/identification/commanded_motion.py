@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.identification.recorded_motion import RecordedMotion, whole_segments
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.commanded import commanded
-from dynident.robot.model import FloatArray
 
 # What is left between the motion and the delayed command, of the motion, above which the robot did not follow it.
 _FOLLOWED = 0.05

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.checks import check_equations
@@ -14,7 +15,6 @@ from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.rows import KeptRows, reduce_and_keep
-from dynident.robot.model import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

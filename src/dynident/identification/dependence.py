@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dynident.arrays import FloatArray
 from dynident.estimation import Statistics, statistics
 from dynident.estimation.dependence import NEVER, CloseTogether, Dependence, HardlySeen, dependence
 from dynident.identification.result import Identification
-from dynident.robot.model import FloatArray
 
 MOST_SENTENCES = 10
 _MOST_PARTS = 5

@@ -17,13 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.errors import DynidentError
-from dynident.estimation.triangles import IntArray
 from dynident.identification.belief import Belief
 from dynident.identification.bodies import bodies_of
 from dynident.identification.choices import IdentificationChoices
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 from dynident.robot.pseudo_inertia import inertial_parameters, pseudo_inertia, smallest_pseudo_inertia
 
 # Smallest eigenvalue of a believed pseudo-inertia, of a unit diagonal: flatter bodies are at the edge of what can be.
@@ -37,7 +36,7 @@ class EntropicPrior:
     `columns` (k, 10) are their standard parameters, `nominal` (k, 4, 4) their pseudo-inertias J₀, `share` is p.
     """
 
-    columns: IntArray
+    columns: IndexArray
     nominal: FloatArray
     share: float
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.identification.result import Identification
-from dynident.robot.model import FloatArray
 
 _SURE = 2.0
 _WORSE = 1.02

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Linearised, Reduction, condition_number, errors, noise_levels, weighted
@@ -36,7 +37,7 @@ from dynident.regressors.extension import extended_model
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.rows import KeptRows, reduce_with_more
 from dynident.regressors.stream import reduce_recordings
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 from dynident.threads import single_threaded
 
 

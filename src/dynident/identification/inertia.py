@@ -6,10 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 _POSTURES = 400
 

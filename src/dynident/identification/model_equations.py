@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import pi
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
@@ -15,7 +16,6 @@ from dynident.recordings import Preprocessing, Recording, motion_band
 from dynident.regressors.equations import SHARE_OF_PERIOD, Treatment, filtered, over_intervals, plain, reduce_form
 from dynident.regressors.forms import Form, filtered_form, power_form
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 
 _SMALLEST_POLE = 10.0
 _FORGOTTEN = 4.7

@@ -8,12 +8,12 @@ import casadi as ca
 import numpy as np
 from scipy.special import stdtrit
 
+from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.effects.memory import MemoryStates
 from dynident.errors import DynidentError
 from dynident.identification.result import Identification
 from dynident.regressors.observation import Observation
-from dynident.robot.model import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.recordings import Preprocessing, Recording, SampleBlock, filtered_blocks
-from dynident.robot.model import FloatArray
 from dynident.simulation import Reference
 
 _EVERYTHING = slice(None)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
@@ -18,7 +19,6 @@ from dynident.identification.shape_columns import shape_places
 from dynident.regressors.base_parameters import base_parameters_among
 from dynident.regressors.model import Model, build_model, check_columns
 from dynident.robot import Robot
-from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
 
 _TITLE = "Nothing to remove"

@@ -9,6 +9,7 @@ from math import inf
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors, Reduction, Solution, Statistics, effective_rows, moving_errors, noise_levels
 from dynident.estimation.deviations import owed_to_known
@@ -19,7 +20,6 @@ from dynident.identification.standard import StandardParameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
 from dynident.regressors.rows import KeptRows
-from dynident.robot.model import FloatArray
 
 _EXACT = 1e-12
 """Relative standard deviation that is none."""

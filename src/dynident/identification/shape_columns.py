@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import Column, EffectChoice, Refinement, ShapeSpec, Signals, columns_of, effect_by_id
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 
 ColumnKey = tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]
 

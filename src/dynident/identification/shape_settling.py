@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.effects import Column, EffectChoice, columns_of
 from dynident.estimation import (
     EstimationError,
@@ -16,13 +17,11 @@ from dynident.estimation import (
     solve,
     weighted_factor,
 )
-from dynident.estimation.triangles import BoolArray
 from dynident.identification.shape_columns import TINY, ShapePlace, changed_choice, shape_places
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
-from dynident.robot.model import FloatArray
 
 _ROUNDS = 3
 _LEVEL = 0.95

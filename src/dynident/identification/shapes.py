@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import Column, EffectChoice, ShapeSpec, Signals, columns_of, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
@@ -17,7 +18,7 @@ from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 # Share of the squared error that a natural value may cost: what noise alone would give a free one, three times over.
 _AS_GOOD = 0.002

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import Column, effect_by_id
 from dynident.identification.recorded_motion import RecordedMotion
 from dynident.progress import Progress, silent
 from dynident.regressors.model import Model
-from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
+from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.simulation import Controller, Measurement, Sensors, TrueEffect, VirtualRobot, on_each_joint
 from dynident.simulation.truth import may_be_negative
 from dynident.simulation.virtual_robot import LONGEST_STEP

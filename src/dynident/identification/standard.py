@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.identification.bodies import bodies_of
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

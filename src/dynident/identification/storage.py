@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, Signals
 from dynident.errors import DynidentError
 from dynident.estimation import (
@@ -33,7 +34,6 @@ from dynident.regressors.base_parameters import BaseParameters
 from dynident.regressors.model import Model, build_model
 from dynident.robot import Robot
 from dynident.robot.document import robot_document, robot_from_document
-from dynident.robot.model import FloatArray
 from dynident.robot.usual_errors import USUAL_SHARE
 
 _FORMAT = "dynident identification 3"

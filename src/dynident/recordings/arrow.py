@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from dynident.recordings.types import FloatArray, IntArray
+from dynident.arrays import FloatArray, IntArray
 
 READ_BYTES = 1 << 16
 

@@ -6,10 +6,11 @@ from math import pi
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.recordings.columns import Column, Layout
 from dynident.recordings.phases import phase_shares
 from dynident.recordings.sampling import RawSample
-from dynident.recordings.types import BoolArray, Check, FloatArray, JointLimits, Recording, Status
+from dynident.recordings.types import Check, JointLimits, Recording, Status
 
 DEGREE = pi / 180.0
 MOVED = {"revolute": 2e-3, "prismatic": 5e-4}

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings import evidence as against_motion
 from dynident.recordings.columns import Layout
 from dynident.recordings.evidence import Evidence
 from dynident.recordings.sampling import RawSample
 from dynident.recordings.types import (
-    BoolArray,
     Check,
-    FloatArray,
-    IntArray,
     JointLimits,
     ModelChecks,
     Recording,

@@ -8,9 +8,10 @@ from math import floor, log10
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.recordings.preprocessing import Preprocessing, values_from_request
 from dynident.recordings.spectra import Spectra, spectra
-from dynident.recordings.types import FloatArray, Recording, RecordingError
+from dynident.recordings.types import Recording, RecordingError
 
 MOTION_SHARE = 0.99
 """The band of the motion holds so much of the velocity's power."""

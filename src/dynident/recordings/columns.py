@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray, IntArray
 from dynident.recordings.types import (
     WRENCH_NAMES,
     Check,
-    FloatArray,
-    IntArray,
     JointKind,
     JointLimits,
     RecordingError,

@@ -8,14 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.columns import Layout
 from dynident.recordings.raw import RawRows
 from dynident.recordings.resampling import ShiftedResampler
 from dynident.recordings.timebase import TimeBase
 from dynident.recordings.types import (
-    BoolArray,
-    FloatArray,
-    IntArray,
     RecordingError,
     Segment,
     Windows,

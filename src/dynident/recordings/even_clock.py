@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.recordings.types import BoolArray, FloatArray
+from dynident.arrays import BoolArray, FloatArray
 
 _FINEST = 1e-9
 """s: steps that differ by less are the same."""

@@ -14,13 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.errors import DynidentError
 from dynident.recordings.choosing import choose_preprocessing
 from dynident.recordings.filtering import filtered_blocks
 from dynident.recordings.parallel import FilteredRows, ParallelFilter
 from dynident.recordings.phases import Phase, Phases, phases_of
 from dynident.recordings.preprocessing import Preprocessing
-from dynident.recordings.types import BoolArray, FloatArray, IntArray, Recording, SampleBlock, Segment
+from dynident.recordings.types import Recording, SampleBlock, Segment
 
 MAX_ROWS = 10_000
 """Decimated rows to look at, from stretches evenly spread over the recording."""

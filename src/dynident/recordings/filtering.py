@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.recordings.preprocessing import Preprocessing
-from dynident.recordings.types import BoolArray, FloatArray, Recording, SampleBlock, Segment, StoredRows
+from dynident.recordings.types import Recording, SampleBlock, Segment, StoredRows
 from dynident.recordings.zero_phase import ZeroPhase
 
 READ_LENGTH = 8192

@@ -10,6 +10,7 @@ from tempfile import NamedTemporaryFile
 
 import numpy as np
 
+from dynident.arrays import FloatArray, IntArray
 from dynident.progress import Progress, part, silent
 from dynident.recordings.checks import run_checks
 from dynident.recordings.columns import Column, Layout, find_columns, surplus_columns
@@ -22,8 +23,6 @@ from dynident.recordings.timebase import TimeBase, TimeScan, time_checks
 from dynident.recordings.types import (
     WRENCH_NAMES,
     Check,
-    FloatArray,
-    IntArray,
     JointLimits,
     ModelChecks,
     Recording,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import signal
 
-from dynident.recordings.types import BoolArray, FloatArray
+from dynident.arrays import BoolArray, FloatArray
 
 ATTENUATION = 50.0
 """Attenuation of the stop band in dB: what folds back under the cut-off by decimation is below 0.3 % of itself."""

@@ -17,9 +17,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.filtering import READ_LENGTH
 from dynident.recordings.preprocessing import Preprocessing
-from dynident.recordings.types import BoolArray, FloatArray, IntArray, Recording
+from dynident.recordings.types import Recording
 
 SLOW = 0.01
 """Speed in rad/s or m/s below which a joint may as well stand: half and four times as much change little

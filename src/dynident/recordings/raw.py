@@ -13,9 +13,10 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
+from dynident.arrays import FloatArray, IntArray
 from dynident.recordings.arrow import streamed_parquet, to_floats
 from dynident.recordings.columns import Layout
-from dynident.recordings.types import FloatArray, IntArray, RecordingError
+from dynident.recordings.types import RecordingError
 
 BATCH_ROWS = 32768
 CSV_BLOCK_BYTES = 4 << 20

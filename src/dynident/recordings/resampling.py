@@ -6,7 +6,7 @@ from math import floor
 
 import numpy as np
 
-from dynident.recordings.types import FloatArray, IntArray
+from dynident.arrays import FloatArray, IntArray
 
 SNAP = 1e-6
 """A grid point so near to a sample (in periods) takes the sample as it is."""

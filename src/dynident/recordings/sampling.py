@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.raw import RawRows
-from dynident.recordings.types import BoolArray, FloatArray, IntArray, are_readings
+from dynident.recordings.types import are_readings
 
 MAX_ROWS = 1 << 18
 STRETCHES = 16

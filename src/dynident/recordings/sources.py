@@ -12,8 +12,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from dynident.arrays import FloatArray
 from dynident.recordings.arrow import streamed_parquet, to_floats
-from dynident.recordings.types import WRENCH_NAMES, FloatArray, Recording, RecordingError, Segment, StoredRows
+from dynident.recordings.types import WRENCH_NAMES, Recording, RecordingError, Segment, StoredRows
 
 METADATA_KEY = b"dynident.recording"
 LAYOUT_VERSION = 1

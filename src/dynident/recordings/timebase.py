@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.even_clock import EvenClock, EvenClockScan
 from dynident.recordings.raw import RawRows
-from dynident.recordings.types import BoolArray, Check, FloatArray, IntArray, RecordingError
+from dynident.recordings.types import Check, RecordingError
 
 GAP_PERIODS = 5.0
 """A longer step of t than so many nominal periods is a gap: nothing is interpolated or filtered across it."""

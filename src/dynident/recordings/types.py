@@ -8,13 +8,9 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 Windows = tuple[tuple[float, float], ...]
 Status = Literal["ok", "warning", "error"]

@@ -8,7 +8,7 @@ from math import ceil, log
 import numpy as np
 from scipy import signal
 
-from dynident.recordings.types import FloatArray
+from dynident.arrays import FloatArray
 
 FORGOTTEN = 1e-16
 """The backward pass starts this far ahead: what it does not know of the future has decayed to rounding error."""

@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.effects import Column, Signals, reference_size
 from dynident.regressors.observation import Observation
-from dynident.robot.model import FloatArray, Robot
-
-BoolArray = NDArray[np.bool_]
+from dynident.robot.model import Robot
 
 DEFAULT_TOLERANCE = 2e-5
 """Share of a column that may be left outside the kept ones: above what rounded right angles in a URDF leave behind."""

@@ -12,12 +12,12 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import Column
 from dynident.recordings.types import WRENCH_NAMES
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, random_observation, select_base
 from dynident.regressors.forms import Form, wrench_form
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 
 _STATES_PER_COLUMN = 2
 # Share of a base parameter that the wrench may leave open: what rounded right angles in a description make of it.

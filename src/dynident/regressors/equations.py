@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, SampleBlock
@@ -20,7 +21,6 @@ from dynident.regressors.stream import (
     low_passed,
     sampled,
 )
-from dynident.robot.model import FloatArray
 
 # Intervals of the energy model begin every eighth of their length: nearer to each other they repeat each other.
 _OVERLAP = 8

@@ -19,10 +19,11 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import Column, Signals
 from dynident.recordings import SampleBlock
-from dynident.regressors.observation import IntArray, Observation
-from dynident.robot.model import FloatArray, Robot
+from dynident.regressors.observation import Observation
+from dynident.robot.model import Robot
 
 Measured = Callable[[SampleBlock], FloatArray]
 """What the equations' right-hand side is at the samples of a block: (m, number of equations)."""
@@ -55,7 +56,7 @@ class Form:
         return len(self._places) - len(self.shared[0])
 
     @cached_property
-    def shared(self) -> tuple[IntArray, IntArray]:
+    def shared(self) -> tuple[IndexArray, IndexArray]:
         """Which entries of an evaluation belong to D beside one of S, and which entries of dS/dt + D they become."""
         stored = self._places[: self.n_stored]
         order = np.argsort(stored)
@@ -63,12 +64,12 @@ class Form:
         return picked, order[np.searchsorted(stored, self._places[picked], sorter=order)]
 
     @cached_property
-    def alone(self) -> IntArray:
+    def alone(self) -> IndexArray:
         """Which entries of an evaluation belong to D where S has none."""
         return np.setdiff1d(np.arange(self.n_stored, len(self._places)), self.shared[0])
 
     @property
-    def layout(self) -> list[tuple[IntArray, IntArray]]:
+    def layout(self) -> list[tuple[IndexArray, IndexArray]]:
         """Of every equation: where its entries stand, and their columns, which ascend."""
         places = np.concatenate([self._places[: self.n_stored], self._places[self.alone]])
         order = np.argsort(places)
@@ -81,7 +82,7 @@ class Form:
         return max(1, self.observation.n_columns)
 
     @cached_property
-    def _places(self) -> IntArray:
+    def _places(self) -> IndexArray:
         """Of every entry of an evaluation: row and column in dS/dt + D, as one number."""
         places = self.observation.entry_rows % self.n_equations * self._width + self.observation.entry_columns
         return np.asarray(places, dtype=np.intp)

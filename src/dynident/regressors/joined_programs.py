@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray
 from dynident.expressions import Program
-from dynident.robot.model import FloatArray
 
 
 class JoinedPrograms:

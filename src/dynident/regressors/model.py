@@ -8,12 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import DRIVE_PARAMETERS, Column, EffectChoice, Signals, columns_of, effect_by_id
 from dynident.errors import DynidentError
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, BaseParameters, base_parameters
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import observation_at_rest
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
 # Where parameters of the motors' torque stand in `Model.reference`; the rotors' are found with the links'.

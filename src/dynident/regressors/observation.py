@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, RunSignal, Signals, reference_size
 from dynident.expressions import Program
 from dynident.regressors.joined_programs import JoinedPrograms
-from dynident.robot.model import FloatArray, Robot
-
-IntArray = NDArray[np.intp]
+from dynident.robot.model import Robot
 
 # Places of these inputs in a program.
 _MEMORY, _RUNS = 8, 9
@@ -33,8 +31,8 @@ class Observation:
     columns: tuple[Column, ...]
     memory: tuple[MemorySignal, ...]
     runs: tuple[RunSignal, ...]
-    entry_rows: IntArray
-    entry_columns: IntArray
+    entry_rows: IndexArray
+    entry_columns: IndexArray
     n_rows: int
     program: Program | JoinedPrograms
     parts: tuple[Observation, Observation] | None = None
@@ -151,7 +149,7 @@ class Observation:
             out=out,
         )
 
-    def joint_entries(self, joint: int) -> tuple[IntArray, IntArray]:
+    def joint_entries(self, joint: int) -> tuple[IndexArray, IndexArray]:
         """Positions among the entries, and columns, of one joint's row; columns ascend."""
         positions = np.flatnonzero(self.entry_rows == joint)
         order = np.argsort(self.entry_columns[positions], kind="stable")
@@ -186,5 +184,5 @@ def _inputs(signals: Signals, memory: Sequence[MemorySignal], runs: Sequence[Run
     ]
 
 
-def _everything(count: int) -> list[IntArray | slice]:
+def _everything(count: int) -> list[IndexArray | slice]:
     return [slice(None)] * count

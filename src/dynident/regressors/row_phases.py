@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.effects import Column, Signals, effect_by_id
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.phases import Phase, PhaseArray, Phases, phases_of, width_of
-from dynident.recordings.types import BoolArray
 from dynident.regressors.observation import Observation
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 # A velocity of nothing but its direction.
 _TOUCH = 1e-9

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import Column
 from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
@@ -15,7 +16,6 @@ from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, starting_joints
 from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
-from dynident.robot.model import FloatArray
 
 MOST_VALUES = 4_000_000
 """Entries that are kept of one data set at most, 32 MB: twenty minutes of recording at a usual decimation."""

@@ -12,10 +12,9 @@ from math import ceil
 import numpy as np
 from scipy import signal
 
-from dynident.recordings.types import BoolArray
+from dynident.arrays import BoolArray, FloatArray
 from dynident.regressors.forms import Form
 from dynident.regressors.stream import Samples
-from dynident.robot.model import FloatArray
 
 # What is left of a step after (settling) / a seconds behind F(s): (1 + 9.2) exp(-9.2), a thousandth.
 _SETTLED = 9.2

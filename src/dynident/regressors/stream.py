@@ -7,16 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.effects import RunSignal
 from dynident.effects.memory import MemoryStates
 from dynident.estimation import BesideAccumulator, FactorAccumulator, Reduction, concatenate
 from dynident.progress import Progress, silent
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
 from dynident.recordings.phases import Phase, PhaseArray
-from dynident.recordings.types import BoolArray
-from dynident.regressors.observation import IntArray, Observation
+from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, changed_at_rest
-from dynident.robot.model import FloatArray
 
 _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
@@ -38,7 +37,7 @@ class FilteredSamples:
     held: FloatArray | None = None
     whole: tuple[FloatArray | None, ...] = ()
 
-    def rows(self, layout: Sequence[tuple[IntArray, IntArray]]) -> list[FloatArray]:
+    def rows(self, layout: Sequence[tuple[IndexArray, IndexArray]]) -> list[FloatArray]:
         """[W | Y] (m, p_j + 1) of every joint, from the places and columns of its entries."""
         return [np.hstack([self.values[:, places], self.tau[:, j : j + 1]]) for j, (places, _) in enumerate(layout)]
 
@@ -163,7 +162,11 @@ def _side_by_side(*widths: int) -> list[slice]:
 
 
 def _whole(
-    rows: FloatArray, tau: FloatArray, entries: IntArray, joints: IntArray, layout: Sequence[tuple[IntArray, IntArray]]
+    rows: FloatArray,
+    tau: FloatArray,
+    entries: IndexArray,
+    joints: IndexArray,
+    layout: Sequence[tuple[IndexArray, IndexArray]],
 ) -> tuple[FloatArray | None, ...]:
     """[W | Y] of every joint from values of chosen `entries` and the torque of chosen `joints`; None for the others."""
     found: list[FloatArray | None] = [None] * len(layout)
@@ -342,7 +345,7 @@ class EquationRows:
 
 def folded(
     rows_of: Callable[[Recording], Iterable[EquationRows]],
-    columns: Sequence[IntArray],
+    columns: Sequence[IndexArray],
     n_columns: int,
     recordings: Sequence[Recording],
     progress: Progress = silent,

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from dynident.arrays import FloatArray
 from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
 from dynident.identification.gain import BestRung
 from dynident.identification.judgement import ParameterJudgement
 from dynident.identification.shape_constants import ShapeConstant, ShapeJudgement
 from dynident.reports.numbers import estimate
 from dynident.robot import Robot
-from dynident.robot.model import FloatArray
 
 _MANY_JOINTS = 8
 

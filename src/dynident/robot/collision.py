@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.robot.json_fields import parse_json
 from dynident.robot.kinematics import joint_motion
-from dynident.robot.model import FloatArray, Joint, JointKind, Robot
+from dynident.robot.model import Joint, JointKind, Robot
 from dynident.robot.modified_dh import TITLE, table_capsules
 from dynident.robot.pointers import listed
 from dynident.robot.shapes import Capsule, Shape

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.robot.model import FloatArray, Robot
+from dynident.arrays import FloatArray
+from dynident.robot.model import Robot
 
 
 def coupling_matrix(robot: Robot) -> FloatArray | None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.robot.model import FloatArray, Joint, Robot
+from dynident.arrays import FloatArray
+from dynident.robot.model import Joint, Robot
 
 
 def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from dynident.robot.model import FloatArray
+from dynident.arrays import FloatArray
 from dynident.robot.shapes import Block, Hull, capsule_around
 
 _MOST_SLICES = 3

@@ -6,12 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from dynident.arrays import FloatArray
 from dynident.html import block, paragraph, table
-
-FloatArray = NDArray[np.float64]
 
 INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""

@@ -44,6 +44,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.json_fields import (
     expect_mapping,
@@ -52,7 +53,7 @@ from dynident.robot.json_fields import (
     expect_text,
     parse_json,
 )
-from dynident.robot.model import INERTIAL_NAMES, Description, Drive, FloatArray, JointKind, Limits, Robot
+from dynident.robot.model import INERTIAL_NAMES, Description, Drive, JointKind, Limits, Robot
 from dynident.robot.pinocchio_model import PinocchioModel, dynamic_parameters, from_pinocchio, inertial_parameters
 from dynident.robot.pointers import listed, pointer
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_placement

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import Description, Drive, FloatArray, Joint, JointKind, Limits, Robot
+from dynident.robot.model import Description, Drive, Joint, JointKind, Limits, Robot
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_axis, mend_placement
 from dynident.robot.settings import Settings, check_names, merged_limits
 

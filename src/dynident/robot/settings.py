@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import Drive, FloatArray, Limits
+from dynident.robot.model import Drive, Limits
 from dynident.robot.pointers import listed, pointer
 
 GRAVITY = (0.0, 0.0, -9.81)

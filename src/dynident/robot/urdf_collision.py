@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dynident.arrays import FloatArray
 from dynident.robot.meshes import hulls_of_mesh, mesh_file
-from dynident.robot.model import FloatArray
 from dynident.robot.shapes import Block, Capsule, Cylinder, Shape
 from dynident.robot.urdf_xml import Element, urdf_error
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import FloatArray, Joint, Robot
+from dynident.robot.model import Joint, Robot
 from dynident.robot.pinocchio_model import dynamic_parameters
 from dynident.robot.urdf_xml import Element, number_text, write
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.robot.model import FloatArray, Robot
+from dynident.arrays import FloatArray
+from dynident.robot.model import Robot
 
 # How far a description is usually off, as a share; and a link where it says nothing (kg, m).
 USUAL_SHARE, _SHARE_WITHOUT, _MASS, _SIZE = 0.2, 1.0, 3.0, 0.15

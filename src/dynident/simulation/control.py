@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from dynident.robot.model import FloatArray
+from dynident.arrays import FloatArray
 from dynident.simulation.dynamics import Dynamics
 from dynident.simulation.reference import ReferencePath
 

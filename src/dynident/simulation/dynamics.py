@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from dynident.arrays import FloatArray
 from dynident.effects import RunSignal
 from dynident.expressions import Program
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 from dynident.simulation.signals import SimulatedSignals, Sliding
 from dynident.simulation.truth import TrueColumns, TrueEffect, true_columns, true_reference
 

@@ -13,7 +13,8 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from dynident.robot.model import FloatArray, Robot
+from dynident.arrays import FloatArray
+from dynident.robot.model import Robot
 
 
 @dataclass(frozen=True, eq=False)

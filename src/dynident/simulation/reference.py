@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 _TITLE = "Unusable trajectory"
 

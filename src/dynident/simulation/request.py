@@ -9,10 +9,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.progress import Progress, part, silent
-from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
+from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.simulation.control import Controller
 from dynident.simulation.measurement import Measurement, joined
 from dynident.simulation.reference import Reference, Warming, warmed

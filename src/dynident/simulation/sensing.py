@@ -13,9 +13,10 @@ import casadi as ca
 import numpy as np
 from scipy import signal
 
+from dynident.arrays import FloatArray
 from dynident.effects.memory import MemoryStates
 from dynident.expressions import Program
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 from dynident.simulation.measurement import Truth
 from dynident.simulation.signals import SensorSignals, SimulatedSignals
 from dynident.simulation.truth import TrueEffect, true_columns, true_reference

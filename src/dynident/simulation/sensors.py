@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.errors import DynidentError
-from dynident.robot.model import FloatArray, Robot
-
-IntArray = NDArray[np.intp]
+from dynident.robot.model import Robot
 
 _TITLE = "Unusable sensors"
 
@@ -97,14 +95,14 @@ def noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> FloatArr
     return sensors.torque_noise * scale
 
 
-def sampling_steps(sensors: Sensors, steps_per_sample: int, n_samples: int, rng: np.random.Generator) -> IntArray:
+def sampling_steps(sensors: Sensors, steps_per_sample: int, n_samples: int, rng: np.random.Generator) -> IndexArray:
     """Internal steps (n_samples,) at which samples are taken: every so many, shifted by the jitter, ascending."""
-    regular: IntArray = np.arange(n_samples, dtype=np.intp) * steps_per_sample
+    regular: IndexArray = np.arange(n_samples, dtype=np.intp) * steps_per_sample
     if sensors.jitter == 0:
         return regular
     spread = sensors.jitter * sensors.sampling_rate * steps_per_sample
     largest = max(0, (steps_per_sample - 1) // 2)
     shift = np.clip(np.rint(rng.normal(0.0, spread, n_samples)), -largest, largest).astype(np.intp)
     shift[0] = 0
-    shifted: IntArray = np.minimum(regular + shift, regular[-1])
+    shifted: IndexArray = np.minimum(regular + shift, regular[-1])
     return shifted

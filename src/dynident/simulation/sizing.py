@@ -5,9 +5,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, columns_of, reference_size
 from dynident.errors import DynidentError
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 from dynident.simulation.signals import SensorSignals
 
 _STATES = 200

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import MemorySignal
 from dynident.effects.memory import step_expression
 from dynident.expressions import Recurrence
-from dynident.robot.model import FloatArray
 from dynident.simulation.dynamics import Dynamics, directions, rest_inputs
 
 ITERATIONS = 6

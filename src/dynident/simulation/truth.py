@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import DRIVE_PARAMETERS, Column, EffectChoice, Signals, columns_of, effect_by_id
 from dynident.errors import DynidentError
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 _TITLE = "Unusable virtual robot"
 # Torque that these scale takes energy out of the motion; with a negative value the virtual robot would run away.

@@ -7,11 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.progress import Progress, silent
 from dynident.robot.drive_chain import currents_of
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 from dynident.simulation.control import (
     FEED_FORWARD_RATE,
     Controller,
@@ -23,7 +24,7 @@ from dynident.simulation.dynamics import Dynamics, build_dynamics
 from dynident.simulation.measurement import Measurement, Truth
 from dynident.simulation.reference import Reference, ReferencePath, check_reference
 from dynident.simulation.sensing import Sensing
-from dynident.simulation.sensors import IntArray, Sensors, check_sensors, noise_deviation, quantised, sampling_steps
+from dynident.simulation.sensors import Sensors, check_sensors, noise_deviation, quantised, sampling_steps
 from dynident.simulation.step import Step, build_step, first_state
 from dynident.simulation.truth import TrueEffect, true_inertias
 
@@ -137,7 +138,7 @@ class VirtualRobot:
         return build_step(self.dynamics)
 
     def _follow(
-        self, path: ReferencePath, reference: Reference, h: float, taken: IntArray, run_label: str, progress: Progress
+        self, path: ReferencePath, reference: Reference, h: float, taken: IndexArray, run_label: str, progress: Progress
     ) -> FloatArray:
         """Samples [q, dq, ddq, tau] (m, 4 n) at the internal steps `taken` (m,)."""
         start, n_steps = float(reference.t[0]), int(taken[-1]) + 1

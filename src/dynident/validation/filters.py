@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import share_of_measured, weighted
 from dynident.identification import Identification
@@ -20,7 +21,6 @@ from dynident.identification.simulator import Simulator, simulator_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request, recording_from_arrays
 from dynident.regressors.stream import reduce_recordings
-from dynident.robot.model import FloatArray
 from dynident.simulation import Measurement
 from dynident.threads import single_threaded
 from dynident.validation.noise import SensorNoise, sensor_noise

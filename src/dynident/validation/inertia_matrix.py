@@ -13,13 +13,14 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import minimize
 
+from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.inertia import joint_range, random_postures
 from dynident.progress import Progress, silent
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 from dynident.threads import single_threaded
 from dynident.validation.verdict import Judged
 

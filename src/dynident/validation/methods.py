@@ -8,6 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, errors, moving_errors, share_of_measured
 from dynident.identification import Identification
@@ -16,7 +17,6 @@ from dynident.identification.data import Data, reduced, torque_of
 from dynident.identification.strategies.by_name import fit
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
-from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
 from dynident.validation.method import Method, available_methods
 from dynident.validation.verdict import Judged

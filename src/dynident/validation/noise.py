@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation.robust import robust_scale
 from dynident.recordings import Recording, filtered_blocks
 from dynident.recordings.preprocessing import Preprocessing
-from dynident.robot.model import FloatArray
 
 # Of a smooth signal nothing is left after so many differences; white noise of variance σ² leaves C(2k, k) σ².
 _DIFFERENCES = 6

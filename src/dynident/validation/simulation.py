@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import fftconvolve
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.estimation.statistics import NORMAL_95
@@ -15,7 +16,6 @@ from dynident.identification.recorded_motion import RecordedMotion, longest_stre
 from dynident.identification.simulator import simulator_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, low_pass
-from dynident.robot.model import FloatArray
 from dynident.simulation.truth import may_be_negative
 from dynident.threads import single_threaded
 from dynident.validation.on_recordings import check_limit

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.advice.doubts import Doubt
 from dynident.diagnosis.advice.kinds import EXPERIMENTS, Experiment, Question
 from dynident.diagnosis.advice.pairs import ALONE, experiment_for
@@ -31,7 +32,6 @@ from dynident.excitation.limits.bounds import Bounds, bounds_of
 from dynident.excitation.observation.model import DesignModel, design_model
 from dynident.identification import Identification
 from dynident.recordings import Recording
-from dynident.robot.model import FloatArray
 from dynident.simulation import typical_effect
 
 _BETTER = 0.8

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import Separation
 from dynident.estimation.correlation import overstatement
@@ -20,9 +20,6 @@ from dynident.excitation.trajectories.motion import Motion
 from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
 from dynident.regressors.stream import in_run
-from dynident.robot.model import FloatArray
-
-IntArray = NDArray[np.intp]
 
 _MOST_ROWS = 1500
 """Samples that a matrix of inner products is made from: beyond them only its precision grows, not what it says."""
@@ -163,7 +160,7 @@ def of_rehearsal(model: DesignModel, rehearsal: Rehearsal, row_weights: FloatArr
     return Information(weighted.T @ weighted, np.zeros(w.shape[1]))
 
 
-def _spread(count: int) -> IntArray:
+def _spread(count: int) -> IndexArray:
     """Evenly spread samples of a motion."""
     return np.unique(np.linspace(0, count - 1, min(count, _MOST_ROWS)).astype(np.intp))
 

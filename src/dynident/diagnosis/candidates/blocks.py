@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import IntArray, Products, present
-from dynident.robot.model import FloatArray
+from dynident.diagnosis.candidates.products import Products, present
 
 # Candidates at once: what their projections take of memory stays in the cache.
 _CHUNK = 128
@@ -22,8 +22,8 @@ _CHUNK = 128
 class Batch:
     """Candidates with k columns each: their numbers (g,), and their columns (g, k) among the `extra` ones."""
 
-    members: IntArray
-    columns: IntArray
+    members: IndexArray
+    columns: IndexArray
 
     @property
     def width(self) -> int:
@@ -31,12 +31,12 @@ class Batch:
         return int(self.columns.shape[1])
 
 
-def extra_columns(candidates: Sequence[Candidate]) -> IntArray:
+def extra_columns(candidates: Sequence[Candidate]) -> IndexArray:
     """(c,): all columns of the candidates, ascending."""
     return np.array(sorted({k for candidate in candidates for k in candidate.columns}), dtype=np.intp)
 
 
-def batches(candidates: Sequence[Candidate], extra: IntArray) -> tuple[Batch, ...]:
+def batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[Batch, ...]:
     """The candidates by their number of columns, in handy portions."""
     made: list[Batch] = []
     for width in sorted({len(candidate.columns) for candidate in candidates}):
@@ -56,8 +56,8 @@ class Block:
     Wᵀy (s, w), Xᵀy (s, x + 1), yᵀy (s,); `pairs` are XᵀX within the candidates of every portion (s, g, k, k).
     """
 
-    have: IntArray
-    place: IntArray
+    have: IndexArray
+    place: IndexArray
     ww: FloatArray
     wx: FloatArray
     wy: FloatArray
@@ -66,7 +66,7 @@ class Block:
     pairs: tuple[FloatArray, ...]
 
     @classmethod
-    def of(cls, data: Products, joint: int, base: IntArray, extra: IntArray, portions: Sequence[Batch]) -> Block:
+    def of(cls, data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]) -> Block:
         """Take what is needed out of a joint's products."""
         where = data.position[joint]
         have, wp = present(where, base)
@@ -89,7 +89,7 @@ class Block:
         ww, wy = data.taken(joint, wp[:, None], wp), data.taken(joint, wp, y)
         return cls(have, place, ww, wx, wy, xy, data.taken(joint, y, y)[:, 0], tuple(pairs))
 
-    def at(self, stretches: IntArray) -> Block:
+    def at(self, stretches: IndexArray) -> Block:
         """Of some of the stretches."""
         return Block(
             self.have,
@@ -134,14 +134,14 @@ class Blocks:
     joints: tuple[Block, ...]
 
     @classmethod
-    def of(cls, data: Products, base: IntArray, candidates: Sequence[Candidate]) -> Blocks:
+    def of(cls, data: Products, base: IndexArray, candidates: Sequence[Candidate]) -> Blocks:
         """Take what is needed to score the candidates beside the model whose columns are `base` (b,)."""
         extra = extra_columns(candidates)
         portions = batches(candidates, extra)
         joints = tuple(Block.of(data, joint, base, extra, portions) for joint in range(data.n_joints))
         return cls(len(base), len(extra), portions, joints)
 
-    def at(self, stretches: IntArray) -> Blocks:
+    def at(self, stretches: IndexArray) -> Blocks:
         """Of some of the stretches."""
         return Blocks(self.n_base, self.n_extra, self.portions, tuple(joint.at(stretches) for joint in self.joints))
 

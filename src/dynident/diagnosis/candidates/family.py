@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.robot.model import FloatArray
+from dynident.arrays import FloatArray
 
 DRAWS = 2000
 """Turns of the signs: a p of 0.01 is then known to within a fifth of itself."""

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.family import evenness
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.scoring import Score
 from dynident.diagnosis.residuals.stretches import t_of
 from dynident.effects import CATALOGUE
-from dynident.robot.model import FloatArray
 
 ALPHA = 0.01
 """How often anything at all may be named, by chance, in an arm where nothing is missing (`benchmarks/placebo.py`)."""

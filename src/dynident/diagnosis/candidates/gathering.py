@@ -12,17 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.diagnosis.candidates.products import IntArray, Products, Stack
+from dynident.arrays import BoolArray, FloatArray, IndexArray
+from dynident.diagnosis.candidates.products import Products, Stack
 from dynident.diagnosis.comparing.repetition import Repeat, periods_of
 from dynident.effects import Signals
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.phases import Phase, width_of
-from dynident.recordings.types import BoolArray
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, joints_with_friction, lives_at_starts
 from dynident.regressors.stream import FilteredSamples, filtered_samples, stretch_length, used_duration
-from dynident.robot.model import FloatArray
 
 _FINER = 0.25
 """Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
@@ -66,20 +65,20 @@ class PhasedProducts:
     turning: Elsewhere
     partial: Elsewhere
 
-    def of(self, columns: Sequence[int] | IntArray) -> Products:
+    def of(self, columns: Sequence[int] | IndexArray) -> Products:
         """The rows that are equations for a model with these columns."""
         return self._rows(self.shown(columns))
 
-    def beside(self, columns: Sequence[int] | IntArray, kinds: BoolArray) -> Products:
+    def beside(self, columns: Sequence[int] | IndexArray, kinds: BoolArray) -> Products:
         """Those, and on all joints those of some kinds (2,): turning and partial rows, for candidates on any joint."""
         return self._rows(self.shown(columns) | kinds[:, None])
 
-    def counts(self, columns: Sequence[int] | IntArray) -> FloatArray:
+    def counts(self, columns: Sequence[int] | IndexArray) -> FloatArray:
         """(s, n): how many rows are equations for a model with these columns."""
         turns, starts = self.shown(columns)
         return np.asarray(self.moving.counts + turns * self.turning.counts + starts * self.partial.counts)
 
-    def shown(self, columns: Sequence[int] | IntArray) -> BoolArray:
+    def shown(self, columns: Sequence[int] | IndexArray) -> BoolArray:
         """(2, n): joints whose turning, and whose partial rows are equations for a model with these columns."""
         own = np.asarray(columns, dtype=np.intp)
         return np.array([rows.shown[own].any(axis=0) for rows in (self.turning, self.partial)])
@@ -229,7 +228,7 @@ class _Sums:
             self._grams[kind][joint] = _longer(room, max(2 * len(room), self._now + 1, self._expected))
         return np.asarray(self._grams[kind][joint][self._now])
 
-    def finished(self, columns: Sequence[IntArray], turns: BoolArray, starts: BoolArray) -> PhasedProducts:
+    def finished(self, columns: Sequence[IndexArray], turns: BoolArray, starts: BoolArray) -> PhasedProducts:
         """All of them, with the places of the columns, and (columns, n) to which the rarer rows are shown."""
         n_stretches = len(self._runs)
         stacks = [tuple(Stack(_longer(gram, n_stretches)) for gram in kind) for kind in self._grams]

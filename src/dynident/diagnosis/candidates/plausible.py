@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool
-from dynident.diagnosis.candidates.products import IntArray, Products
+from dynident.diagnosis.candidates.products import Products
 from dynident.effects import Estimate, effect_by_id
-from dynident.robot.model import FloatArray
 
 _GIVEN_BACK = 0.1
 # A parameter of the wrong sign counts from so many standard deviations on; filtered rows are worth a tenth each.
@@ -57,7 +57,7 @@ def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estima
     return True
 
 
-def _passive(data: Products, pool: Pool, columns: IntArray, values: FloatArray, item: Judged) -> bool:
+def _passive(data: Products, pool: Pool, columns: IndexArray, values: FloatArray, item: Judged) -> bool:
     """Whether friction still takes energy from every joint on the whole, with the candidate's friction among it.
 
     The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
@@ -78,7 +78,7 @@ def _passive(data: Products, pool: Pool, columns: IntArray, values: FloatArray, 
     return True
 
 
-def _fit(data: Products, columns: IntArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _fit(data: Products, columns: IndexArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Parameters (k,) of columns, fitted to all stretches, and their standard deviations (k,)."""
     k = len(columns)
     normal, right = np.zeros((k, k)), np.zeros(k)

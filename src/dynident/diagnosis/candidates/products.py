@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.estimation import Reduction
-from dynident.robot.model import FloatArray
-
-IntArray = NDArray[np.intp]
 
 N_FOLDS = 5
 N_PARTS = 10
@@ -36,7 +33,7 @@ class Stack:
         """(p + 1, p + 1): over all stretches."""
         return np.asarray(self.values.sum(axis=0))
 
-    def taken(self, rows: IntArray, columns: IntArray) -> FloatArray:
+    def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): the products at these places, whose shapes are broadcast."""
         wide = self.values.shape[1]
         places = rows * wide + columns
@@ -54,13 +51,13 @@ class Products:
     """
 
     stacks: tuple[tuple[Stack, ...], ...]
-    position: tuple[IntArray, ...]
+    position: tuple[IndexArray, ...]
     counts: FloatArray
-    run: IntArray
+    run: IndexArray
 
     @classmethod
     def of(
-        cls, grams: Iterable[FloatArray], position: Iterable[IntArray], counts: FloatArray, run: IntArray
+        cls, grams: Iterable[FloatArray], position: Iterable[IndexArray], counts: FloatArray, run: IndexArray
     ) -> Products:
         """From the products (s, p_j + 1, p_j + 1) of every joint."""
         return cls(tuple((Stack(gram),) for gram in grams), tuple(position), counts, run)
@@ -80,7 +77,7 @@ class Products:
         first, *others = self.stacks[joint]
         return sum((stack.total for stack in others), first.total)
 
-    def taken(self, joint: int, rows: IntArray, columns: IntArray) -> FloatArray:
+    def taken(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): a joint's products at these places, whose shapes are broadcast."""
         first, *others = self.stacks[joint]
         found = first.taken(rows, columns)
@@ -105,7 +102,7 @@ def products(reduction: Reduction) -> Products:
     return Products.of(grams, position, counts, runs_of(reduction.spans))
 
 
-def runs_of(spans: FloatArray) -> IntArray:
+def runs_of(spans: FloatArray) -> IndexArray:
     """(s,): number of the run of every stretch, whose first and last times are spans (s, 2)."""
     pause = spans[1:, 0] - spans[:-1, 1]
     least = _PAUSE * float((spans[:, 1] - spans[:, 0]).sum())
@@ -113,7 +110,7 @@ def runs_of(spans: FloatArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(starts)]).astype(np.intp)
 
 
-def folds(n_stretches: int, kind: str) -> list[IntArray]:
+def folds(n_stretches: int, kind: str) -> list[IndexArray]:
     """Stretches left out together: every fifth (`interleaved`) or a fifth in a row (`contiguous`)."""
     order = np.arange(n_stretches)
     count = min(N_FOLDS, n_stretches)
@@ -122,7 +119,7 @@ def folds(n_stretches: int, kind: str) -> list[IntArray]:
     return [np.asarray(part, dtype=np.intp) for part in np.array_split(order, count)]
 
 
-def folds_of(data: Products, kind: str) -> list[IntArray]:
+def folds_of(data: Products, kind: str) -> list[IndexArray]:
     """The folds of some data: whole `runs`, `parts` of each (a tenth in a row), or as `folds`.
 
     A fifth in a row is one of every run: a fast motion of all joints beside a long test of a single one would else be
@@ -142,17 +139,17 @@ def folds_of(data: Products, kind: str) -> list[IntArray]:
     return [fold for fold in map(np.concatenate, parts) if len(fold)]
 
 
-def runs_can_be_left_out(data: Products, base: IntArray) -> bool:
+def runs_can_be_left_out(data: Products, base: IndexArray) -> bool:
     """Whether there are several runs, and the columns of a model are known without any one of them."""
     runs = folds_of(data, "runs")
     return len(runs) > 1 and not any(_takes_all(data, base, run) for run in runs)
 
 
-def _parts(stretches: IntArray) -> list[IntArray]:
+def _parts(stretches: IndexArray) -> list[IndexArray]:
     return [part for part in np.array_split(stretches, min(N_PARTS, len(stretches))) if len(part)]
 
 
-def _takes_all(data: Products, base: IntArray, part: IntArray) -> bool:
+def _takes_all(data: Products, base: IndexArray, part: IndexArray) -> bool:
     """Whether a fold holds a whole run and with it nearly all that some column of the model shows."""
     outside = np.delete(data.run, part)
     if not set(data.run[part]) - set(outside):
@@ -166,7 +163,7 @@ def _takes_all(data: Products, base: IntArray, part: IntArray) -> bool:
     return bool((inside > _NEARLY_ALL * whole).any())
 
 
-def present(where: IntArray, columns: IntArray) -> tuple[IntArray, IntArray]:
+def present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Which of `columns` a joint has, and where in its products they stand."""
     places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
     have = np.flatnonzero(places >= 0)

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.gate import Judged
-from dynident.diagnosis.candidates.products import IntArray
 from dynident.effects import effect_by_id
-from dynident.robot.model import FloatArray
 
 FOUND_AGAIN = 0.9
 """In so many of the resamplings a name has to come first again."""
@@ -21,7 +20,7 @@ _MORE = 0.2
 """A candidate with more parameters takes the place of a simpler one if it gains so much more."""
 
 
-def share_found_again(chosen: Judged, rivals: Sequence[Judged], run: IntArray) -> float:
+def share_found_again(chosen: Judged, rivals: Sequence[Judged], run: IndexArray) -> float:
     """Share of resamplings in which the chosen candidate is not overtaken by another name.
 
     Parameters

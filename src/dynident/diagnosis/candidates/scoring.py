@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.blocks import Batch, Block, Blocks, Sums
 from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import IntArray, Products, folds_of
-from dynident.robot.model import FloatArray
+from dynident.diagnosis.candidates.products import Products, folds_of
 
 _RIDGE = 1e-10
 _OWN_RIDGE, _RANK = 1e-9, 1e-8
@@ -38,13 +38,13 @@ class Score:
     measured: FloatArray
 
 
-def held_out_errors(data: Products, base: IntArray, noise: FloatArray, kind: str) -> FloatArray:
+def held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
     """(s, n): squared error of the model alone in every stretch, fitted without the fold that the stretch is in."""
     return score_candidates(data, base, (), noise, kind)[0]
 
 
 def score_candidates(
-    data: Products, base: IntArray, candidates: Sequence[Candidate], noise: FloatArray, kind: str
+    data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray, kind: str
 ) -> tuple[FloatArray, list[Score]]:
     """Score every candidate beside the model whose columns are `base` (b,).
 
@@ -91,7 +91,7 @@ def scored(
 
 
 def contributions(
-    data: Products, base: IntArray, candidates: Sequence[Candidate], noise: FloatArray
+    data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray
 ) -> list[FloatArray]:
     """(s, k) of every candidate with k columns: what each stretch adds to the scores of its parameters (Rao's test).
 
@@ -117,7 +117,7 @@ def contributed(blocks: Blocks, count: int, noise: FloatArray) -> list[FloatArra
 
 
 def fitted_errors(
-    data: Products, base: IntArray, candidate: Candidate, noise: FloatArray
+    data: Products, base: IndexArray, candidate: Candidate, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Squared errors (s, n) of the model and of the model with a candidate, both fitted to all stretches.
 

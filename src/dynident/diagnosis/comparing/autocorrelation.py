@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.repetition import uniform_runs
 from dynident.estimation.statistics import NORMAL_95
-from dynident.robot.model import FloatArray
 
 LONGEST = 5.0
 """Seconds up to which the autocorrelation is given where nobody says how far."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, distance_to_band
 from dynident.estimation.statistics import NORMAL_95
@@ -17,13 +17,9 @@ from dynident.identification.prediction import prediction_deviation
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording, SampleBlock
 from dynident.recordings.phases import Phase, PhaseArray
-from dynident.recordings.types import BoolArray
 from dynident.regressors.row_phases import RowPhases, changed_at_rest
 from dynident.regressors.stream import SampleFunction, parallel_filtered
-from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
-
-IntArray = NDArray[np.intp]
 
 _STRETCH = 0.5
 _WORST = 12
@@ -148,7 +144,7 @@ class Comparison:
         places = zip(*np.unravel_index(order, ratios.shape), strict=True)
         return tuple(self._stretch(parts[k], int(j), float(local[k, j]), float(ratios[k, j])) for k, j in places)
 
-    def _stretch(self, rows: IntArray, joint: int, rms: float, ratio: float) -> WorstStretch:
+    def _stretch(self, rows: IndexArray, joint: int, rms: float, ratio: float) -> WorstStretch:
         worst = rows[int(np.argmax(np.abs(self.residual[rows, joint])))]
         return WorstStretch(
             joint=self.joint_names[joint],

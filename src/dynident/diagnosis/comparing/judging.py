@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.autocorrelation import autocorrelation
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.comparing.noise import NoiseFloor, floor_of
 from dynident.diagnosis.comparing.repetition import share_repeated, tracks, tracks_of
 from dynident.recordings import Preprocessing, Recording
-from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
 
 _REPEATED = 0.5

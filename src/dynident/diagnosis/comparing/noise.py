@@ -10,11 +10,11 @@ import numpy as np
 from scipy import stats
 from scipy.interpolate import make_interp_spline
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.autocorrelation import independent_squares
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.comparing.repetition import Repeat, Track, own_repeats, tracks
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass
-from dynident.robot.model import FloatArray
 
 NoiseSource = Literal["repeated_periods", "high_frequency"]
 

@@ -8,15 +8,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 from scipy.interpolate import BSpline, make_interp_spline
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.recordings import Recording
 from dynident.recordings.spectra import used_runs
-from dynident.robot.model import FloatArray
-
-BoolArray = NDArray[np.bool_]
 
 _SAME = 0.01
 """Share of a joint's range by which positions may differ and still be the same; real arms repeat to within half."""

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from scipy import fft, signal
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.repetition import uniform_runs
 from dynident.errors import DynidentError
-from dynident.robot.model import FloatArray
 
 Over = Literal["time", "angle"]
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import FailureSpot
-from dynident.robot.model import FloatArray
 
 _BINS = 16
 _FEWEST = 20

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.recordings import Preprocessing
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 _LINE_RATIO = 12.0
 _LINES_A_JOINT = 2

@@ -10,16 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.residuals.bursts import bursts
 from dynident.diagnosis.residuals.stretches import stretches, t_of
 from dynident.diagnosis.result import UnknownPattern, Variable
-from dynident.recordings.types import BoolArray
-from dynident.robot.model import FloatArray
-
-IntArray = NDArray[np.intp]
 
 _BINS, _COARSE_BINS, _FEWEST = 24, 10, 10
 _SHARE, _T = 0.08, 4.2
@@ -44,7 +40,7 @@ class _Rows:
     ddq: FloatArray
     load: FloatArray
     t: FloatArray
-    stretch: IntArray
+    stretch: IndexArray
 
     @classmethod
     def of(cls, comparisons: Sequence[Comparison]) -> _Rows:
@@ -85,7 +81,7 @@ def _targets(rows: _Rows, j: int) -> tuple[FloatArray, FloatArray]:
     return np.ones(len(rows.t)), np.sign(rows.dq[:, j])
 
 
-def _partitions(rows: _Rows, j: int) -> Iterator[tuple[Variable, IntArray]]:
+def _partitions(rows: _Rows, j: int) -> Iterator[tuple[Variable, IndexArray]]:
     """Ways to sort the rows (m,) into bins, each with the variable it stands for; of the joint itself first."""
     sign = np.sign(rows.dq[:, j])
     position = _bins(rows.q[:, j], _COARSE_BINS)
@@ -103,16 +99,16 @@ def _partitions(rows: _Rows, j: int) -> Iterator[tuple[Variable, IntArray]]:
             yield "other_joints", position * _COARSE_BINS + other
 
 
-def _bins(values: FloatArray, count: int) -> IntArray:
+def _bins(values: FloatArray, count: int) -> IndexArray:
     """Number of the bin (m,) of every row; all the same where a signal does not move."""
     low, high = np.quantile(values, [0.005, 0.995])
     if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
         return np.zeros(len(values), dtype=np.intp)
-    found: IntArray = np.clip(((values - low) / (high - low) * count).astype(np.intp), 0, count - 1)
+    found: IndexArray = np.clip(((values - low) / (high - low) * count).astype(np.intp), 0, count - 1)
     return found
 
 
-def _believed(rows: _Rows, j: int, which: IntArray, turn: FloatArray) -> float:
+def _believed(rows: _Rows, j: int, which: IndexArray, turn: FloatArray) -> float:
     """Held-out share of the residual's variance that bin means explain; 0 where it is not even over the stretches."""
     telling = rows.telling[:, j]
     residual = (rows.residual[:, j] * turn)[telling]

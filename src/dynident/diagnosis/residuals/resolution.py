@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.effects import ShapeSpec
 from dynident.recordings import Preprocessing
 from dynident.recordings.phases import Phase
-from dynident.robot.model import FloatArray
 
 _SLOWEST_SHARE = 0.02
 """Share of a joint's moving rows that have to be slower than a speed for what happens below it to show."""

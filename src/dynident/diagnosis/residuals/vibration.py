@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.effects import Signals
 from dynident.expressions import Program
-from dynident.robot.model import FloatArray
 
 _AROUND, _STEPS_A_WIDTH = 0.3, 4
 _MOST_ROWS = 6000

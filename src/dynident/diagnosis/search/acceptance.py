@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gate import (
     SMALLEST_GAIN_AT_REVERSALS,
     SMALLEST_GAIN_OVER_NOISE,
@@ -13,7 +14,6 @@ from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.search.state import State
 from dynident.effects import Effect, effect_by_id
 from dynident.effects.catalogue import is_change
-from dynident.robot.model import FloatArray
 
 VISIBLE = 0.02
 """Share of a column that has to be left beside the model for the data to show its effect at all."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gate import Judged, indistinguishable
 from dynident.diagnosis.candidates.gathering import gather
 from dynident.diagnosis.candidates.pool import pool_of
@@ -12,7 +13,6 @@ from dynident.diagnosis.search.state import Finding, judge_all
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification
 from dynident.recordings import Recording
-from dynident.robot.model import FloatArray
 
 _NOTHING = 1.0
 """A difference of squared errors in units of the noise that says nothing: what is not there gains as much."""

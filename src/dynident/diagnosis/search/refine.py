@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Candidate, Pool, width_shows
 from dynident.diagnosis.residuals.resolution import Resolution
@@ -22,7 +23,6 @@ from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
-from dynident.robot.model import FloatArray
 
 # Solutions until first-order columns are about the model that they are part of.
 _PASSES = 2

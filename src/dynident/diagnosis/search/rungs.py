@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.family import evenness
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.products import runs_can_be_left_out
 from dynident.diagnosis.candidates.scoring import held_out_errors
-from dynident.robot.model import FloatArray
 
 _CHANCE = 3.5
 """t of a joint's larger error over the stretches of time from which on it is more than chance: of the some forty joints

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dynident.arrays import BoolArray
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
@@ -17,7 +18,6 @@ from dynident.diagnosis.search.pruning import pruned
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.effects import effect_by_id
 from dynident.progress import Progress
-from dynident.recordings.types import BoolArray
 
 _FEW_WAVES = 6.0
 

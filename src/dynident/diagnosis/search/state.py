@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.diagnosis.candidates.blocks import Blocks
 from dynident.diagnosis.candidates.family import family_wise_p
 from dynident.diagnosis.candidates.gate import Judged, judge
@@ -17,10 +17,6 @@ from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import contributed, held_out_errors, scored
 from dynident.effects import effect_by_id
 from dynident.estimation.least_squares import floored
-from dynident.robot.model import FloatArray
-
-BoolArray = NDArray[np.bool_]
-
 
 _KINDS = ("interleaved", "contiguous")
 

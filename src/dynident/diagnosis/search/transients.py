@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import fitted_errors
 from dynident.diagnosis.search.state import Finding
-from dynident.robot.model import FloatArray
 
 CONTACT = "external_contact"
 _EXPLAINED, _LARGEST_P = 0.7, 1e-6

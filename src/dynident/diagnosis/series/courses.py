@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.diagnosis.candidates.products import IntArray
+from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.series.days import Day
 from dynident.diagnosis.series.result import Course
 from dynident.diagnosis.series.steps import Stepped, reduction_of
@@ -14,8 +14,6 @@ from dynident.effects import Column, effect_by_id
 from dynident.estimation import EstimationError, Reduction, Statistics, known_values, statistics, weighted
 from dynident.estimation.information import Information
 from dynident.progress import Progress
-from dynident.recordings.types import BoolArray
-from dynident.robot.model import FloatArray
 
 
 def courses(
@@ -96,7 +94,7 @@ def _known(
     )
 
 
-def _seen(reduction: Reduction) -> IntArray:
+def _seen(reduction: Reduction) -> IndexArray:
     """Columns that are not zero: a change of the day that is left out is none of the others."""
     size = np.zeros(reduction.n_columns)
     for equation in reduction.equations:

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.pool import changes_in
 from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.residuals.leads import Leads
@@ -24,7 +25,6 @@ from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
-from dynident.robot.model import FloatArray
 
 _ANY = ("any",)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.result import Change
 from dynident.effects import EffectChoice
-from dynident.robot.model import FloatArray
 
 
 @dataclass(frozen=True)

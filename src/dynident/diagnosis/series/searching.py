@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
@@ -15,7 +16,6 @@ from dynident.diagnosis.search.pruning import pruned
 from dynident.diagnosis.search.search import generalises
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.progress import Progress
-from dynident.robot.model import FloatArray
 
 _AS_MUCH = 0.9
 """Of what a change explains: what was there all along and says so much of it leaves no change."""

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.gathering import Elsewhere, PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.products import IntArray, Products, Stack
+from dynident.diagnosis.candidates.products import Products, Stack
 from dynident.diagnosis.series.days import Day, Measure, Possible
 from dynident.effects import EffectChoice
 from dynident.estimation import EquationFactors, Reduction, concatenate
-from dynident.robot.model import FloatArray
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class SteppedStack(Stack):
         The day of every stretch.
     """
 
-    def __init__(self, values: FloatArray, places: IntArray, since: IntArray, day: IntArray) -> None:
+    def __init__(self, values: FloatArray, places: IndexArray, since: IndexArray, day: IndexArray) -> None:
         super().__init__(values)
         self._places, self._since, self._day = places, since, day
 
@@ -57,7 +57,7 @@ class SteppedStack(Stack):
         both = np.maximum(self._since[:, None], self._since)
         return np.asarray(later[both, self._places[:, None], self._places])
 
-    def taken(self, rows: IntArray, columns: IntArray) -> FloatArray:
+    def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): the products at these places, whose shapes are broadcast."""
         found = super().taken(self._places[rows], self._places[columns])
         both = np.maximum(self._since[rows], self._since[columns])

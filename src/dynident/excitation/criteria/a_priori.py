@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.observation.model import DesignModel
-from dynident.robot.model import FloatArray
 from dynident.robot.pointers import listed
 
 # Of the largest parameter of the same unit: smaller ones cannot be told from zero anyway, and must not rule.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.a_priori import a_priori_values
@@ -15,7 +16,6 @@ from dynident.excitation.criteria.smooth import Criterion, criterion_of
 from dynident.excitation.criteria.values import CriterionValues, true_values
 from dynident.excitation.criteria.variances import Deciding
 from dynident.excitation.observation.model import DesignModel
-from dynident.robot.model import FloatArray
 from dynident.robot.pointers import listed, pointer
 
 

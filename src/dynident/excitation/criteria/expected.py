@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.criteria.variances import inverse_diagonal
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.observation.row_models import RowModel
-from dynident.robot.model import FloatArray
 
 
 @dataclass(frozen=True)

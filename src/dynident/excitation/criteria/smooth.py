@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
+from dynident.arrays import FloatArray
 from dynident.excitation.criteria.choice import CriterionChoice, check_criterion
 from dynident.excitation.criteria.variances import Deciding, relative_variances
-from dynident.robot.model import FloatArray
 
 Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
 """Value and ∂/∂W (r, b) of a criterion at W (r, b), whose rows are divided by √N; the smaller the better."""

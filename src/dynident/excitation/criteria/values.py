@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.criteria.variances import Deciding, sum_of_variances
-from dynident.robot.model import FloatArray
 
 
 @dataclass(frozen=True)

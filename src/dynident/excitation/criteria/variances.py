@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.robot.model import FloatArray
+from dynident.arrays import FloatArray
 
 # Eigenvalues of the equilibrated M below this share of the largest are rounding errors.
 _FLOOR = 1e-13

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.request import DesignRequest
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.regressors.stream import reduce_recordings, used_duration
-from dynident.robot.model import FloatArray
 
 
 def earlier_rows(

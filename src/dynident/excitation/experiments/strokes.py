@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.experiments.task import Made, Task
 from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.excitation.limits.locked import moving_joints
@@ -18,7 +19,6 @@ from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.request import DesignRequest
 from dynident.excitation.trajectories.motion import Piece
 from dynident.progress import Progress, part, silent
-from dynident.robot.model import FloatArray
 
 # Of the position range, and at most so far (rad, m).
 _STROKE_SHARE, _LONGEST_STROKE = 0.8, np.pi

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.criteria.baseline import Baseline
 from dynident.excitation.criteria.deciding import Yardstick, row_weights
 from dynident.excitation.criteria.expected import ExpectedParameter, expected_parameters
@@ -20,7 +21,6 @@ from dynident.excitation.request import DesignRequest
 from dynident.excitation.result import Run
 from dynident.excitation.trajectories.motion import Motion, Piece, check_length, in_sequence
 from dynident.progress import Progress, part
-from dynident.robot.model import FloatArray
 
 _CHECKS_PER_SAMPLE = 10
 _CHUNK = 50_000

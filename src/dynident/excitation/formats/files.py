@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from dynident.arrays import FloatArray, IntArray
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.values import CriterionValues
-from dynident.excitation.result import Design, IntArray
-from dynident.robot.model import FloatArray
+from dynident.excitation.result import Design
 
 FORMATS = ("csv", "parquet", "json")
 """Formats of a trajectory."""

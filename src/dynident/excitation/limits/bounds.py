@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.surroundings.free_space import FreeSpace, free_space_of
 from dynident.excitation.surroundings.obstacles import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
-from dynident.robot.model import FloatArray, Joint
+from dynident.robot.model import Joint
 from dynident.robot.pointers import listed, pointer
 from dynident.robot.settings import check_limits
 

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.limits.bounds import Bounds
 from dynident.excitation.observation.model import JUMP_TIME, DesignModel
 from dynident.regressors.base_parameters import select_base
 from dynident.regressors.observation import Observation
-from dynident.robot.model import FloatArray
 from dynident.robot.pointers import listed
-
-BoolArray = NDArray[np.bool_]
 
 _STATES_PER_COLUMN = 2
 _VELOCITY, _ACCELERATION, _JERK, _SNAP = 2.0, 5.0, 20.0, 80.0

@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray
 from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.excitation.surroundings.contacts import Approach
 from dynident.excitation.surroundings.free_space import FreeSpace, contact_complaint
 from dynident.excitation.trajectories.motion import Motion
-from dynident.robot.model import FloatArray
 
 LimitName = Literal[
     "position_min",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.excitation.observation.model import DesignModel
-from dynident.robot.model import FloatArray
 from dynident.robot.pointers import pointer
 
 _POSTURES = 2000

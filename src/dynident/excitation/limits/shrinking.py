@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.limits.bounds import Bounds
 from dynident.excitation.limits.postures import CENTRAL_SHARE
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.trajectories.family import Family
-from dynident.robot.model import FloatArray
 
 _BISECTIONS = 12
 _SAMPLES_PER_WAVE = 80

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.excitation.limits.postures import holdable_postures, static_torque, usual_homes
 from dynident.excitation.moves.ways import moves_through, stations_between
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.trajectories.motion import Piece, Rest
-from dynident.robot.model import FloatArray
 
 _OTHER_HOMES = 5
 

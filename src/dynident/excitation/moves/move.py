@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import ruckig
 
+from dynident.arrays import FloatArray
 from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.excitation.limits.postures import static_torque
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.trajectories.motion import Motion, Piece, Rest, check_length
-from dynident.robot.model import FloatArray
 
 _SLOWER = 0.75
 _ATTEMPTS = 16

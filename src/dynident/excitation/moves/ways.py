@@ -10,12 +10,12 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from dynident.arrays import FloatArray
 from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.excitation.limits.postures import holdable_postures
 from dynident.excitation.moves.move import move_within_torque, straight_complaint
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.trajectories.motion import Motion, Piece, joined
-from dynident.robot.model import FloatArray
 
 # Postures on the way around: a few at first, then more.
 _VIA_POSTURES = (60, 300)

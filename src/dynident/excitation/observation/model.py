@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import Column, EffectChoice, Signals, columns_of
 from dynident.errors import DynidentError
 from dynident.excitation.observation.path_memory import PathMemory
@@ -17,10 +18,8 @@ from dynident.excitation.trajectories.motion import Motion
 from dynident.expressions import Program
 from dynident.regressors.base_parameters import BaseParameters, base_parameters
 from dynident.regressors.observation import Observation
-from dynident.robot.model import INERTIAL_NAMES, FloatArray, Robot
+from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.robot.pointers import listed
-
-IntArray = NDArray[np.intp]
 
 JUMP_TIME = 0.02
 """Seconds over which what jumps in a column is spread: a filter does the same to data."""
@@ -125,7 +124,7 @@ class DesignModel:
         w[:, ~self.counted] = 0.0
         return w.reshape(-1, observation.n_columns)
 
-    def observe_along(self, motion: Motion, taken: IntArray, runs: FloatArray | None = None) -> FloatArray:
+    def observe_along(self, motion: Motion, taken: IndexArray, runs: FloatArray | None = None) -> FloatArray:
         """W (m n, b) at the samples `taken` (m,) of a motion that begins at rest; `runs` as for `observe`."""
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else 1.0
         snap = np.gradient(motion.dddq, step, axis=0) if len(motion.t) > 1 else np.zeros_like(motion.dddq)

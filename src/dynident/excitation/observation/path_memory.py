@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import MemorySignal
 from dynident.effects.memory import MemoryStates
-from dynident.robot.model import FloatArray
 
 _AT_STOP = 1.0 - 1e-12
 

@@ -13,8 +13,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.regressors.equations import SHARE_OF_PERIOD
-from dynident.robot.model import FloatArray
 
 RowModelName = Literal["dynamic", "filtered", "energy", "power"]
 ROW_MODELS: tuple[RowModelName, ...] = get_args(RowModelName)

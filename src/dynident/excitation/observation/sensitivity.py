@@ -5,11 +5,11 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import Column, Signals, columns_of
 from dynident.excitation.observation.model import JUMP_TIME, DesignModel
 from dynident.excitation.observation.path_memory import PathMemory
 from dynident.expressions import Program
-from dynident.robot.model import FloatArray
 
 
 class ObservationGradient:

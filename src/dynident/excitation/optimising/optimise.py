@@ -13,12 +13,12 @@ from functools import partial
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
 
+from dynident.arrays import FloatArray
 from dynident.excitation.limits.shrinking import Shrinking
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising.problem import DesignProblem, Evaluation, Multipliers
 from dynident.excitation.optimising.random_trajectories import Candidate, Judge
 from dynident.progress import Progress
-from dynident.robot.model import FloatArray
 
 _PENALTY = 1.0
 _PENALTY_GROWTH = 4.0

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.criteria.smooth import Criterion
 from dynident.excitation.limits.bounds import Bounds
 from dynident.excitation.observation.model import DesignModel
@@ -13,7 +14,6 @@ from dynident.excitation.observation.row_models import RowModelName, row_model
 from dynident.excitation.observation.sensitivity import ObservationGradient
 from dynident.excitation.optimising.sampling import samples_of_a_period, smooth_sign
 from dynident.excitation.trajectories.family import Family
-from dynident.robot.model import FloatArray
 
 # Between the samples a motion swings out a little further than on them.
 _SHARE_OF_LIMITS = 0.99

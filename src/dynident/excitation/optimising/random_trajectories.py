@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.criteria.deciding import Yardstick
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.limits.bounds import Bounds
@@ -17,7 +18,6 @@ from dynident.excitation.observation.row_models import RowModelName, row_model
 from dynident.excitation.optimising.sampling import samples_of_a_period
 from dynident.excitation.trajectories.family import Family
 from dynident.progress import Progress, silent
-from dynident.robot.model import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.criteria.deciding import Yardstick
 from dynident.excitation.criteria.variances import Deciding
@@ -19,7 +20,7 @@ from dynident.excitation.experiments.periodic import family_of, within_limits
 from dynident.excitation.experiments.point_to_point import first_that_fits
 from dynident.excitation.experiments.task import Task
 from dynident.excitation.limits.bounds import ImpossibleLimitsError
-from dynident.excitation.limits.locked import BoolArray, locked_bounds
+from dynident.excitation.limits.locked import locked_bounds
 from dynident.excitation.limits.postures import holdable_postures
 from dynident.excitation.limits.shrinking import Shrinking
 from dynident.excitation.optimising.budget import Budget
@@ -32,7 +33,6 @@ from dynident.excitation.points.spaces import FreePoints, PointSpace, TwoPoints
 from dynident.excitation.sets.planned import BetweenTwoPoints, Freely, PlannedRun
 from dynident.excitation.trajectories.motion import Piece
 from dynident.progress import Progress, part
-from dynident.robot.model import FloatArray
 
 _KNOWN_BEFORE = 0.02
 """Standard deviation of what is known of each parameter before, as a share of its column: too little to rule."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.criteria.baseline import Baseline, baseline_of
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.experiments.point_to_point import check_no_path, verified
@@ -21,7 +22,6 @@ from dynident.excitation.sets.planned import BetweenTwoPoints, PlannedRun, plann
 from dynident.excitation.sets.run_search import FoundRun, RunSearch, rows_like
 from dynident.excitation.trajectories.motion import Motion, Piece, in_sequence
 from dynident.progress import Progress, part
-from dynident.robot.model import FloatArray
 from dynident.robot.pointers import listed
 
 _TRIES = 4

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.excitation.surroundings.obstacles import HalfSpace
 from dynident.excitation.surroundings.segments import closest_shares, cross, distance_to_block, dot, unit
 from dynident.robot.kinematics import joint_frames
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 from dynident.robot.shapes import Block, Capsule
 
-IntArray = NDArray[np.intp]
 # Balls along a capsule stand this many radii apart where it is kept from a box.
 _BALL_SPACING = 0.5
 _AT_ONCE = 1000
@@ -178,7 +177,7 @@ class Clearances:
         return distance, away
 
     @cached_property
-    def _grouped_blocks(self) -> list[tuple[Block, IntArray]]:
+    def _grouped_blocks(self) -> list[tuple[Block, IndexArray]]:
         """Every box with the places of its balls."""
         found: dict[int, tuple[Block, list[int]]] = {}
         for k, (_, block) in enumerate(self.hindrances.blocks):

@@ -13,8 +13,9 @@ from typing import Any
 import coal
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.robot.kinematics import joint_frames
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 from dynident.robot.shapes import Block, Capsule, Cylinder, Shape
 
 _FIRST_LOOKS = 48

@@ -7,19 +7,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.surroundings.clearance import Ball, Clearances, Hindrances, Part, balls_along
 from dynident.excitation.surroundings.contacts import ContactCheck, SolidPair, half_space_solid, pair_of, solid_of
 from dynident.excitation.surroundings.obstacles import HalfSpace, Surroundings, ToolRange
 from dynident.robot.collision import BASE, Body, CollisionGeometry, collision_geometry
 from dynident.robot.kinematics import tool_path
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 from dynident.robot.pointers import listed
 from dynident.robot.shapes import enclosing_capsule, without_contained
 
-BoolArray = NDArray[np.bool_]
 _POSTURES = 200
 # Links that are closer than the clearance in this share of all postures cannot be kept apart by a motion.
 _MOSTLY = 0.5

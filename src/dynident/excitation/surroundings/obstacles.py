@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import FloatArray
 from dynident.robot.pointers import pointer
 from dynident.robot.shapes import Block
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.robot.model import FloatArray
+from dynident.arrays import FloatArray
 from dynident.robot.shapes import Block
 
 _NO_LENGTH = 1e-18

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import FloatArray
 
 DEGREE = 5
 """The fourth derivative, which some effects need, is then still continuous."""

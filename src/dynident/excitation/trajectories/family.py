@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.excitation.trajectories.motion import Motion
-from dynident.robot.model import FloatArray
 
 
 class Family(Protocol):

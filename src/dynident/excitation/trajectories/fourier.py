@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import null_space
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import FloatArray
 
 
 @dataclass(frozen=True)

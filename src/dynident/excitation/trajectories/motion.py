@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import FloatArray
 
 MOST_SAMPLES = 5_000_000
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, Solution, errors, noise_levels, statistics, weighted
 from dynident.estimation.least_squares import doubtful_noise, weighted_factor, weights_settled
@@ -23,7 +24,6 @@ from dynident.identification.data import Data
 from dynident.identification.estimators.feasible_problem import Believed, FeasibleProblem, believed_of, problem_of
 from dynident.identification.fit import Fit
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 
 _ROUNDS = 20
 """Of weighing by what is left, at most."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import Column, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, Solution
 from dynident.estimation.deviations import deviations, null_space
 from dynident.estimation.least_squares import doubtful_noise, weighted_factor
 from dynident.estimation.semidefinite import Constrained, InfeasibleError, MatrixBound, constrained_least_squares
-from dynident.estimation.triangles import IntArray
 from dynident.identification.belief import Belief, parted
 from dynident.identification.bodies import Body, bodies_of
 from dynident.identification.choices import IdentificationChoices
@@ -20,7 +20,6 @@ from dynident.identification.entropic import EntropicPrior, entropic_prior
 from dynident.identification.prior import belief_of
 from dynident.identification.standard import StandardParameters
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
 
 # Least eigenvalue of a pseudo-inertia, of that of a usual error in the description: exported bodies must not be flat.
@@ -71,7 +70,7 @@ class FeasibleProblem:
     rest: FloatArray
     open: FloatArray
     bodies: tuple[Body, ...]
-    not_negative: IntArray
+    not_negative: IndexArray
 
     def base_of(self, found: Constrained) -> FloatArray:
         """(b,): base parameters."""
@@ -168,7 +167,7 @@ def _sizes(model: Model, belief: Belief, unconstrained: Solution) -> FloatArray:
     )
 
 
-def _not_negative(model: Model) -> IntArray:
+def _not_negative(model: Model) -> IndexArray:
     """The parameters that nature allows no negative value.
 
     Beside other friction effects Coulomb and viscous friction are only parts of a sum, which alone has a sign.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.estimation import (
     EstimationError,
     Information,
@@ -32,7 +33,6 @@ from dynident.recordings import Recording, choose_preprocessing, filtered_blocks
 from dynident.recordings.spectra import spectra
 from dynident.regressors.model import Model
 from dynident.regressors.stream import reduce_recordings
-from dynident.robot.model import FloatArray
 
 START = (0.25, 0.5, 1.0)
 """Shares of the data that the filter's initial parameters come from: the first that determines them."""

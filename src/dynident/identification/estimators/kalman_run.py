@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, Information, Reduction
 from dynident.estimation.information import covariance_of
@@ -19,7 +20,6 @@ from dynident.recordings import Preprocessing, Recording, filtered_blocks
 from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
 from dynident.regressors.stream import EquationRows, folded
-from dynident.robot.model import FloatArray
 
 # Noise of the torque of a joint that stands still with friction, over that of others: it tells nothing.
 _TELLS_NOTHING = 1e6

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, noise_levels, solve, statistics, weighted
 from dynident.estimation.least_squares import doubtful_noise, floored
@@ -24,7 +25,6 @@ from dynident.recordings import Recording
 from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
 from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
-from dynident.robot.model import FloatArray
 
 _MOST_ROUNDS = 15
 # A round that moves no parameter by more than this share of its standard deviation is the last.

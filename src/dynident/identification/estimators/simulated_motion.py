@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.identification.recorded_motion import RecordedMotion
 from dynident.identification.simulator import Simulator, simulator_of
 from dynident.recordings import Recording, SampleBlock
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 from dynident.simulation import Controller
 
 BANDWIDTH = 15.0

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, instrumental, statistics, weighted
 from dynident.identification.choices import IdentificationChoices
@@ -35,7 +36,6 @@ from dynident.regressors.stream import (
     parallel_filtered,
     reduce_recordings,
 )
-from dynident.robot.model import FloatArray
 
 # Harmonics of the motion that the reference of instruments keeps: what is left of the noise in it biases the estimate.
 _HARMONICS = 4.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import Signals, columns_of
 from dynident.effects.friction import slowest_velocity
 from dynident.errors import DynidentError
 from dynident.estimation.kalman import TorqueSlopes
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 
 # sign(q̇) changes over this share of the slowest joint's velocity limit: a filter needs its slope.
 _SIGN_WIDTH = 2e-3

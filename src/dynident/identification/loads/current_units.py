@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, Solution, Statistics, errors, statistics, weighted
@@ -23,7 +24,6 @@ from dynident.regressors.base_parameters import BaseParameters, random_observati
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot import Robot
-from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
 
 _STATES = 400

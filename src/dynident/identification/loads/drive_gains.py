@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
@@ -24,10 +24,7 @@ from dynident.identification.loads.payloads import PLAIN_EFFECTS, known_payload,
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
-from dynident.robot.model import FloatArray
 from dynident.threads import single_threaded
-
-IntArray = NDArray[np.intp]
 
 _ROUNDS = 60
 _SETTLED = 1e-8
@@ -233,7 +230,7 @@ def _unsettled() -> EstimationError:
     )
 
 
-def _start(reduction: Reduction, fixed: FloatArray, free: IntArray) -> tuple[FloatArray, FloatArray]:
+def _start(reduction: Reduction, fixed: FloatArray, free: IndexArray) -> tuple[FloatArray, FloatArray]:
     """χ (c,) and 1/f (n,) of the singular vector of the smallest singular value of [W w -y], columns of equal size."""
     c, n = reduction.n_columns, len(reduction.equations)
     parts = []
@@ -262,7 +259,7 @@ def _start(reduction: Reduction, fixed: FloatArray, free: IntArray) -> tuple[Flo
     return values, 1.0 / vector[len(free) + 1 :]
 
 
-def _linearised(reduction: Reduction, free: IntArray, values: FloatArray, inverse: FloatArray) -> Reduction:
+def _linearised(reduction: Reduction, free: IndexArray, values: FloatArray, inverse: FloatArray) -> Reduction:
     """y_j = k_j W_j χ about χ and k = 1/f: columns k_j W_j of the free parameters and W_j χ of k_j."""
     number = {int(column): new for new, column in enumerate(free)}
     made = []

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
@@ -18,7 +19,6 @@ from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot import Robot
-from dynident.robot.model import FloatArray
 
 PLAIN_EFFECTS = tuple(EffectChoice(n) for n in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
 """What is identified beside a payload or gains where nobody says more."""

@@ -6,15 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.effects import DEFAULT_EFFECTS, Signals, columns_of, effect_by_id
 from dynident.errors import DynidentError
 from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.evidence import shortened
-from dynident.recordings.types import BoolArray, IntArray, SampleBlock
+from dynident.recordings.types import SampleBlock
 from dynident.regressors.observation import Observation
 from dynident.regressors.stream import parallel_filtered
-from dynident.robot.model import FloatArray, Robot
+from dynident.robot.model import Robot
 
 MOST_JOINTS = 12
 """Of longer chains the pairs are too many to be tried while somebody waits."""

@@ -9,8 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from dynident.recordings.types import BoolArray, IntArray
-from dynident.robot.model import FloatArray
+from dynident.arrays import BoolArray, FloatArray, IntArray
 
 Kind = Literal[
     "torques swapped", "positions swapped", "joints swapped", "torque turned", "position turned", "joint turned"

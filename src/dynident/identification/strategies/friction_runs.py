@@ -12,13 +12,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.estimation import EquationFactors, Reduction
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, filtered_blocks
 from dynident.recordings.constant_velocity import sole_mover
 from dynident.regressors.model import Model
 from dynident.regressors.stream import SampleFunction
-from dynident.robot.model import FloatArray
 
 # Pieces that correlation is measured between, s; shorter ones than the second are left out.
 _PIECE, _SHORTEST = 1.0, 0.1

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigh, solve_triangular
 
+from dynident.arrays import FloatArray
 from dynident.estimation import (
     EstimationError,
     Information,
@@ -32,7 +33,6 @@ from dynident.identification.data import Data
 from dynident.identification.estimators.by_name import estimate
 from dynident.identification.fit import Fit
 from dynident.regressors.model import Model
-from dynident.robot.model import FloatArray
 
 # Share of the largest singular value, columns of equal size, below which a direction is rounding alone.
 _UNSEEN = 1e-8

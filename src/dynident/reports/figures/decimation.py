@@ -8,10 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.arrays import BoolArray, FloatArray
 from dynident.diagnosis import Comparison
-from dynident.robot.model import FloatArray
-
-BoolArray = NDArray[np.bool_]
 
 _GAP = 1.5
 _PAUSE = 0.02

@@ -9,12 +9,12 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from dynident.arrays import FloatArray
 from dynident.excitation import Design
 from dynident.reports.figures.decimation import extremes
 from dynident.reports.figures.svg import Margins, panel_title, panels, shortened, to_svg
 from dynident.robot import Robot
 from dynident.robot.kinematics import tool_path
-from dynident.robot.model import FloatArray
 
 # Okabe and Ito's palette without yellow, which paper does not show.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d")

@@ -8,9 +8,9 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
+from dynident.arrays import FloatArray
 from dynident.identification import Identification
 from dynident.reports.figures.svg import FIT, FLOOR, HELD_OUT, RUNGS, panel_title, panels, shortened, to_svg
-from dynident.robot.model import FloatArray
 
 _NEAR_THE_AXIS = 0.12
 

@@ -8,9 +8,9 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
+from dynident.arrays import FloatArray
 from dynident.recordings import Recording
 from dynident.reports.figures.svg import MEASURED, RESIDUAL, STANDING, panel_title, panels, to_svg
-from dynident.robot.model import FloatArray
 
 _ROW = 1.25
 _PARTS = 400

@@ -9,9 +9,9 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis import Comparison
 from dynident.reports.figures.svg import PREDICTED, panel_title, panels, to_svg
-from dynident.robot.model import FloatArray
 
 _ROW = 1.55
 # Cells of the density and parts of the mean line at most; fewer where there are few rows.

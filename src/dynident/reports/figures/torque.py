@@ -10,9 +10,10 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from dynident.arrays import BoolArray
 from dynident.diagnosis import Comparison
 from dynident.recordings.phases import Phase
-from dynident.reports.figures.decimation import BoolArray, TimeAxis, thinned, thinned_together, time_axis
+from dynident.reports.figures.decimation import TimeAxis, thinned, thinned_together, time_axis
 from dynident.reports.figures.svg import (
     AT_REST,
     BAND,

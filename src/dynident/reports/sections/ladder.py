@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
+from dynident.arrays import FloatArray
 from dynident.diagnosis import Diagnosis
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.estimation import Errors
@@ -18,7 +19,6 @@ from dynident.reports.numbers import percent
 from dynident.reports.section import Section
 from dynident.reports.words import best_rung_text, place_text, rung_mark, shape_text
 from dynident.robot import Robot
-from dynident.robot.model import FloatArray
 
 
 @dataclass(frozen=True)
