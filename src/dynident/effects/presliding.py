@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
 from dynident.effects.signals import MemorySignal, Operator, Signals
+from dynident.effects.sizes import COULOMB_SHARE, Usual, largest_torque
 from dynident.robot.model import Robot
 
 
@@ -21,7 +23,15 @@ class Presliding(Effect):
         r"\quad\text{or}\quad \dot z = \frac{\dot q}{d_0}(1 - z\,\mathrm{sign}\,\dot q)"
     )
     parameters = (
-        ParameterSpec("Fz", "N m", "friction reached after the slip distance", "N", positive=True),
+        ParameterSpec(
+            "Fz",
+            "N m",
+            "friction reached after the slip distance",
+            "N",
+            positive=True,
+            resists=True,
+            role="dry_once_sliding",
+        ),
         ParameterSpec("cz", "-", "friction reached after the slip distance, per unit of load torque"),
     )
     shapes = (
@@ -31,8 +41,27 @@ class Presliding(Effect):
     signature = "a rounded corner after each reversal instead of a step"
     confused_with = ("stribeck",)
     sources = ("Al-Bender, Lampaert and Swevers 2005", "Dahl 1968")
+    experiment = "reversals"
+    told_from = MappingProxyType(
+        {
+            "reversals": (
+                "stribeck",
+                "coulomb",
+                "break_away",
+                "torque_delay",
+                "viscous_nonlinear",
+                "backlash",
+                "joint_elasticity",
+            )
+        }
+    )
+    often_missed = 1
     is_friction = True
     needs_load = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Most of the usual Coulomb friction, over half a degree."""
+        return Usual({"Fz": 0.8 * COULOMB_SHARE * largest_torque(robot, joint), "cz": 0.0}, {"d0": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """A constant and a load-proportional column a joint."""
@@ -62,7 +91,9 @@ class BreakAway(Effect):
     formula = (
         r"(F_s - F_c)\,e^{-s / d_b}\,\mathrm{sign}(\dot q),\qquad s:\ \text{travelled since the last stop or reversal}"
     )
-    parameters = (ParameterSpec("Fba", "N m", "excess of static over Coulomb friction", "N", positive=True),)
+    parameters = (
+        ParameterSpec("Fba", "N m", "excess of static over Coulomb friction", "N", positive=True, resists=True),
+    )
     shapes = (
         ShapeSpec(
             "db",
@@ -77,8 +108,13 @@ class BreakAway(Effect):
     signature = "a peak when a joint starts to move, gone after some distance at any speed"
     confused_with = ("stribeck", "presliding")
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
+    experiment = "reversals"
     is_friction = True
     may_change = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """More than half of the usual Coulomb friction, over half a degree."""
+        return Usual({"Fba": 0.6 * COULOMB_SHARE * largest_torque(robot, joint)}, {"db": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """One column a joint."""
