@@ -10,7 +10,7 @@ import casadi as ca
 
 from dynident.effects.disturbances import BaseVibration, ExternalContact, Payload
 from dynident.effects.drive import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
-from dynident.effects.effect import Column, Effect, EffectChoice, ShapeSpec
+from dynident.effects.effect import Column, Effect, EffectChoice, ParameterSpec, Role, ShapeSpec
 from dynident.effects.friction import (
     Coulomb,
     CoulombAsymmetric,
@@ -92,6 +92,15 @@ CATALOGUE: Mapping[str, Effect] = _Catalogue()
 DEFAULT_EFFECTS: tuple[EffectChoice, ...] = tuple(
     EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 )
+"""Every robot has them."""
+LINKS, OFFSETS = EffectChoice("rigid_body"), EffectChoice("offset")
+JOINT_FRICTION: tuple[EffectChoice, ...] = (EffectChoice("coulomb"), EffectChoice("viscous"), OFFSETS)
+"""What one joint's torque consists of where it moves alone and at constant speed."""
+
+
+def load_in(run: str) -> EffectChoice:
+    """What the tool carries in the run with that label alone."""
+    return EffectChoice("payload", runs=(run,))
 
 
 class UnknownEffectError(DynidentError):
@@ -107,6 +116,18 @@ def effect_by_id(identifier: str, pointer: str = "") -> Effect:
         raise UnknownEffectError(
             f"there is no effect {identifier!r}; the catalogue has: {known}", pointer=pointer, title="Unknown effect"
         ) from None
+
+
+def spec_of(column: Column) -> ParameterSpec | None:
+    """What its effect says of a column's parameter; None for a column of no effect, as the offsets of a sensor are."""
+    effect = CATALOGUE.get(column.effect)
+    return next((spec for spec in effect.parameters if spec.name == column.parameter), None) if effect else None
+
+
+def role_of(column: Column) -> Role | None:
+    """What a column's parameter is to others than its effect."""
+    spec = spec_of(column)
+    return None if spec is None else spec.role
 
 
 def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[int, ...]:

@@ -16,7 +16,8 @@ from dynident.effects.mechanics import constant
 from dynident.effects.newton_euler import inverse_dynamics
 from dynident.robot.model import Robot
 
-DRIVE_PARAMETERS = (("rotor_inertia", "Ia"), ("coulomb", "Fc"), ("viscous", "Fv"), ("offset", "b"))
+ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET = ("rotor_inertia", "Ia"), ("coulomb", "Fc"), ("viscous", "Fv"), ("offset", "b")
+DRIVE_PARAMETERS = (ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET)
 """Effect and parameter of what a motor's torque consists of beside the load, in the order of `reference`."""
 
 

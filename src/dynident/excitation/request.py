@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from dynident.effects import DEFAULT_EFFECTS, EffectChoice
+from dynident.effects import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoice
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.observation.row_models import RowModelName
 from dynident.excitation.surroundings.obstacles import Surroundings
@@ -19,7 +19,6 @@ JOINT_BY_JOINT = ("constant_velocity", "slow_sweep", "reversals")
 FAMILIES = ("fourier", "b_spline", "point_to_point")
 DEFAULT_STARTS = 4
 
-_FRICTION = tuple(EffectChoice(name) for name in ("coulomb", "viscous", "offset"))
 _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
 _REVERSAL_SPEEDS = (0.01,)
 _AMPLITUDES = (0.004, 0.008, 0.016, 0.032, 0.064)
@@ -140,7 +139,7 @@ class DesignRequest:
         """The effects, with the default of the kind."""
         if self.effects is not None:
             return self.effects
-        return _FRICTION if self.kind in JOINT_BY_JOINT else DEFAULT_EFFECTS
+        return JOINT_FRICTION if self.kind in JOINT_BY_JOINT else DEFAULT_EFFECTS
 
     @property
     def wanted_speeds(self) -> tuple[float, ...]:

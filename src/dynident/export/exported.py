@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from dynident.arrays import FloatArray
-from dynident.effects import effect_by_id
+from dynident.effects import Role, effect_by_id
 from dynident.export.completion import Completion, complete
 from dynident.export.summary import effect_line
 from dynident.identification import Identification
@@ -35,20 +35,20 @@ class ExportedFile:
 class Links:
     """Feasible links and joints of an identified model, as formats of links and joints take them.
 
-    `said` are ids of the effects that the format has words for.
+    `held` are the roles of the parameters that the format has words for.
     """
 
     identification: Identification
     standard: Completion
-    said: tuple[str, ...]
+    held: tuple[Role, ...]
 
     @classmethod
     def of(
-        cls, identification: Identification, said: tuple[str, ...], *, nearest: bool, rotors_in_links: bool = False
+        cls, identification: Identification, held: tuple[Role, ...], *, nearest: bool, rotors_in_links: bool = False
     ) -> Links:
         """Those of a model; raises as `complete` does."""
         found = complete(identification, nearest=nearest, rotors_in_links=rotors_in_links)
-        return cls(identification, found, said)
+        return cls(identification, found, held)
 
     @property
     def robot(self) -> Robot:
@@ -61,7 +61,7 @@ class Links:
         left_out = [
             f"{effect_by_id(choice.effect).title} is not in this file, which has no word for it: {effect_line(choice)}."
             for choice in self.identification.choices.effects
-            if choice.effect not in self.said or choice.runs
+            if choice.runs or not effect_by_id(choice.effect).held_in(self.held)
         ]
         notes = [*self.standard.notes, *left_out]
         if self.rounding > SMALL:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from dynident.arrays import FloatArray
+from dynident.effects import Role, role_of
 from dynident.errors import DynidentError
 from dynident.export.exported import SMALL, ExportedFile, Links
 from dynident.export.names import in_xml_comment, printable, slug
@@ -20,7 +21,8 @@ from dynident.robot.pinocchio_model import dynamic_parameters
 from dynident.robot.urdf_writer import link_names
 from dynident.robot.urdf_xml import Element, number_text, write
 
-SAID = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "joint_spring")
+HELD: tuple[Role, ...] = ("link", "rotor", "dry", "damping", "stiffness", "at_zero")
+"""Roles of the parameters that the format has words for."""
 TIMESTEP = 0.001
 """s."""
 # The stiffest friction that MuJoCo takes: two steps' time constant.
@@ -36,10 +38,10 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     DynidentError
         As `complete` does; or a link has no inertia in the model, or a spring pushes away from rest.
     """
-    links = Links.of(identification, SAID, nearest=nearest)
+    links = Links.of(identification, HELD, nearest=nearest)
     if links.rounding > SMALL:
         # Rounded geometry groups a rotor with its link nearly, not exactly.
-        merged = Links.of(identification, SAID, nearest=nearest, rotors_in_links=True)
+        merged = Links.of(identification, HELD, nearest=nearest, rotors_in_links=True)
         links = min(links, merged, key=lambda one: one.rounding)
     robot = links.robot
     springs = _springs(links)
@@ -141,13 +143,14 @@ def _motors(links: Links) -> Element:
 
 def _springs(links: Links) -> dict[str, tuple[float, float]]:
     """Stiffness and position of rest of the joints that have a spring."""
-    found: dict[str, dict[str, float]] = {}
+    found: dict[str, dict[Role | None, float]] = {}
     for column, value in zip(links.identification.model.kept, links.standard.values, strict=True):
-        if column.effect == "joint_spring" and not column.runs:
-            found.setdefault(column.link, {})[column.parameter] = float(value)
+        role = role_of(column)
+        if role in ("stiffness", "at_zero") and not column.runs:
+            found.setdefault(column.link, {})[role] = float(value)
     springs = {}
     for joint, spring in found.items():
-        stiffness = spring.get("ks", 0.0)
+        stiffness = spring.get("stiffness", 0.0)
         if stiffness <= 0:
             raise DynidentError(
                 f"the spring of {joint} has the stiffness {stiffness:.3g}, and MuJoCo has none that pushes away from "
@@ -155,5 +158,5 @@ def _springs(links: Links) -> dict[str, tuple[float, float]]:
                 pointer="/format",
                 title="Not expressible in MJCF",
             )
-        springs[joint] = (stiffness, -spring.get("bs", 0.0) / stiffness)
+        springs[joint] = (stiffness, -spring.get("at_zero", 0.0) / stiffness)
     return springs

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import effect_by_id
+from dynident.effects import effect_by_id, role_of
 from dynident.errors import DynidentError
 from dynident.estimation.semidefinite import MatrixBound
 from dynident.identification.standard import StandardParameters
@@ -53,7 +53,7 @@ class Unknowns:
             Where the model has no rigid body.
         """
         joints = model.robot.joint_names
-        rigid = [k for k, column in enumerate(model.columns) if column.effect == "rigid_body" and not column.runs]
+        rigid = [k for k, column in enumerate(model.columns) if role_of(column) == "link" and not column.runs]
         if not rigid:
             raise DynidentError(
                 "the model has no rigid_body, so there are no masses and inertias to write; export C code, a CasADi "
@@ -65,7 +65,7 @@ class Unknowns:
         spinning = [
             k
             for k, column in enumerate(model.columns)
-            if column.effect == "rotor_inertia" and not column.runs and (k in kept or not rotors_in_links)
+            if role_of(column) == "rotor" and not column.runs and (k in kept or not rotors_in_links)
         ]
         links = tuple(joints.index(model.columns[k].link) for k in rigid[::_TEN])
         rotors = tuple(joints.index(model.columns[k].link) for k in spinning)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.effects import Column
+from dynident.effects import Column, role_of
 from dynident.errors import DynidentError
 from dynident.estimation import Information
 from dynident.estimation.deviations import owed_to_known
@@ -106,13 +106,14 @@ def belief_of(model: Model, choices: IdentificationChoices) -> Belief:
     mean, size = np.zeros(len(model.columns)), np.ones(len(model.columns))
     stated = np.zeros(len(model.columns), dtype=bool)
     for k, column in enumerate(model.columns):
-        if column.effect == "rigid_body":
+        role = role_of(column)
+        if role == "link":
             link, parameter = robot.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
             mean[k], size[k] = nominal[link, parameter], errors[link, parameter]
             stated[k] = choices.prior is not None and column.link not in choices.free_links
-        elif column.effect == "rotor_inertia":
+        elif role == "rotor":
             size[k] = rotors[robot.joint_names.index(column.link)]
-        elif column.effect == "payload":
+        elif role == "load":
             size[k] = errors[robot.joint_names.index(column.link), _payload_parameter(column)]
     return Belief(mean, size, stated)
 

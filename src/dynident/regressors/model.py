@@ -9,16 +9,26 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import DRIVE_PARAMETERS, Column, EffectChoice, Signals, columns_of, effect_by_id
+from dynident.effects import (
+    DRIVE_ROLES,
+    LINKS,
+    Column,
+    EffectChoice,
+    Role,
+    Signals,
+    columns_of,
+    effect_by_id,
+    role_of,
+)
 from dynident.errors import DynidentError
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, BaseParameters, base_parameters
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import observation_at_rest
-from dynident.robot.model import Robot
+from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
 # Where parameters of the motors' torque stand in `Model.reference`; the rotors' are found with the links'.
-_DRIVE_ROWS = {pair: row for row, pair in enumerate(DRIVE_PARAMETERS) if pair[0] != "rotor_inertia"}
+_DRIVE_ROWS: dict[Role | None, int] = {role: row for row, role in enumerate(DRIVE_ROLES) if role != "rotor"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +87,7 @@ class Model:
 
     def _inertial_solution(self, values: FloatArray) -> FloatArray:
         """Standard inertial parameters (10 n,) and, where all links are in the model, its rotors' inertias."""
-        rigid = [k for k, column in enumerate(self.columns) if column.effect == "rigid_body"]
+        rigid = [k for k, column in enumerate(self.columns) if role_of(column) == "link"]
         nominal = np.zeros(10 * self.robot.n)
         if self.robot.inertias is not None:
             nominal = self.robot.inertias.reshape(-1).astype(np.float64)
@@ -87,10 +97,10 @@ class Model:
             full = np.zeros(10 * self.robot.n)
             for k, position in enumerate(self.base.kept):
                 column = self.columns[position]
-                if column.effect == "rigid_body":
+                if role_of(column) == "link":
                     full[self._standard_index(column)] = values[k]
             return full
-        rotors = [k for k, column in enumerate(self.columns) if column.effect == "rotor_inertia"]
+        rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
         inertial = [k for k, column in enumerate(self.kept) if effect_by_id(column.effect).is_inertia]
         everything = rigid + rotors
         grouping = self.base.grouping[np.ix_(inertial, everything)]
@@ -105,12 +115,12 @@ class Model:
         """What torque is predicted with (14 n,): standard inertial parameters, then Ia, Fc, Fv and b of all joints."""
         n = self.robot.n
         inertial = self._inertial_solution(values)
-        drives = np.zeros((len(DRIVE_PARAMETERS), n))
-        rotors = [k for k, column in enumerate(self.columns) if column.effect == "rotor_inertia"]
+        drives = np.zeros((len(DRIVE_ROLES), n))
+        rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
         for value, k in zip(inertial[10 * n :], rotors, strict=False):
             drives[0, self._joint(k)] = value
         for column, value in zip(self.kept, values, strict=True):
-            row = _DRIVE_ROWS.get((column.effect, column.parameter))
+            row = _DRIVE_ROWS.get(role_of(column))
             if row is not None:
                 drives[row, self.robot.joint_names.index(column.link)] += value
         return np.concatenate([inertial[: 10 * n], drives.reshape(-1)])
@@ -120,8 +130,7 @@ class Model:
 
     def _standard_index(self, column: Column) -> int:
         link = self.robot.joint_names.index(column.link)
-        names = [spec.name for spec in effect_by_id("rigid_body").parameters]
-        return 10 * link + names.index(column.parameter)
+        return 10 * link + INERTIAL_NAMES.index(column.parameter)
 
 
 def build_model(
@@ -151,7 +160,7 @@ def build_model(
         For an unknown effect, an unfit joint, an effect chosen twice with the same columns, or no effect at all.
     """
     if not effects:
-        raise DynidentError("choose at least one effect, for instance rigid_body", pointer="/effects")
+        raise DynidentError(f"choose at least one effect, for instance {LINKS.effect}", pointer="/effects")
     signals = signals or Signals(robot)
     columns = columns_of(effects, signals)
     check_columns(columns)
@@ -174,4 +183,4 @@ def check_columns(columns: Sequence[Column]) -> None:
 def inertial_base_parameters(robot: Robot, *, tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:
     """The base inertial parameters of a robot: links alone, without rotors and friction."""
     signals = Signals(robot)
-    return base_parameters(robot, columns_of([EffectChoice("rigid_body")], signals), signals, tolerance=tolerance)
+    return base_parameters(robot, columns_of([LINKS], signals), signals, tolerance=tolerance)

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.diagnosis.advice.doubts import Doubt
 from dynident.diagnosis.advice.kinds import EXPERIMENTS, Experiment, Question
-from dynident.diagnosis.advice.pairs import ALONE, experiment_for
+from dynident.diagnosis.advice.pairs import experiment_for
 from dynident.diagnosis.advice.separation import (
     Information,
     Rows,
@@ -237,7 +237,7 @@ def _worth_trying(question: Question) -> list[Experiment]:
     if question.of_place:
         # What shows the effect shows it wherever it is.
         return offered
-    offered += [EXPERIMENTS[ALONE[name]] for name in names if name in ALONE]
+    offered += [EXPERIMENTS[effect_by_id(name).experiment] for name in names]
     return list(dict.fromkeys(offered))
 
 

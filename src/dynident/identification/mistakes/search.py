@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
-from dynident.effects import DEFAULT_EFFECTS, Signals, columns_of, effect_by_id
+from dynident.effects import DEFAULT_EFFECTS, Signals, columns_of, effect_by_id, role_of
 from dynident.errors import DynidentError
 from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
 from dynident.recordings import Recording, choose_preprocessing
@@ -154,7 +154,7 @@ class _Judge:
         """Whether a joint's friction, in every fit, gives it energy, and more than what is left could be."""
         name, columns = self._robot.joint_names[joint], self._observation.columns
         friction = [k for k, one in enumerate(columns) if one.link == name and effect_by_id(one.effect).is_friction]
-        sign = next(k for k in friction if columns[k].effect == "coulomb")
+        sign = next(k for k in friction if role_of(columns[k]) == "dry")
         whole = grams[:, joint].sum(axis=0)
         work = values[:, friction] @ whole[sign, friction]
         size = np.einsum("bi,ik,bk->b", values[:, friction], whole[np.ix_(friction, friction)], values[:, friction])
