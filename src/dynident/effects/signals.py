@@ -8,6 +8,7 @@ from typing import Literal
 
 import casadi as ca
 
+from dynident.effects.linked import LinkedMechanics
 from dynident.effects.mechanics import Mechanics
 from dynident.effects.prediction import Prediction, reference_size
 from dynident.robot.model import Robot
@@ -68,7 +69,10 @@ class Signals:
         # Parameters of the model so far: they carry the *predicted* torque, since a load taken from the measured torque
         # would put the measurement's noise into W.
         self.reference = ca.SX.sym("K", reference_size(robot))
-        self.mechanics = Mechanics(robot, self.q, self.dq, self.ddq)
+        mechanics = Mechanics if robot.linkage is None else LinkedMechanics
+        self.mechanics = mechanics(robot, self.q, self.dq, self.ddq)
+        # Those of the tree that carries the links, where some joints follow others (`TreeSignals`).
+        self.of_tree: Signals | None = None
         self._smooth_sign = smooth_sign
         self._memory: dict[MemorySignal, ca.SX] = {}
         self._runs: dict[RunSignal, ca.SX] = {}

@@ -25,6 +25,9 @@ mass_properties         instead of inertia: mass, center_of_mass [x, y, z] and i
 capsules                what of the link can be touched: [{"from": [x, y, z], "to": [x, y, z], "radius": …}, …] in
                         frame j (m); without "to" a sphere
 link                    name of the link
+tie                     {"joint2": -1, …}: the joint is not driven but follows others; its variable is the sum of so
+                        many times theirs (what is constant belongs in theta or r). A parallelogram, a belt, a coupled
+                        wrist
 ======================  ================================================================================================
 
 Frame j is placed in its antecedent's frame by Rot(z, γ) Trans(z, b) Rot(x, α) Trans(x, d) Rot(z, θ) Trans(z, r); the
@@ -38,7 +41,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -53,6 +56,7 @@ from dynident.robot.json_fields import (
     expect_text,
     parse_json,
 )
+from dynident.robot.linkage import Tie, followers_locked, tied
 from dynident.robot.model import INERTIAL_NAMES, Description, Drive, JointKind, Limits, Robot
 from dynident.robot.pinocchio_model import PinocchioModel, dynamic_parameters, from_pinocchio, inertial_parameters
 from dynident.robot.pointers import listed, pointer
@@ -65,7 +69,7 @@ _RESERVED = ("base", "universe")
 _CONSTANTS = ("gamma", "b", "alpha", "d", "theta", "r")
 _LIMITS = ("position", "velocity", "acceleration", "jerk", "effort", "power")
 _MASS_PROPERTIES = ("mass", "center_of_mass", "inertia")
-_ROW = ("name", "antecedent", "sigma", *_CONSTANTS, "limits", "inertia", "mass_properties", "capsules", "link")
+_ROW = ("name", "antecedent", "sigma", *_CONSTANTS, "limits", "inertia", "mass_properties", "capsules", "link", "tie")
 _TABLE = ("joints", "gravity", "base_capsules", "title", "source")
 
 
@@ -81,6 +85,7 @@ class Row:
     inertia: FloatArray
     link: str
     capsules: tuple[Capsule, ...] = ()
+    tie: Tie | None = None
 
 
 def robot_from_modified_dh(
@@ -109,7 +114,10 @@ def robot_from_modified_dh(
     if gravity is None and isinstance(value, Mapping) and "gravity" in value:
         stated = expect_numbers(value["gravity"], 3, f"{pointer}/gravity", TITLE)
         settings = settings_from(limits, drives, locked_joints, gravity_from(stated).tolist())
-    return from_pinocchio(
+    ties = {row.name: row.tie for row in rows if row.tie is not None}
+    chosen = settings.locked_joints
+    settings = replace(settings, locked_joints=followers_locked(ties, chosen))
+    tree = from_pinocchio(
         _model(name, rows),
         name,
         Description("modified_dh", content),
@@ -118,6 +126,7 @@ def robot_from_modified_dh(
         links={row.name: row.link for row in rows},
         pointer=pointer,
     )
+    return tied(replace(tree, locked_joints=dict(chosen)), ties, title=TITLE, locked=settings.locked_joints)
 
 
 def table_rows(value: object, at: str = "") -> tuple[Row, ...]:
@@ -177,7 +186,16 @@ def _row(item: object, above: Sequence[Row], at: str) -> Row:
         inertia=_inertia(fields, at),
         link=expect_text(link, f"{at}/link", TITLE) if link else "",
         capsules=_capsules(fields.get("capsules", []), f"{at}/capsules"),
+        tie=_tie(fields["tie"], f"{at}/tie") if fields.get("tie") is not None else None,
     )
+
+
+def _tie(value: object, at: str) -> Tie:
+    if not isinstance(value, Mapping) or not value:
+        detail = 'Expected the joints that this one follows, each with its ratio, such as {"joint2": -1}.'
+        raise DynidentError(detail, pointer=at, title=TITLE)
+    ratios = {name: expect_number(ratio, pointer(name, within=at), TITLE) for name, ratio in value.items()}
+    return Tie(ratios, where=at)
 
 
 def _antecedent(value: object, above: Sequence[Row], at: str) -> int:
