@@ -15,6 +15,7 @@ from dynident.arrays import FloatArray
 from dynident.effects.mechanics import Mechanics, dynamic_rows, energy_rows, wrench_rows
 from dynident.effects.newton_euler import inverse_dynamics
 from dynident.robot.linkage import Linkage
+from dynident.robot.loops import Closure
 from dynident.robot.model import Robot
 
 
@@ -28,12 +29,16 @@ class TreeMotion:
     @cached_property
     def q(self) -> ca.SX:
         """SX (N, 1)."""
-        return positions_of(self.linkage, self.derivatives[0])
+        return ca.mtimes(_sparse(self.linkage.ratios), self._free[0]) + ca.DM(self.linkage.offsets)
 
     @cached_property
     def jacobian(self) -> ca.SX:
         """G SX (N, n)."""
-        return rates_of(self.linkage, self.derivatives[0], self.q)
+        n, ratios = len(self.linkage.driven), _sparse(self.linkage.ratios)
+        if self.linkage.closure is None:
+            return ratios
+        slopes = self.linkage.closure.rates(self.derivatives[0], self._free[0][n:])
+        return ca.sparsify(ratios[:, :n] + ca.mtimes(ratios[:, n:], slopes))
 
     @cached_property
     def dq(self) -> ca.SX:
@@ -43,42 +48,68 @@ class TreeMotion:
     @cached_property
     def ddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._rate(self.dq, 2)
+        return ca.mtimes(_sparse(self.linkage.ratios), self._free[1])
 
     @cached_property
     def dddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._rate(self.ddq, 3)
+        return ca.mtimes(_sparse(self.linkage.ratios), self._free[2])
 
     @cached_property
     def ddddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._rate(self.dddq, 4)
+        return ca.mtimes(_sparse(self.linkage.ratios), self._free[3])
 
     def lowered(self, torque: ca.SX) -> ca.SX:
         """Gᵀ Γ_tree SX (n, k) of torques of the tree's joints SX (N, k)."""
         return ca.sparsify(ca.mtimes(self.jacobian.T, torque))
 
-    def _rate(self, expression: ca.SX, order: int) -> ca.SX:
-        known = self.derivatives
-        return ca.jtimes(expression, ca.vertcat(*known[:order]), ca.vertcat(*known[1 : order + 1]))
+    @cached_property
+    def _free(self) -> _FreeCoordinates:
+        return _FreeCoordinates(self.linkage, self.derivatives)
 
 
-def positions_of(linkage: Linkage, q: ca.SX) -> ca.SX:
-    """Positions SX (N, 1) of all joints from those of the driven ones SX (n, 1)."""
-    return ca.mtimes(_sparse(linkage.ratios), q) + ca.DM(linkage.offsets)
+class _FreeCoordinates:
+    """[q_a; x] (0), and its second (1), third (2) and fourth derivative (3); what nobody asks for is not made."""
 
+    def __init__(self, linkage: Linkage, derivatives: tuple[ca.SX, ...]) -> None:
+        self._closure, self._given = linkage.closure, derivatives
+        self._made: dict[int, ca.SX] = {}
 
-def rates_of(linkage: Linkage, q: ca.SX, of_tree: ca.SX) -> ca.SX:
-    """G SX (N, n) at driven positions q SX (n, 1) and those of all joints SX (N, 1)."""
-    return _sparse(linkage.ratios)
+    def __getitem__(self, order: int) -> ca.SX:
+        driven = self._given[0 if order == 0 else order + 1]
+        if self._closure is None:
+            return driven
+        if order not in self._made:
+            value = self._solved if order == 0 else self._derived(self._closure, order)
+            self._made[order] = ca.vertcat(driven, value)
+        return self._made[order]
+
+    @cached_property
+    def _solved(self) -> ca.SX:
+        assert self._closure is not None
+        return self._closure.solution(self._given[0])
+
+    def _derived(self, closure: Closure, order: int) -> ca.SX:
+        """Made of symbols for x and its rates, so that nothing is differentiated through Newton's method."""
+        driven, x = closure.symbols
+        names = ("dqa", "ddqa", "dddqa", "ddddqa")
+        rates = [ca.SX.sym(name, closure.n) for name in names[: order + 1]]
+        known = [driven, *rates[:-1]]
+        value = closure.accelerations(driven, x, rates[0], rates[1])
+        moving = ca.mtimes(closure.rates(driven, x), rates[0])
+        for count in range(1, order):
+            state, change = ca.vertcat(*known[: count + 2], x), ca.vertcat(*rates[: count + 2], moving)
+            value = ca.jtimes(value, state, change)
+        given = [*self._given[: order + 2]]
+        return ca.substitute([value], [driven, *rates, x], [*given, self._solved])[0]
 
 
 def all_positions(robot: Robot, q: ca.SX) -> ca.SX:
     """Positions SX of the driven joints, and behind them of those that follow: `Robot.positions` as an expression."""
     if robot.linkage is None:
         return q
-    return ca.vertcat(q, positions_of(robot.linkage, q)[list(robot.linkage.passive)])
+    return ca.vertcat(q, TreeMotion(robot.linkage, (q,)).q[list(robot.linkage.passive)])
 
 
 def _sparse(matrix: FloatArray) -> ca.SX:

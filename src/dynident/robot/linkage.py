@@ -15,6 +15,8 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
+from dynident.robot.loops import TITLE as CLOSURE_TITLE
+from dynident.robot.loops import Closure, Loop
 from dynident.robot.pointers import listed
 
 if TYPE_CHECKING:
@@ -35,7 +37,8 @@ class Tie:
 class Linkage:
     """The tree that carries the links of a machine, and how it follows the driven joints.
 
-    `driven` (n,) are the driven joints' places among the tree's; q = `ratios` (N, n) q_a + `offsets` (N,).
+    `driven` (n,) are the driven joints' places among the tree's; q = `ratios` (N, n + p) [q_a; x] + `offsets` (N,), with
+    the p passive coordinates x that closed loops determine, if there are any (`closure`).
     """
 
     tree: Robot
@@ -43,6 +46,7 @@ class Linkage:
     ratios: FloatArray
     offsets: FloatArray
     ties: Mapping[str, Tie] = field(default_factory=dict)
+    closure: Closure | None = None
 
     @property
     def passive(self) -> tuple[int, ...]:
@@ -51,19 +55,41 @@ class Linkage:
 
     def positions(self, q: FloatArray) -> FloatArray:
         """Positions of all joints (m, N) from those of the driven ones (m, n)."""
-        return np.asarray(q @ self.ratios.T + self.offsets)
+        free = q if self.closure is None else np.hstack([q, self.closure.passive(q)])
+        return np.asarray(free @ self.ratios.T + self.offsets)
 
     def rates(self, q: FloatArray) -> FloatArray:
         """G (m, N, n) at driven positions q (m, n)."""
-        return np.broadcast_to(self.ratios, (len(q), *self.ratios.shape))
+        if self.closure is None:
+            return np.broadcast_to(self.ratios, (len(q), *self.ratios.shape))
+        n, x = q.shape[1], self.closure.passive(q)
+        slopes = np.array([np.asarray(self.closure.rates(*state)) for state in zip(q, x, strict=True)])
+        return np.asarray(self.ratios[:, :n] + self.ratios[:, n:] @ slopes)
 
     def motion(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Position, velocity and acceleration of all joints (m, N) from those of the driven ones (m, n)."""
-        return self.positions(q), dq @ self.ratios.T, ddq @ self.ratios.T
+        if self.closure is None:
+            return self.positions(q), dq @ self.ratios.T, ddq @ self.ratios.T
+        states = zip(q, self.closure.passive(q), dq, ddq, strict=True)
+        passive = np.array([np.asarray(self.closure.accelerations(*state)).ravel() for state in states])
+        speed = np.einsum("mij,mj->mi", self.rates(q), dq)
+        return self.positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
+
+    def repeats(self, joint: int) -> bool:
+        """Whether a joint of the tree turns, or slides, so many times as far as one driven joint."""
+        return np.count_nonzero(self.ratios[joint, : len(self.driven)]) < 2 and not np.any(
+            self.ratios[joint, len(self.driven) :]
+        )
 
     def movers(self, joint: int) -> tuple[int, ...]:
         """Places among the driven joints of those that a joint of the tree moves with."""
-        return tuple(int(j) for j in np.flatnonzero(self.ratios[joint]))
+        n, found = len(self.driven), set()
+        for place in np.flatnonzero(self.ratios[joint]):
+            if place < n:
+                found.add(int(place))
+            elif self.closure is not None:
+                found |= set(self.closure.movers(int(place) - n))
+        return tuple(sorted(found))
 
 
 def followers_locked(ties: Mapping[str, Tie], locked: Mapping[str, float]) -> dict[str, float]:
@@ -80,21 +106,43 @@ def followers_locked(ties: Mapping[str, Tie], locked: Mapping[str, float]) -> di
         found |= more
 
 
-def tied(tree: Robot, ties: Mapping[str, Tie], *, title: str, locked: Mapping[str, float]) -> Robot:
+@dataclass(frozen=True)
+class Cuts:
+    """What a description says of closed loops: the loops, the passive joints in them, where joints start (rad or m)."""
+
+    loops: tuple[Loop, ...] = ()
+    passive: tuple[str, ...] = ()
+    starts: Mapping[str, float] = field(default_factory=dict)
+
+
+def linked(
+    tree: Robot, ties: Mapping[str, Tie], *, title: str, locked: Mapping[str, float], cuts: Cuts | None = None
+) -> Robot:
     """The machine of a tree some of whose joints follow others; the tree itself where none does.
 
     Raises
     ------
     DynidentError
-        A joint follows itself, directly or by way of others, or one that does not exist; or a ratio is none.
+            A joint follows itself, directly or by way of others, or one that does not exist; or a ratio is none. Or loops
+        do not close, or do not determine the passive joints.
     """
+    cuts = Cuts() if cuts is None else cuts
     ties = {name: tie for name, tie in ties.items() if name in tree.joint_names}
-    if not ties:
+    if not ties and not cuts.loops and not cuts.passive:
         return tree
     ratios, offsets = _solved(tree, ties, title, locked)
-    driven = tuple(j for j, name in enumerate(tree.joint_names) if name not in ties)
-    linkage = Linkage(tree, driven, ratios[:, driven], offsets, ties)
-    for name in ties:
+    driven = tuple(j for j, name in enumerate(tree.joint_names) if name not in ties and name not in cuts.passive)
+    loose = tuple(j for j, name in enumerate(tree.joint_names) if name in cuts.passive)
+    if not driven:
+        raise DynidentError(
+            f"No joint is driven: all of {listed(tree.joint_names)} follow others or are passive. Drive at least one.",
+            pointer=cuts.loops[0].where if cuts.loops else "",
+            title=title,
+        )
+    ratios = ratios[:, [*driven, *loose]]
+    closure = _closure(tree, cuts, driven, loose, ratios, offsets)
+    linkage = Linkage(tree, driven, ratios, offsets, ties, closure)
+    for name in (*ties, *cuts.passive):
         if tree.drives[tree.joint_names.index(name)] != type(tree.drives[0])():
             raise DynidentError(
                 f"Joint '{name}' follows other joints, so it has no drive; driven joints: "
@@ -117,6 +165,39 @@ def driven_robot(linkage: Linkage) -> Robot:
     )
 
 
+def _closure(
+    tree: Robot,
+    cuts: Cuts,
+    driven: tuple[int, ...],
+    loose: tuple[int, ...],
+    ratios: FloatArray,
+    offsets: FloatArray,
+) -> Closure | None:
+    if not cuts.loops and not loose:
+        return None
+    if not cuts.loops:
+        raise DynidentError(
+            f"No loop holds the passive joints {listed(cuts.passive)}; drive or tie them, or close a loop with them.",
+            pointer="/loops",
+            title=CLOSURE_TITLE,
+        )
+    free = [tree.joints[j] for j in (*driven, *loose)]
+    start = np.array([cuts.starts.get(joint.name, 0.0) for joint in free])
+    reach = {"revolute": math.pi, "prismatic": 1.0}
+    bounds = [
+        joint.limits.position or (at - reach[joint.kind], at + reach[joint.kind])
+        for joint, at in zip(free, start, strict=True)
+    ]
+    for place, (low, high) in enumerate(bounds[: len(driven)]):
+        if free[place].name not in cuts.starts and not low <= 0.0 <= high:
+            start[place] = 0.5 * (low + high)
+    low, high = (np.array(one) for one in zip(*bounds[: len(driven)], strict=True))
+    names = tuple(joint.name for joint in free)
+    closure = Closure(tree.joints, cuts.loops, ratios, offsets, start, low, high, names)
+    closure.check()
+    return closure
+
+
 def check_ratio(value: float) -> bool:
     """Whether a joint can follow another by this ratio."""
     return math.isfinite(value) and value != 0
@@ -125,7 +206,7 @@ def check_ratio(value: float) -> bool:
 def _solved(
     tree: Robot, ties: Mapping[str, Tie], title: str, locked: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Ratios (N, N) to the joints that follow none, and offsets (N,)."""
+    """Ratios (N, N) to the joints that are tied to none, and offsets (N,)."""
     names = tree.joint_names
     ratios, offsets = np.zeros((tree.n, tree.n)), np.zeros(tree.n)
     done: set[str] = set()

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pinocchio as pin
 
-from dynident.robot.linkage import followers_locked, tied
+from dynident.robot.linkage import followers_locked, linked
 from dynident.robot.model import Description, Drive, Limits, Robot
 from dynident.robot.pinocchio_model import from_pinocchio
 from dynident.robot.rounding import ROUNDING_TOLERANCE
@@ -73,7 +73,7 @@ def robot_from_urdf(
         tolerance=rounding_tolerance,
         pointer=pointer,
     )
-    return tied(replace(robot, locked_joints=dict(stated)), ties, title=TITLE, locked=settings.locked_joints)
+    return linked(replace(robot, locked_joints=dict(stated)), ties, title=TITLE, locked=settings.locked_joints)
 
 
 def _limits(joint: Element) -> Limits:

@@ -200,11 +200,14 @@ def width_shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> boo
 
 
 def places_of(effect: Effect, robot: Robot) -> tuple[int, ...]:
-    """Joints of the tree that an effect is looked for on: of those that follow others, friction alone is sought."""
-    possible = effect.applicable(robot.tree)
-    if robot.linkage is None or effect.is_friction or effect.in_some_runs:
+    """Joints of the tree that an effect is looked for on: of those that follow others, friction alone is sought.
+
+    A joint that turns so many times as far as a driven one has the same friction for all that can be seen.
+    """
+    possible, linkage = effect.applicable(robot.tree), robot.linkage
+    if linkage is None or effect.in_some_runs:
         return possible
-    return tuple(j for j in possible if j in robot.linkage.driven)
+    return tuple(j for j in possible if j in linkage.driven or (effect.is_friction and not linkage.repeats(j)))
 
 
 def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:
