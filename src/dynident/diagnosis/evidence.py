@@ -92,7 +92,8 @@ def evidence(
     rows = _rows(identification, choices, recordings, progress)
     found = []
     for number, (one, choice) in enumerate(zip(shown, choices, strict=True)):
-        for joint in joints_of(choice, robot):
+        places = [robot.tree.joint_names[j] for j in joints_of(choice, robot)]
+        for joint in sorted({j for name in places for j in robot.movers(name)}):
             made = _of_joint(one, number, joint, robot, rows)
             if made is not None:
                 found.append(made)

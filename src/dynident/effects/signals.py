@@ -7,6 +7,7 @@ from functools import cached_property
 
 import casadi as ca
 
+from dynident.effects.linked import LinkedMechanics
 from dynident.effects.mechanics import Mechanics
 from dynident.effects.operators import Operator
 from dynident.effects.prediction import Prediction, reference_size
@@ -63,7 +64,10 @@ class Signals:
         # Parameters of the model so far: they carry the *predicted* torque, since a load taken from the measured torque
         # would put the measurement's noise into W.
         self.reference = ca.SX.sym("K", reference_size(robot))
-        self.mechanics = Mechanics(robot, self.q, self.dq, self.ddq)
+        mechanics = Mechanics if robot.linkage is None else LinkedMechanics
+        self.mechanics = mechanics(robot, self.q, self.dq, self.ddq)
+        # Those of the tree that carries the links, where some joints follow others (`TreeSignals`).
+        self.of_tree: Signals | None = None
         self._smooth_sign = smooth_sign
         self._memory: dict[MemorySignal, ca.SX] = {}
         self._runs: dict[RunSignal, ca.SX] = {}

@@ -220,7 +220,7 @@ def _driving_friction(identification: Identification) -> list[str]:
 def _gathered(identification: Identification, unknowns: Unknowns, found: FloatArray, values: FloatArray) -> Completion:
     """Unknowns and base parameters as those of joints."""
     inertias, rotors = unknowns.standard(found)
-    robot = identification.model.robot
+    robot = identification.model.robot.tree
     friction: dict[Role | None, FloatArray] = {role: np.zeros(robot.n) for role in _FRICTION}
     own = values - unknowns.grouping @ found
     for column, value in zip(identification.model.kept, own, strict=True):

@@ -79,17 +79,23 @@ class Links:
         rng = np.random.default_rng(0)
         q, dq, ddq = (rng.uniform(-size, size, (_STATES, robot.n)) for size in (1.0, 1.0, 3.0))
         entries = observation.evaluate(
-            q, dq, ddq, reference=np.zeros(10 * robot.n), memory=np.zeros((_STATES, observation.n_memory))
+            q, dq, ddq, reference=np.zeros(10 * robot.tree.n), memory=np.zeros((_STATES, observation.n_memory))
         )
         inertial = np.array([effect_by_id(column.effect).is_inertia for column in observation.columns])
         expected = observation.torque(entries, np.where(inertial, self.standard.values, 0.0))
-        found = rigid_torque(robot, self.standard.inertias, q, dq, ddq) + self.standard.rotors * ddq
+        found = rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)
         size = float(np.abs(expected).max(initial=0.0)) or 1.0
         return float(np.abs(found - expected).max(initial=0.0)) / size
 
 
-def rigid_torque(robot: Robot, inertias: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-    """(m, n): torque that links with these inertias (n, 10) need, by Pinocchio's recursion of Newton and Euler."""
-    model = to_pinocchio(replace(robot, inertias=inertias))
+def rigid_torque(
+    robot: Robot, inertias: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, rotors: FloatArray
+) -> FloatArray:
+    """(m, n): torque that links with these inertias (N, 10) and rotors (N,) need, by Newton's and Euler's recursion."""
+    model = to_pinocchio(replace(robot.tree, inertias=inertias))
     data = model.createData()
-    return np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])
+    motion = (q, dq, ddq) if robot.linkage is None else robot.linkage.motion(q, dq, ddq)
+    torque = np.array([pin.rnea(model, data, *state) for state in zip(*motion, strict=True)]) + rotors * motion[2]
+    if robot.linkage is None:
+        return torque
+    return np.asarray(np.einsum("mji,mj->mi", robot.linkage.rates(q), torque))

@@ -14,6 +14,7 @@ from dynident.effects import Role, role_of
 from dynident.errors import DynidentError
 from dynident.export.exported import SMALL, ExportedFile, Links
 from dynident.export.names import in_xml_comment, printable, slug
+from dynident.export.ties import tie_elements
 from dynident.export.summary import SIGNS, identification_lines, origin
 from dynident.identification import Identification
 from dynident.robot.model import Joint
@@ -45,9 +46,10 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
         links = min(links, merged, key=lambda one: one.rounding)
     robot = links.robot
     springs = _springs(links)
-    names = link_names(robot)
+    tree = robot.tree
+    names = link_names(tree)
     bodies: list[Element] = []
-    for j, joint in enumerate(robot.joints):
+    for j, joint in enumerate(tree.joints):
         if not np.any(links.standard.inertias[j]):
             raise DynidentError(
                 f"the model has no rigid body on {joint.name}, and MuJoCo moves no link without mass; choose "
@@ -60,12 +62,12 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
         body.children.append(_inertial(links.standard.inertias[j]))
         body.children.extend(
             _drawn(other.placement[:3, 3])
-            for other in robot.joints
+            for other in tree.joints
             if other.parent == j and np.linalg.norm(other.placement[:3, 3]) > _SHORTEST_DRAWN
         )
         bodies.append(body)
     world = Element("worldbody", {}, 0)
-    for joint, body in zip(robot.joints, bodies, strict=True):
+    for joint, body in zip(tree.joints, bodies, strict=True):
         (world if joint.parent < 0 else bodies[joint.parent]).children.append(body)
     root = Element("mujoco", {"model": printable(robot.name)}, 0)
     root.children.extend(
@@ -77,6 +79,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
                 0,
             ),
             world,
+            *tie_elements(robot),
             _motors(links),
         ]
     )

@@ -44,7 +44,7 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
     notes = (*_notes(links), *links.notes)
     text = robot.description.content if robot.description.format == "urdf" else urdf_from_robot(robot)
     tree = _Tree(text, robot.locked_joints)
-    for j, joint in enumerate(robot.joints):
+    for j, joint in enumerate(robot.tree.joints):
         moving = tree.child_of(joint.name)
         for name in tree.fixed_to(moving):
             tree.set_inertial(name, None)
@@ -60,7 +60,7 @@ def _notes(links: Links) -> list[str]:
     robot, notes = links.robot, []
     rotors = [
         f"{joint.name} {rotor:.6g}"
-        for joint, rotor in zip(robot.joints, links.standard.rotors, strict=True)
+        for joint, rotor in zip(robot.tree.joints, links.standard.rotors, strict=True)
         if rotor > 0
     ]
     if rotors:

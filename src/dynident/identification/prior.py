@@ -43,7 +43,7 @@ def prior_of(model: Model, choices: IdentificationChoices) -> Information | None
     """
     if choices.prior is None:
         return None
-    check_description(model.robot, choices.free_links)
+    check_description(model.robot.tree, choices.free_links)
     belief = belief_of(model, choices)
     if choices.prior == "description_entropic":
         belief = entropic_prior(model, choices, belief).belief_at(belief, belief.mean)
@@ -100,7 +100,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
 
 def belief_of(model: Model, choices: IdentificationChoices) -> Belief:
     """What the description says of a model's standard parameters, whether it is chosen to be believed or not."""
-    robot = model.robot
+    robot = model.robot.tree
     nominal = np.zeros((robot.n, 10)) if robot.inertias is None else robot.inertias
     errors, rotors = usual_errors(robot, choices.prior_error), usual_rotor_inertias(robot)
     mean, size = np.zeros(len(model.columns)), np.ones(len(model.columns))

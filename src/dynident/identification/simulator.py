@@ -73,7 +73,7 @@ def simulator_of(
     robot = model.robot
     standard = possible_standard(model, values)
     # What the model says nothing of, the description says.
-    inertias, rotors = model.standard_inertia(values).reshape(robot.n, 10).copy(), np.zeros(robot.n)
+    inertias, rotors = model.standard_inertia(values).reshape(-1, 10).copy(), np.zeros(robot.n)
     for k, column in enumerate(model.columns):
         if role_of(column) == "link":
             standard[k] = standard[k] if links is None else links[_place(model, column)]
@@ -97,8 +97,8 @@ def possible_standard(model: Model, values: FloatArray) -> FloatArray:
 
     Of rotors and links only sums are determined, so a rotor may have come out below zero: the links take that over.
     """
-    n = model.robot.n
-    inertias, rotors = model.standard_inertia(values).reshape(n, 10), model.reference(values)[10 * n : 11 * n]
+    n, links = model.robot.n, 10 * model.robot.tree.n
+    inertias, rotors = model.standard_inertia(values).reshape(-1, 10), model.reference(values)[links : links + n]
     own = dict(zip(model.base.kept, values, strict=True))
     standard = np.zeros(len(model.columns))
     for k, column in enumerate(model.columns):
@@ -125,7 +125,7 @@ def _tireless(robot: Robot) -> Robot:
 
 
 def _place(model: Model, column: Column) -> tuple[int, int]:
-    return model.robot.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
+    return model.robot.tree.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
 
 
 def _other_effects(model: Model, standard: FloatArray) -> list[TrueEffect]:

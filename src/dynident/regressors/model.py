@@ -77,24 +77,24 @@ class Model:
         return tuple(c for k, c in enumerate(self.columns) if k not in kept and not effect_by_id(c.effect).is_inertia)
 
     def standard_inertia(self, values: FloatArray) -> FloatArray:
-        """Standard inertial parameters (10 n,) with these base parameters (b,), nearest to the description's.
+        """Standard inertial parameters (10 N,) of all N links with these base parameters (b,), nearest to the description's.
 
         The base parameters determine the torque; of all standard parameters that give them, those nearest to the
         description's are taken, since effects that reach beyond the base parameters (a tilted base) need a choice.
         Near is measured by how far a description is usually off; of rotors, which it does not know, anything is near.
         """
-        return self._inertial_solution(values)[: 10 * self.robot.n]
+        return self._inertial_solution(values)[: 10 * self.robot.tree.n]
 
     def _inertial_solution(self, values: FloatArray) -> FloatArray:
-        """Standard inertial parameters (10 n,) and, where all links are in the model, its rotors' inertias."""
+        """Standard inertial parameters (10 N,) and, where all links are in the model, its rotors' inertias."""
         rigid = [k for k, column in enumerate(self.columns) if role_of(column) == "link"]
-        nominal = np.zeros(10 * self.robot.n)
+        nominal = np.zeros(10 * self.robot.tree.n)
         if self.robot.inertias is not None:
             nominal = self.robot.inertias.reshape(-1).astype(np.float64)
         if not rigid:
             return nominal
-        if len(rigid) != 10 * self.robot.n:
-            full = np.zeros(10 * self.robot.n)
+        if len(rigid) != 10 * self.robot.tree.n:
+            full = np.zeros(10 * self.robot.tree.n)
             for k, position in enumerate(self.base.kept):
                 column = self.columns[position]
                 if role_of(column) == "link":
@@ -106,30 +106,33 @@ class Model:
         grouping = self.base.grouping[np.ix_(inertial, everything)]
         seen = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)
         nominal = np.concatenate([nominal, np.zeros(len(rotors))])
-        of_rotors = usual_rotor_inertias(self.robot)[[self._joint(k) for k in rotors]]
-        scale = np.concatenate([usual_errors(self.robot).reshape(-1), of_rotors])
+        of_rotors = usual_rotor_inertias(self.robot.tree)[[self._joint(k) for k in rotors]]
+        scale = np.concatenate([usual_errors(self.robot.tree).reshape(-1), of_rotors])
         gap = values[inertial][seen] - grouping[seen] @ nominal
         return np.asarray(nominal + scale * (np.linalg.pinv(grouping[seen] * scale, rcond=1e-9) @ gap))
 
     def reference(self, values: FloatArray) -> FloatArray:
-        """What torque is predicted with (14 n,): standard inertial parameters, then Ia, Fc, Fv and b of all joints."""
-        n = self.robot.n
+        """What torque is predicted with (10 N + 4 n,): standard inertial parameters, then Ia, Fc, Fv and b of all joints."""
+        names, links = self.robot.joint_names, 10 * self.robot.tree.n
         inertial = self._inertial_solution(values)
-        drives = np.zeros((len(DRIVE_ROLES), n))
+        names, links = self.robot.joint_names, 10 * self.robot.tree.n
+        inertial = self._inertial_solution(values)
+        drives = np.zeros((len(DRIVE_ROLES), self.robot.n))
         rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
-        for value, k in zip(inertial[10 * n :], rotors, strict=False):
-            drives[0, self._joint(k)] = value
+        for value, k in zip(inertial[links:], rotors, strict=False):
+            if self.columns[k].link in names:
+                drives[0, names.index(self.columns[k].link)] = value
         for column, value in zip(self.kept, values, strict=True):
             row = _DRIVE_ROWS.get(role_of(column))
-            if row is not None:
-                drives[row, self.robot.joint_names.index(column.link)] += value
-        return np.concatenate([inertial[: 10 * n], drives.reshape(-1)])
+            if row is not None and column.link in names:
+                drives[row, names.index(column.link)] += value
+        return np.concatenate([inertial[:links], drives.reshape(-1)])
 
     def _joint(self, column: int) -> int:
-        return self.robot.joint_names.index(self.columns[column].link)
+        return self.robot.tree.joint_names.index(self.columns[column].link)
 
     def _standard_index(self, column: Column) -> int:
-        link = self.robot.joint_names.index(column.link)
+        link = self.robot.tree.joint_names.index(column.link)
         return 10 * link + INERTIAL_NAMES.index(column.parameter)
 
 

@@ -69,7 +69,7 @@ class Sensing:
         shown = truth.tau
         if self.added is not None:
             third, fourth = _higher_derivatives(t, truth.ddq)
-            memory = MemoryStates(self.signals.memory_signals).push(truth.q)
+            memory = MemoryStates(self.signals.memory_signals).push(self.signals.robot.positions(truth.q))
             present = np.array([float(one.is_in(run)) for one in self.effects])
             clock, period = t[:, None], np.array([_period(t)])
             state = (truth.q, truth.dq, truth.ddq, third, fourth)

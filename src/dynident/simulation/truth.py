@@ -81,9 +81,9 @@ def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
             pointer="/parameters",
             title=_TITLE,
         )
-    if chosen.shape != (robot.n, 10) or not np.all(np.isfinite(chosen)):
+    if chosen.shape != (robot.tree.n, 10) or not np.all(np.isfinite(chosen)):
         raise DynidentError(
-            f"inertial parameters have the shape {chosen.shape}; {robot.n} links x 10 finite numbers are needed",
+            f"inertial parameters have the shape {chosen.shape}; {robot.tree.n} links x 10 finite numbers are needed",
             pointer="/parameters",
             title=_TITLE,
         )

@@ -166,7 +166,7 @@ def _nearly_as_good(item: Judged, best: Judged | None, confused: bool) -> bool:
 def _unseen(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:
     """An effect that could not be seen, with the shape constants in the middle of those worth trying."""
     names = tuple(dict.fromkeys(joints))
-    first = robot.joint_names.index(names[0]) if names else 0
+    first = robot.movers(names[0])[0] if names else 0
     grid = CATALOGUE[effect].grid(robot, first)
     shape = grid[len(grid) // 2] if grid else {}
     return EffectChoice(effect, names, tuple(sorted((name, float(value)) for name, value in shape.items())))

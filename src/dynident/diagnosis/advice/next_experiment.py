@@ -251,7 +251,7 @@ def _case_of(identification: Identification, data: _AtHand, doubt: Doubt, bounds
         effects=(*model.effects, *doubt.beside),
         suspect=doubt.suspect,
         rival=pairing.rival,
-        joints=tuple(names[j] for j in joints_of(doubt.suspect, model.robot)),
+        joints=tuple(model.robot.tree.joint_names[j] for j in joints_of(doubt.suspect, model.robot)),
         bounds=bounds,
         noise={name: _short(np.sqrt(raw_rate / rate) / weight) for name, weight in zip(names, weights, strict=True)},
         rate=_short(raw_rate),

@@ -76,7 +76,7 @@ def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, .
             rest = tuple(k for k in base if k not in own)
             item = judge_all(data, pool, rest, [alone], state.noise)[0]
             gains[joint] = item.total_gain
-            j = pool.observation.robot.joint_names.index(joint)
+            j = pool.observation.robot.movers(joint)[0]
             large = gain_over_floor(item, j, state.floor, data) >= least_gain(effect_by_id(candidate.effect))
             least_t = JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE
             if not (item.lasts(JOINT_DROP, least_t) and large):

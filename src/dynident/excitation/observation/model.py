@@ -71,7 +71,7 @@ class DesignModel:
         standard = np.zeros(len(self.columns))
         for k, column in enumerate(self.columns):
             if role_of(column) == "link":
-                link = self.robot.joint_names.index(column.link)
+                link = self.robot.tree.joint_names.index(column.link)
                 standard[k] = self.robot.inertias[link, INERTIAL_NAMES.index(column.parameter)]
         values: FloatArray = self.base.grouping @ standard
         return values
@@ -187,11 +187,11 @@ def design_model(
             pointer="/effects",
         )
     known = np.zeros(signals.reference.numel())
-    known[: 10 * robot.n] = np.tile(np.array(_PLAUSIBLE_LINK), robot.n)
+    known[: 10 * robot.tree.n] = np.tile(np.array(_PLAUSIBLE_LINK), robot.tree.n)
     if reference is not None:
         known[: len(reference)] = reference
     elif robot.inertias is not None:
-        known[: 10 * robot.n] = robot.inertias.reshape(-1)
+        known[: 10 * robot.tree.n] = robot.inertias.reshape(-1)
     elif any(ca.depends_on(column.torque, signals.reference) for column in chosen):
         notes.append("The load torque is that of links of 3 kg each: the robot's description gives no inertias.")
     choices, columns = tuple(effects), list(chosen)

@@ -131,7 +131,7 @@ def loaded_data(
     carried = [load_in(recording.name) for recording in loaded]
     model = build_model(robot, [*effects, *carried])
     chosen = preprocessing or choose_preprocessing(recordings)
-    reduction = reduce_recordings(model.observation, recordings, chosen, np.zeros(10 * robot.n), progress)
+    reduction = reduce_recordings(model.observation, recordings, chosen, np.zeros(10 * robot.tree.n), progress)
     check_reduction(model, reduction)
     return LoadedData(model, reduction, tuple(loaded))
 

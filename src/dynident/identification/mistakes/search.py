@@ -129,7 +129,7 @@ class _Judge:
     def _grams(self, motion: Motion) -> FloatArray:
         """(blocks, n, c + 1, c + 1): inner products of [W | Y] where each joint moves."""
         robot, c = self._robot, self.n_columns
-        reference, memory = np.zeros(10 * robot.n), np.zeros((len(motion.q), self._observation.n_memory))
+        reference, memory = np.zeros(10 * robot.tree.n), np.zeros((len(motion.q), self._observation.n_memory))
         entries = self._observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
         slow = _SLOW * np.sqrt((motion.dq**2).mean(axis=0))
         grams = np.zeros((_BLOCKS, robot.n, c + 1, c + 1))
