@@ -53,6 +53,14 @@ class Measurements(Collection[Measurement]):
                 self._transport.upload(self.path, path.name, opened, {"metadata": json.dumps(metadata)})
             )
 
+    def revise(self, measurement: Record | str, **changes: Any) -> Measurement:
+        """Say something else of a measurement's file: a new measurement, whose parent is this one; no upload.
+
+        `changes`: windows, columns, units, permutation, signs, scale, exclude, torque_delay, role, name, as in the
+        contract, or what a check has under `apply`.
+        """
+        return self._post(changes, f"/{id_of(measurement)}/revisions")
+
     def content(self, measurement: Record | str) -> Iterator[bytes]:
         """Read the file back as it was uploaded, in pieces."""
         return self._transport.stream(f"{self.path}/{id_of(measurement)}/content")

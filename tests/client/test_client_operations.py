@@ -56,6 +56,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.robots.create("a", urdf="<robot/>"),
         lambda c: c.measurements.upload("r1", file),
         lambda c: list(c.measurements.content("x1")),
+        lambda c: c.measurements.revise("x1", signs={"tau2": -1}),
         lambda c: c.designs.create("r1"),
         lambda c: c.designs.trajectory("x1"),
         lambda c: c.simulations.create("r1", design="d1"),

@@ -96,6 +96,8 @@ def show(resource: Resource) -> MeasurementView:
             "robot_id": said.robot_id,
             "role": said.role,
             "windows": said.windows,
+            "parent_id": next(iter(resource.all("parent")), None),
+            "revision": len((resource.result or {}).get("edits", [])),
             "request": said,
         }
     )
