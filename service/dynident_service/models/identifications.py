@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import SeenMeasurement
 
 MODELS = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
@@ -207,7 +208,7 @@ class IdentificationResult(Shown):
     )
 
 
-class IdentificationView(Computed[IdentificationRequest, IdentificationResult]):
+class IdentificationView(Computed[IdentificationRequest, IdentificationResult], Labelled):
     """An identification."""
 
     robot_id: str

@@ -8,6 +8,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from dynident_service.models.common import Asked, Identifier, Name, Shown
+from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import EXCLUDE, ORDER, SCALE, SIGNS, Axis, RevisionRequest
 
 Role = Literal["identification", "validation", "friction", "payload"]
@@ -86,7 +87,7 @@ class MeasurementResult(Shown):
     )
 
 
-class MeasurementView(MeasurementResult):
+class MeasurementView(MeasurementResult, Labelled):
     """A stored measurement."""
 
     id: str
