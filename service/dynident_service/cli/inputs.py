@@ -20,7 +20,7 @@ from dynident.effects import EffectChoice
 from dynident.effects.written import written_effects
 from dynident.errors import DynidentError
 from dynident.identification import Identification, from_bytes
-from dynident.identification.robot_recordings import import_for_robot
+from dynident.identification.robot_recordings import import_cured, import_for_robot
 from dynident.progress import Progress, part
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.names import unique_names
@@ -47,13 +47,17 @@ _REWORDED = (
 
 @dataclass(frozen=True)
 class FileOptions:
-    """What the options say about measurement files; `roles` of those that are not for the identification as usual."""
+    """What the options say about measurement files; `roles` of those that are not for the identification as usual.
+
+    With `cure` what would be refused is read as its checks propose.
+    """
 
     columns: Sequence[str] = ()
     units: Sequence[str] = ()
     windows: Sequence[str] = ()
     accept: Sequence[str] = ()
     roles: Mapping[Path, str] = field(default_factory=dict)
+    cure: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,15 +105,23 @@ def loaded(
                 accept=tuple(options.accept),
             )
             share = part(progress, index / len(everything), (index + 1) / len(everything))
-            found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share))
+            found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=options.cure))
         yield found[: len(paths)], found[len(paths) :]
 
 
-def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress) -> Loaded:
+def _load(
+    path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress, *, cure: bool
+) -> Loaded:
     check_readable(path)
     try:
-        recording, checks = import_for_robot(robot, path, destination, metadata, progress)
+        if cure:
+            mended = import_cured(robot, path, destination, metadata, progress)
+            recording, checks = mended.recording, mended.checks
+        else:
+            recording, checks = import_for_robot(robot, path, destination, metadata, progress)
     except RecordingError as error:
+        if not cure and any(one.status == "error" and one.apply is not None for one in error.checks):
+            error.detail += " Or have it put right: --cure."
         # Which of the files: the science knows columns, rows and times alone.
         error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
         raise

@@ -85,6 +85,10 @@ Accept = Annotated[
         show_default=False,
     ),
 ]
+Cure = Annotated[
+    bool,
+    typer.Option("--cure", help="Read what would be refused as its checks propose, and say so: order, sign, unit, …."),
+]
 DriveGains = Annotated[
     str,
     typer.Option(

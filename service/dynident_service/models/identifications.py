@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.labels import Labelled
+from dynident_service.models.revisions import SeenMeasurement
 
 MODELS = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
 STRATEGIES = Literal["global", "sequential", "separate_friction"]
@@ -201,9 +203,12 @@ class IdentificationResult(Shown):
     )
     joints: list[str]
     effort_units: list[str]
+    measurements: list[SeenMeasurement] = Field(
+        default=[], description="Which revision of which file the model saw; [] in models that an older version stored"
+    )
 
 
-class IdentificationView(Computed[IdentificationRequest, IdentificationResult]):
+class IdentificationView(Computed[IdentificationRequest, IdentificationResult], Labelled):
     """An identification."""
 
     robot_id: str

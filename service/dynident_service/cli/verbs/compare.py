@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Out, Units, Windows
+from dynident_service.cli.options import Accept, Columns, Cure, Json, ModelArgument, Out, Units, Windows
 
 
 def compare(
@@ -32,6 +32,7 @@ def compare(
         TO_READ,
     ],
     out: Out = None,
+    cure: Cure = False,
     as_json: Json = False,
 ) -> None:
     """Hold predicted torque against a measurement.
@@ -46,7 +47,7 @@ def compare(
     from dynident_service.models.common import plain
 
     identification = inputs.model_of(model)
-    options = inputs.FileOptions(columns, units, windows, accept)
+    options = inputs.FileOptions(columns, units, windows, accept, cure=cure)
     if out is not None:
         tables.check_ending(out)
     with (

@@ -11,6 +11,7 @@ from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import (
     Accept,
     Columns,
+    Cure,
     Effects,
     Json,
     Measurements,
@@ -39,6 +40,7 @@ def extend(
         TO_READ,
     ] = None,
     out: Out = None,
+    cure: Cure = False,
     as_json: Json = False,
 ) -> None:
     """Add effects to a model.
@@ -60,7 +62,7 @@ def extend(
         added += inputs.stored_diagnosis(diagnosis).recommended
     if not added:
         raise DynidentError("say what to add: --effects, or --diagnosis with a file", pointer="--effects")
-    options = inputs.FileOptions(columns, units, windows, accept)
+    options = inputs.FileOptions(columns, units, windows, accept, cure=cure)
     with (
         terminal.progress_bar("extend") as progress,
         inputs.loaded(measurements, robot, options, part(progress, 0.0, 0.5), validation) as (training, held_out),

@@ -12,6 +12,7 @@ from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import (
     Accept,
     Columns,
+    Cure,
     DriveGains,
     Effects,
     Estimator,
@@ -84,6 +85,7 @@ def identify(
         ),
     ] = "auto",
     out: Out = None,
+    cure: Cure = False,
     as_json: Json = False,
 ) -> None:
     """Identify the base parameters of a robot."""
@@ -98,7 +100,7 @@ def identify(
     from dynident_service.models.common import plain
 
     machine = inputs.robot_of(robot, drive_gains)
-    options = inputs.FileOptions(columns, units, windows, accept, dict.fromkeys(friction, "friction"))
+    options = inputs.FileOptions(columns, units, windows, accept, dict.fromkeys(friction, "friction"), cure=cure)
     chosen = inputs.effects_of(effects, machine) or DEFAULT_EFFECTS
     method = methods.method_of(model, strategy, steps, estimator, prior)
     unfiltered = replace(

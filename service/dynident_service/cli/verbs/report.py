@@ -11,6 +11,7 @@ from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import (
     Accept,
     Columns,
+    Cure,
     Json,
     Measurements,
     ModelArgument,
@@ -40,6 +41,7 @@ def report(
     ] = None,
     title: Annotated[str, typer.Option("--title", help="The heading; the robot's name by default.")] = "",
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file.")] = Path("report.html"),
+    cure: Cure = False,
     as_json: Json = False,
 ) -> None:
     """Write one self-contained HTML file about a model."""
@@ -54,7 +56,7 @@ def report(
     found = inputs.stored_diagnosis(diagnosis) if diagnosis is not None else None
     joints = identification.model.robot.joint_names
     validations = [reported(stored_validation(path), joints) for path in validated or []]
-    options = inputs.FileOptions(columns, units, windows, accept)
+    options = inputs.FileOptions(columns, units, windows, accept, cure=cure)
     with (
         terminal.progress_bar("report") as progress,
         inputs.loaded(measurements, identification.model.robot, options, part(progress, 0.0, 0.4), validation) as (

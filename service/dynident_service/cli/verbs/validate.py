@@ -8,7 +8,18 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Out, Seed, Units, Validation, Windows
+from dynident_service.cli.options import (
+    Accept,
+    Columns,
+    Cure,
+    Json,
+    ModelArgument,
+    Out,
+    Seed,
+    Units,
+    Validation,
+    Windows,
+)
 
 
 def validate(
@@ -66,6 +77,7 @@ def validate(
     ] = None,
     seed: Seed = 0,
     out: Out = None,
+    cure: Cure = False,
     as_json: Json = False,
 ) -> None:
     """Try whether an identified model is to be trusted.
@@ -93,7 +105,7 @@ def validate(
     given = measurements or []
     beside = [*validation, *(unloaded or [])]
     validating.check(asked, len(given), len(beside))
-    options = inputs.FileOptions(columns, units, windows, accept)
+    options = inputs.FileOptions(columns, units, windows, accept, cure=cure)
     robot = identification.model.robot
     with (
         terminal.progress_bar("validate") as progress,
