@@ -275,7 +275,9 @@ class _Finder:
         whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
         shown = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
         hint = ""
-        if f"{kind}0" in self.names:
+        if all(name == f"column{number}" for number, name in enumerate(self.names, start=1)):
+            hint = " The file gives no names of the columns, so that they are counted here."
+        elif f"{kind}0" in self.names:
             hint = f" Joints are counted from 1 here, and the file has {kind}0: map them with columns."
         return RecordingError(
             f"No column {wanted} for {kind}{whose}{instead}. The file holds: {shown}. Name it by columns, "
