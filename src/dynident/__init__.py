@@ -14,9 +14,11 @@ as `dynident.identification`, `dynident.excitation` and `dynident.simulation`.
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from dynident.extras import RoomsThatNeedScience, install_hint, missing_science
 from dynident.version import __version__
 
 if TYPE_CHECKING:
@@ -108,6 +110,10 @@ _HOMES = {
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
+_missing = missing_science()
+if _missing is not None:
+    sys.meta_path.insert(0, RoomsThatNeedScience(_missing))
+
 
 if not TYPE_CHECKING:
     # Not for the eyes of type checkers, to whom every name would then be there.
@@ -124,7 +130,7 @@ if not TYPE_CHECKING:
                 raise
             raise ModuleNotFoundError(
                 f"dynident.{name} needs the package {missing.name}, which the light installation leaves out; "
-                "install it with: pip install 'dynident[science]'",
+                f"{install_hint(missing.name or '')}",
                 name=missing.name,
             ) from missing
         return value

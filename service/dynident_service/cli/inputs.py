@@ -91,7 +91,7 @@ def loaded(
     """
     everything = [*paths, *others]
     names = unique_names(everything)
-    windows = parsing.windows_of(options.windows, names)
+    windows = parsing.windows_of(options.windows, names, _neighbours(everything))
     columns, units = parsing.pairs(options.columns, "--columns"), parsing.pairs(options.units, "--units")
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
         found = []
@@ -107,6 +107,12 @@ def loaded(
             share = part(progress, index / len(everything), (index + 1) / len(everything))
             found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=options.cure))
         yield found[: len(paths)], found[len(paths) :]
+
+
+def _neighbours(paths: Sequence[Path]) -> set[str]:
+    """Names of the files that lie beside those of this call: other commands of the same study may be about them."""
+    folders = {path.parent for path in paths if path.parent.is_dir()}
+    return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 
 
 def _load(

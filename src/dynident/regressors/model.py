@@ -115,8 +115,6 @@ class Model:
         """What torque is predicted with (10 N + 4 n,): standard inertial parameters, then Ia, Fc, Fv and b of all joints."""
         names, links = self.robot.joint_names, 10 * self.robot.tree.n
         inertial = self._inertial_solution(values)
-        names, links = self.robot.joint_names, 10 * self.robot.tree.n
-        inertial = self._inertial_solution(values)
         drives = np.zeros((len(DRIVE_ROLES), self.robot.n))
         rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
         for value, k in zip(inertial[links:], rotors, strict=False):

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from dynident_service.cli.files import TO_READ
+from dynident_service.cli.files import FOLDER_TO_READ, TO_READ
 from dynident_service.cli.options import Accept, Columns, DriveGains, Effects, Json, RobotArgument, Seed, Units, Windows
 
 
@@ -67,6 +67,7 @@ def design(
     meshes: Annotated[
         list[Path] | None,
         typer.Option("--meshes", metavar="FOLDER", help="Where the URDF's collision meshes are; may be repeated."),
+        FOLDER_TO_READ,
     ] = None,
     torque_margin: Annotated[
         float, typer.Option("--torque-margin", help="Share by which torque may be larger than predicted.")
@@ -103,7 +104,13 @@ def design(
     from dynident.progress import part
     from dynident_service.adapters.designs import describe_design
     from dynident_service.cli import inputs, tables, terminal
-    from dynident_service.cli.designing import limits_of, proposed_design, show_design, surroundings_of
+    from dynident_service.cli.designing import (
+        limits_of,
+        proposed_design,
+        show_design,
+        surroundings_of,
+        warn_of_unchecked,
+    )
     from dynident_service.models.common import plain
 
     tables.check_ending(out, tables.TRAJECTORY_ENDINGS)
@@ -144,6 +151,7 @@ def design(
     ):
         found = design_experiment(machine, request, part(progress, 0.1, 1.0), inputs.recordings_of(runs))
     tables.write_trajectory(found, out)
+    warn_of_unchecked(terminal.err(), found)
     if as_json:
         terminal.print_json(plain(describe_design(found)))
         return
