@@ -28,6 +28,7 @@ from dynident.robot import Robot
 from dynident_service.adapters.identifications import check_effects
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
+from dynident_service.cli.options import Reading
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
@@ -54,6 +55,11 @@ class FileOptions:
     windows: Sequence[str] = ()
     accept: Sequence[str] = ()
     roles: Mapping[Path, str] = field(default_factory=dict)
+
+
+def file_options(reading: Reading, roles: Mapping[Path, str] | None = None) -> FileOptions:
+    """What the options of reading say, with the roles of files that are not for the identification as usual."""
+    return FileOptions(reading.columns, reading.units, reading.windows, reading.accept, roles or {})
 
 
 @dataclass(frozen=True, eq=False)

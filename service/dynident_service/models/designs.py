@@ -7,7 +7,6 @@ from typing import Literal
 from pydantic import Field
 
 from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Limits, Name, Shown
-from dynident_service.models.identifications import MODELS
 from dynident_service.models.surroundings import Surroundings
 
 DesignKind = Literal["optimized", "sequential", "constant_velocity", "random", "slow_sweep", "reversals"]
@@ -78,7 +77,7 @@ class DesignRequest(Asked):
     robot_id: Identifier
     kind: DesignKind = "optimized"
     name: Name | None = None
-    model: MODELS | None = None
+    model: Literal["dynamic", "filtered", "energy", "power", "base_wrench"] | None = None
     effects: list[EffectChoice] | None = Field(default=None, description="What is to be identified")
     criterion: Criterion = Criterion()
     trajectory: Trajectory = Trajectory()
