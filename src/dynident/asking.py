@@ -75,6 +75,8 @@ class Said:
         What it is one of.
     option : str
         The option of the command line, where it is not the field's own name; "-" where there is none.
+    local : bool
+        A matter of one machine, which no request to another carries.
     """
 
     words: str = ""
@@ -86,6 +88,7 @@ class Said:
     most: int | None = None
     kinds: Named | None = None
     option: str = ""
+    local: bool = False
 
     @property
     def sentence(self) -> str:
@@ -109,7 +112,7 @@ def said(
     default, made_by
         The default, or what makes it.
     more
-        As `Said` has it: unit, above, at_least, at_most, fewest, most, kinds, option.
+        As `Said` has it: unit, above, at_least, at_most, fewest, most, kinds, option, local.
     """
     metadata = {_KEY: Said(words, **more)}
     if made_by is not None:

@@ -10,21 +10,21 @@ class Box(TypedDict, total=False):
     """A box in the base frame."""
 
     center: tuple[float, float, float]
-    """m"""
+    """Its centre, in m"""
 
     name: str
     rpy: tuple[float, float, float]
-    """Roll, pitch, yaw, rad"""
+    """Roll, pitch, yaw as in a URDF, in rad"""
 
     size: tuple[float, float, float]
-    """Its edges, m"""
+    """Its edges, in m"""
 
 
 class Criterion(TypedDict, total=False):
     """How exciting a motion is (§12.3.4.1)."""
 
     a_priori: Mapping[str, float]
-    """|Z| of [12.15] by parameter; what variances are relative to"""
+    """|Z| of [12.15] by parameter, else as the robot's description has it; what variances are relative to"""
 
     effects: Sequence[EffectChoice]
     """For separation: to be told from the rest of the model and from each other"""
@@ -40,11 +40,13 @@ class Criterion(TypedDict, total=False):
         "parameters",
         "separation",
     ]
+    """How exciting a motion is (§12.3.4.1)"""
+
     parameters: Sequence[str]
     """For parameters: those whose variances count"""
 
     weight: float
-    """k1 of [12.13], k2 of [12.14]"""
+    """k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value)"""
 
 
 class DesignOptions(TypedDict, total=False):
@@ -58,29 +60,35 @@ class DesignOptions(TypedDict, total=False):
     """What is to be identified"""
 
     home: Sequence[float] | None
-    """Posture where it begins and ends, rad or m"""
+    """Posture where it begins and ends, in rad or m"""
 
     limits: Mapping[str, Limits]
     """By joint; tighter ones, for this experiment"""
 
-    model: Literal["dynamic", "filtered", "energy", "power", "base_wrench"] | None
+    model: Literal["dynamic", "filtered", "energy", "power"] | None
+    """Rows that the criterion is computed from"""
+
     name: str | None
     noise: Mapping[str, float]
-    """By joint: standard deviation of a sample of its torque, N m or N"""
+    """By joint: standard deviation of a sample of its torque, in N m or N"""
 
     random_trajectories: int
-    """How many stand beside the result"""
+    """How many random ones stand beside the result"""
 
     seed: int
+    """The same seed gives the same result"""
+
     starts: int | None
-    """Starts of the optimisation"""
+    """Starts of the optimisation; as many as the time allows, or 4"""
 
     surroundings: Surroundings
+    """What the robot must not touch"""
+
     time_budget: float | None
-    """Seconds of optimisation"""
+    """Time of the optimisation; the best so far is taken, in s"""
 
     torque_margin: float
-    """By what share the torque may be larger than predicted: its limits leave room for that"""
+    """Share by which the torque may be larger than predicted: its limits leave room for that"""
 
     trajectory: Trajectory
 
@@ -219,16 +227,16 @@ class Surroundings(TypedDict, total=False):
 
     boxes: Sequence[Box]
     clearance: float
-    """Distance that is kept to everything, m"""
+    """Distance that is kept to everything, in m"""
 
     floor: float | None
-    """Height of the floor, m in the base frame"""
+    """Height of a floor that no link but the base may reach, in the base frame, in m"""
 
     link_radius: float | None
-    """Links without collision geometry count as capsules of this radius, m"""
+    """Links without collision geometry count as capsules of this radius between the joints' origins, in m"""
 
     may_touch: Sequence[tuple[str, str]]
-    """Pairs of links that are not checked against each other"""
+    """Pairs of links (or joints) that are not checked against each other"""
 
     self_collision: bool
     """Links must not touch each other, as far as the description has collision geometry"""
@@ -250,22 +258,26 @@ class ToolRange(TypedDict, total=False):
     """x, y, z; null: no bound"""
 
     point: tuple[float, float, float]
-    """The tool in the frame of the joint, m"""
+    """The tool in the frame of the joint, in m"""
 
 
 class Trajectory(TypedDict, total=False):
     """The family of motions."""
 
     amplitudes: Sequence[float] | None
-    """For reversals: how far back and forth, rad or m"""
+    """For reversals: how far back and forth, in rad or m"""
 
     duration: float
-    """One period, s; of a set about one run, of constant velocity the longest stroke, of a slow sweep one way"""
+    """One period; of a set about one run, of constant velocity the longest stroke, of a slow sweep one way, of a
+    point-to-point sequence a result, in s
+    """
 
     dwell: tuple[float, float]
-    """For point_to_point: shortest and longest rest in a point, s; drawn between them"""
+    """For point_to_point: shortest and longest rest in a point, drawn between them, in s"""
 
     family: Literal["fourier", "b_spline", "point_to_point"]
+    """How the motion is written"""
+
     harmonics: int
     """For fourier: of the fundamental frequency 1 / duration"""
 
@@ -279,11 +291,13 @@ class Trajectory(TypedDict, total=False):
     """For fourier and b_spline: the same path at each of these shares of its speed"""
 
     periods: int
+    """How often the period (the set of strokes) is repeated"""
+
     points: int
     """For point_to_point: where the arm comes to rest in a round"""
 
     sampling_rate: float
-    """Hz"""
+    """Sampling rate, in Hz"""
 
     sets: Literal["link_by_link", "wrist_then_shoulder", "vandanjon"]
     """For sequential designs: the test motions (§12.3.4.2)"""
@@ -325,7 +339,7 @@ class Wall(TypedDict, total=False):
     """To the side that is free"""
 
     point: tuple[float, float, float]
-    """Any point on it, m in the base frame"""
+    """Any point on it, in the base frame, in m"""
 
 
 class Warming(TypedDict, total=False):

@@ -24,7 +24,7 @@ SCIENCE: dict[type[BaseModel], type] = {}
 """What each of these bodies asks for."""
 
 
-def asks(science: type, *but: str) -> Callable[[type[ModelT]], type[ModelT]]:
+def asks(science: type, *but: str, or_null: tuple[str, ...] = ()) -> Callable[[type[ModelT]], type[ModelT]]:
     """A body that asks for a request of the science: with its fields beside those that the class states itself.
 
     Parameters
@@ -33,12 +33,16 @@ def asks(science: type, *but: str) -> Callable[[type[ModelT]], type[ModelT]]:
         A frozen dataclass whose fields say what they are (`dynident.asking.said`).
     but : str
         Fields that are no part of the contract.
+    or_null : tuple of str
+        Those that may be null for their default.
     """
 
     def made(body: type[ModelT]) -> type[ModelT]:
         own = body.model_fields
         derived = {
-            one.name: _derived(science, one) for one in fields(science) if one.name not in but and one.name not in own
+            one.name: _derived(science, one, one.name in or_null)
+            for one in fields(science)
+            if one.name not in but and one.name not in own and not said_of(one).local
         }
         found: type[ModelT] = create_model(  # type: ignore[call-overload]
             body.__name__, __base__=body, __module__=body.__module__, __doc__=body.__doc__, **derived
@@ -50,28 +54,28 @@ def asks(science: type, *but: str) -> Callable[[type[ModelT]], type[ModelT]]:
     return made
 
 
-def written(value: Any) -> Any:
-    """A value of the science as it is written in JSON."""
-    if isinstance(value, Kind):
-        return {"name": value.name, **{one.name: written(getattr(value, one.name)) for one in fields(value)}}
-    if is_dataclass(value) and not isinstance(value, type):
-        body = BODIES[type(value)]
-        return {one.name: written(getattr(value, one.name)) for one in fields(value) if one.name in body.model_fields}
-    if isinstance(value, Mapping):
-        return {name: written(one) for name, one in value.items()}
-    return [written(one) for one in value] if isinstance(value, (tuple, list)) else value
+def body_of(science: type) -> type[BaseModel]:
+    """What a request of the science, or a part of one, is on the wire."""
+    if science not in BODIES:
+        plain: type[BaseModel] = create_model(science.__name__, __base__=Asked, __doc__=science.__doc__)
+        asks(science)(plain)
+    return BODIES[science]
 
 
-def _derived(science: type, one: Field[Any]) -> tuple[Any, Any]:
+def _derived(science: type, one: Field[Any], or_null: bool = False) -> tuple[Any, Any]:
     about = said_of(one)
     if about.kinds is None:
         hint = _on_the_wire(hint_of(science, one), about)
     else:
-        hint = _one_of(about, optional="None" in str(one.type))
-    return hint, _described(about, default_of(one), items=get_origin(hint) is list)
+        hint = _one_of(about, optional=or_null or "None" in str(one.type))
+    default = None if or_null else default_of(one)
+    several = any(get_origin(part) is list for part in (hint, *get_args(hint)))
+    if several and isinstance(default, tuple):
+        default = list(default)
+    return hint, _described(about, default, sized=several or hint is str)
 
 
-def _described(about: Said, default: Any, items: bool) -> Any:
+def _described(about: Said, default: Any, sized: bool) -> Any:
     extra: dict[str, Any] = {}
     if about.unit:
         extra["x-unit"] = about.unit
@@ -80,14 +84,14 @@ def _described(about: Said, default: Any, items: bool) -> Any:
             {"name": one.name, "label": one.label or one.name, "words": one.words} for one in about.kinds.choices
         ]
     stated: dict[str, Any] = {"description": about.sentence or None, "json_schema_extra": extra or None}
-    stated |= {"min_length": about.fewest, "max_length": about.most} if items else _range(about)
+    stated |= {"min_length": about.fewest, "max_length": about.most} if sized else _range(about)
     return wire_field(default=... if default is MISSING else _default(default), **stated)
 
 
 def _default(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
-        return BODIES[type(value)]()
-    return written(value)
+        return body_of(type(value))()
+    return dict(value) if isinstance(value, Mapping) else value
 
 
 def _range(about: Said) -> dict[str, float | None]:
@@ -117,8 +121,8 @@ def _with_options(kind: type[Kind]) -> type[BaseModel]:
 
 def _on_the_wire(hint: Any, about: Said) -> Any:
     origin, parts = get_origin(hint), get_args(hint)
-    if hint in BODIES:
-        return BODIES[hint]
+    if is_dataclass(hint) and isinstance(hint, type):
+        return body_of(hint)
     if origin is tuple and parts[-1] is Ellipsis:
         item = _on_the_wire(parts[0], about)
         return list[Annotated[item, wire_field(**_range(about))]] if any(_range(about).values()) else list[item]  # type: ignore[valid-type]
