@@ -1,4 +1,4 @@
-"""`python -m dynident_service.openapi [FILE]` writes the contract as the service has it."""
+"""`python -m dynident_service.openapi [FILE]` writes the contract as the service has it, and the client's types."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import sys
 from pathlib import Path
 
+from dynident_service import client_types
 from dynident_service.app import create_app
 from dynident_service.settings import Settings
 
@@ -20,3 +21,5 @@ def contract() -> str:
 if __name__ == "__main__":
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
     target.write_text(contract(), encoding="utf-8")
+    if target == FILE:
+        Path(client_types.FILE).write_text(client_types.client_types(json.loads(contract())), encoding="utf-8")

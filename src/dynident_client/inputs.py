@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 from dynident_client.collection import Collection
 from dynident_client.labels import Labelled
 from dynident_client.records import Design, Measurement, Record, Robot, Simulation, id_of
+from dynident_client.requests import DesignOptions, SimulationOptions
 
 
 class Robots(Labelled[Robot]):
@@ -89,7 +90,7 @@ class Designs(Collection[Design]):
 
     kind = Design
 
-    def create(self, robot: Record | str, *, kind: str = "optimized", **more: Any) -> Design:
+    def create(self, robot: Record | str, *, kind: str = "optimized", **more: Unpack[DesignOptions]) -> Design:
         """Design an experiment.
 
         `more`: effects, criterion, trajectory, limits, time_budget, seed, …, as in the contract.
@@ -113,11 +114,11 @@ class Simulations(Collection[Simulation]):
         design: Record | str | None = None,
         trajectory: Mapping[str, Any] | None = None,
         effects: Sequence[Mapping[str, Any]] | None = None,
-        **more: Any,
+        **more: Unpack[SimulationOptions],
     ) -> Simulation:
         """Have a virtual robot make the motion of a design, or a trajectory; the result names the measurement.
 
         `more`: parameters, noise, seed, …, as in the contract.
         """
-        motion = {"design_id": None if design is None else id_of(design), "trajectory": trajectory}
+        motion: dict[str, Any] = {"design_id": None if design is None else id_of(design), "trajectory": trajectory}
         return self._post({"robot_id": id_of(robot), "effects": effects, **motion, **more})

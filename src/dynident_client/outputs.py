@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 from dynident_client.collection import Collection
 from dynident_client.labels import Labelled
@@ -18,6 +18,7 @@ from dynident_client.records import (
     Validation,
     id_of,
 )
+from dynident_client.requests import IdentificationOptions, ValidationOptions
 
 Effects = Sequence[Mapping[str, Any] | str]
 
@@ -34,14 +35,14 @@ class Identifications(Labelled[Identification]):
         *,
         validation: Sequence[Record | str] = (),
         effects: Effects | None = None,
-        **more: Any,
+        **more: Unpack[IdentificationOptions],
     ) -> Identification:
         """Identify the base parameters of a robot.
 
-        `effects`: ids, or {"effect", "joints"}. `more`: model, strategy, steps, estimator, prior, preprocessing, name,
-        …, as in the contract.
+        `effects`: ids, or {"effect", "joints"}. `more`: model, strategy, estimator and all other choices of the
+        contract.
         """
-        body = {
+        body: dict[str, Any] = {
             "robot_id": id_of(robot),
             "measurement_ids": [id_of(one) for one in measurements],
             "validation_ids": [id_of(one) for one in validation],
@@ -226,7 +227,7 @@ class Validations(Collection[Validation]):
         *,
         measurements: Sequence[Record | str] | None = None,
         name: str | None = None,
-        **more: Any,
+        **more: Unpack[ValidationOptions],
     ) -> Validation:
         """Try a model.
 
@@ -234,7 +235,11 @@ class Validations(Collection[Validation]):
         `more`: limit, methods, cutoffs, longest, mass, draws, seed, as in the contract.
         """
         measurement_ids = None if measurements is None else [id_of(one) for one in measurements]
-        body = {"identification_id": id_of(identification), "kind": kind, "measurement_ids": measurement_ids}
+        body: dict[str, Any] = {
+            "identification_id": id_of(identification),
+            "kind": kind,
+            "measurement_ids": measurement_ids,
+        }
         return self._post({**body, "name": name, **more})
 
 

@@ -118,7 +118,7 @@ CASES = {
     "a trajectory of an unknown format": (["design", "scara", "--out", "{desk}/t.xls"], ["--out", ".csv"]),
     "an unknown kind of design": (
         ["design", "scara", "--kind", "wild", "--out", "{desk}/t.csv"],
-        ["/kind", "wild", "optimized"],
+        ["--kind", "wild", "optimized"],
     ),
     "limits of an unknown joint": (
         ["design", "scara", "--limits", "{desk}/limits.json", "--out", "{desk}/t.csv"],

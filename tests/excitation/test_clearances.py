@@ -13,6 +13,7 @@ from dynident.excitation.criteria.smooth import criterion_of
 from dynident.excitation.limits.bounds import Bounds, bounds_of
 from dynident.excitation.observation.model import design_model
 from dynident.excitation.optimising.problem import DesignProblem, Multipliers
+from dynident.excitation.surroundings.obstacles import block_of
 from dynident.excitation.surroundings.segments import closest_shares, distance_to_block
 from dynident.excitation.trajectories.fourier import FourierFamily
 from dynident.robot import Limits
@@ -94,7 +95,7 @@ def test_closest_points_of_segments_are_the_closest(seed):
 def test_distance_from_a_box_is_that_of_its_nearest_point(seed):
     rng = np.random.default_rng(seed)
     box = Box("b", tuple(rng.normal(size=3)), tuple(rng.uniform(0.2, 1, 3)), tuple(rng.normal(size=3)))
-    block, point = box.block, rng.normal(size=3)
+    block, point = block_of(box), rng.normal(size=3)
     distance, gradient = distance_to_block(point, block)
     local = block.placement[:3, :3].T @ (point - block.placement[:3, 3])
     nearest = np.clip(local, -0.5 * block.size, 0.5 * block.size)

@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+from dynident_service.client_types import FILE as TYPES
+from dynident_service.client_types import client_types
 from dynident_service.openapi import contract
 
 FILE = Path(__file__).parents[2] / "openapi" / "openapi.json"
@@ -9,3 +12,8 @@ FILE = Path(__file__).parents[2] / "openapi" / "openapi.json"
 
 def test_the_committed_contract_is_what_the_service_does() -> None:
     assert FILE.read_text(encoding="utf-8") == contract(), "run `python -m dynident_service.openapi`"
+
+
+def test_the_types_of_the_client_are_those_of_the_contract() -> None:
+    written = (Path(__file__).parents[2] / TYPES).read_text(encoding="utf-8")
+    assert written == client_types(json.loads(contract())), "run `python -m dynident_service.openapi`"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -18,19 +17,24 @@ from dynident.excitation.checks import check_request
 from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.robot import Robot
 from dynident.simulation import Reference
-from dynident_service.adapters.effects import choices_of
+from dynident_service.adapters.derived import taken, written
 from dynident_service.adapters.identifications import check_effects, finite
-from dynident_service.adapters.robots import limits_of
-from dynident_service.adapters.surroundings import surroundings_document, surroundings_of
 from dynident_service.models import designs as wire
-from dynident_service.problems import unusable
 
 ROWS = 65_536
 
 
 def request_of(asked: wire.DesignRequest, robot: Robot) -> DesignRequest:
     """Take a design off the wire; `DynidentError` where it asks for what cannot be designed for this robot."""
-    request = design_request(asked)
+    return _checked(design_request(asked), robot)
+
+
+def random_design(trajectory: wire.Trajectory, robot: Robot, seed: int = 0) -> DesignRequest:
+    """A random motion of a family; `DynidentError` where there is none for this robot."""
+    return _checked(DesignRequest(kind="random", trajectory=taken(trajectory, TrajectoryRequest), seed=seed), robot)
+
+
+def _checked(request: DesignRequest, robot: Robot) -> DesignRequest:
     check_request(request)
     check_effects(request.wanted_effects, robot)
     _check_rivals(request.criterion, robot)
@@ -39,45 +43,7 @@ def request_of(asked: wire.DesignRequest, robot: Robot) -> DesignRequest:
 
 def design_request(asked: wire.DesignRequest) -> DesignRequest:
     """Take a design off the wire as it is."""
-    if asked.model == "base_wrench":
-        raise unusable("a design for the base_wrench model is not available; choose dynamic, or leave it out", "/model")
-    trajectory, criterion = asked.trajectory, asked.criterion
-    return DesignRequest(
-        kind=asked.kind,
-        effects=None if asked.effects is None else choices_of(asked.effects),
-        criterion=CriterionChoice(
-            criterion.name,
-            criterion.weight,
-            criterion.a_priori,
-            tuple(criterion.parameters),
-            choices_of(criterion.effects),
-        ),
-        trajectory=TrajectoryRequest(
-            family=trajectory.family,
-            duration=trajectory.duration,
-            harmonics=trajectory.harmonics,
-            intervals=trajectory.intervals,
-            points=trajectory.points,
-            dwell=trajectory.dwell,
-            sets=trajectory.sets,
-            periods=trajectory.periods,
-            sampling_rate=trajectory.sampling_rate,
-            speeds=None if trajectory.speeds is None else tuple(trajectory.speeds),
-            amplitudes=None if trajectory.amplitudes is None else tuple(trajectory.amplitudes),
-            joints=tuple(trajectory.joints),
-            paces=tuple(trajectory.paces),
-        ),
-        limits={name: limits_of(value) for name, value in asked.limits.items()},
-        home=None if asked.home is None else tuple(asked.home),
-        time_budget=asked.time_budget,
-        starts=asked.starts,
-        random_trajectories=asked.random_trajectories,
-        seed=asked.seed,
-        noise=asked.noise,
-        torque_margin=asked.torque_margin,
-        surroundings=surroundings_of(asked.surroundings),
-        model=asked.model or "dynamic",
-    )
+    return taken(asked, DesignRequest)
 
 
 def _check_rivals(choice: CriterionChoice, robot: Robot) -> None:
@@ -89,16 +55,7 @@ def _check_rivals(choice: CriterionChoice, robot: Robot) -> None:
 
 def show_request(request: DesignRequest, robot_id: str) -> wire.DesignRequest:
     """Show what is asked of a design, ready to be posted."""
-    document = {**asdict(request), "surroundings": surroundings_document(request.surroundings)}
-    for asked in (document, document["criterion"]):
-        asked["effects"] = [_choice_document(one) for one in asked["effects"] or ()]
-    if request.effects is None:
-        del document["effects"]
-    return wire.DesignRequest.model_validate({"robot_id": robot_id, **document})
-
-
-def _choice_document(choice: dict[str, Any]) -> dict[str, Any]:
-    return {"effect": choice["effect"], "joints": choice["joints"], "shape_parameters": dict(choice["shape"])}
+    return wire.DesignRequest.model_validate({"robot_id": robot_id, **written(request)})
 
 
 def describe_design(found: Design) -> wire.DesignResult:

@@ -20,7 +20,8 @@ from dynident.identification.shape_constants import ShapeConstant
 from dynident.identification.shapes import check_shapes_given
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
 from dynident.robot import Robot
-from dynident_service.adapters.effects import choices_of, show_choice
+from dynident_service.adapters.derived import taken
+from dynident_service.adapters.effects import show_choice
 from dynident_service.models import identifications as wire
 from dynident_service.models.common import EffectChoice as WireEffect
 
@@ -32,20 +33,8 @@ def choices_from_request(
 
     The preprocessing is left to the data where there are no recordings to choose it from.
     """
-    choices = IdentificationChoices(
-        effects=choices_of(request.effects),
-        model=request.model,
-        strategy=request.strategy,
-        estimator=request.estimator,
-        steps=request.steps,
-        prior=request.prior,
-        free_links=tuple(request.free_links),
-        prior_error=request.prior_error,
-        covariance=request.covariance,
-        pole=request.pole,
-        interval=request.interval,
-        preprocessing=_preprocessing(request, recordings) if recordings else None,
-    )
+    filters = _preprocessing(request, recordings) if recordings else None
+    choices = taken(request, IdentificationChoices, preprocessing=filters)
     check_effects(choices.effects, robot)
     return choices
 

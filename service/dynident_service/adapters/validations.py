@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from dynident.arrays import FloatArray
 from dynident.identification.loads.drive_gains import DriveGains
+from dynident.kinds import document_of
 from dynident.validation import (
     BootstrapValidation,
     FiltersBySimulation,
@@ -19,6 +20,7 @@ from dynident.validation import (
     TorqueValidation,
     together,
 )
+from dynident_service.adapters.derived import taken
 from dynident_service.adapters.identifications import finite, numbers, show_errors, show_preprocessing
 from dynident_service.models import validations as wire
 
@@ -27,7 +29,7 @@ def methods_of(asked: Sequence[wire.MethodRequest] | None) -> tuple[Method, ...]
     """Take methods off the wire."""
     if asked is None:
         return None
-    return tuple(Method(one.model, one.strategy, one.estimator, one.prior, one.steps) for one in asked)
+    return tuple(taken(one, Method) for one in asked)
 
 
 def describe_torque(
@@ -160,7 +162,7 @@ def _method(one: MethodResult, names: Sequence[str]) -> wire.MethodView:
         method=method.words,
         model=method.model,
         strategy=method.strategy,
-        estimator=method.estimator,
+        estimator=document_of(method.estimator),
         steps=method.steps,
         prior=method.prior,
         problem=one.problem or None,

@@ -12,6 +12,7 @@ import typer
 from dynident.errors import Cancelled, DynidentError
 from dynident.extras import install_hint
 from dynident.version import __version__
+from dynident_service.cli.asked import with_options
 from dynident_service.cli.failures import CANCELLED, MISUSED, tell_failure
 from dynident_service.cli.files import check_inputs
 from dynident_service.cli.verbs import (
@@ -107,4 +108,4 @@ for _command in (
     doctor.doctor,
     serve.serve,
 ):
-    app.command()(_guarded(_command))
+    app.command()(_guarded(with_options(_command)))

@@ -16,16 +16,16 @@ from dynident.reports.numbers import number, percent
 from dynident.robot import Limits
 from dynident.robot.collision import UNCHECKED
 from dynident_service.adapters import robots
-from dynident_service.adapters.surroundings import surroundings_of as wire_to_surroundings
+from dynident_service.adapters.derived import taken
 from dynident_service.cli.inputs import document_of, stored_diagnosis
 from dynident_service.cli.terminal import table
 from dynident_service.models.common import Limits as WireLimits
-from dynident_service.models.surroundings import Surroundings as WireSurroundings
+from dynident_service.models.derived import body_of
 from dynident_service.problems import fields_of
 
 Wanted = TypeVar("Wanted")
 _LIMITS = TypeAdapter(dict[str, WireLimits])
-_SURROUNDINGS = TypeAdapter(WireSurroundings)
+_SURROUNDINGS = TypeAdapter(body_of(Surroundings))
 
 
 def proposed_design(path: Path) -> DesignRequest:
@@ -49,7 +49,7 @@ def surroundings_of(path: Path | None, mesh_folders: Sequence[Path]) -> Surround
     stated = (
         Surroundings()
         if path is None
-        else wire_to_surroundings(_validated(_SURROUNDINGS, path, "Unusable surroundings"))
+        else taken(_validated(_SURROUNDINGS, path, "Unusable surroundings"), Surroundings)
     )
     return replace(stated, mesh_folders=tuple(str(folder) for folder in mesh_folders))
 

@@ -28,11 +28,11 @@ from dynident.robot import Robot
 from dynident_service.adapters.identifications import check_effects
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
+from dynident_service.cli.options import Reading
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
     from dynident.diagnosis import Diagnosis
-    from dynident.excitation.observation.row_models import RowModelName
 
 # How the contract words it, and the same in the words of the command line.
 _REWORDED = (
@@ -58,6 +58,11 @@ class FileOptions:
     accept: Sequence[str] = ()
     roles: Mapping[Path, str] = field(default_factory=dict)
     cure: bool = False
+
+
+def file_options(reading: Reading, roles: Mapping[Path, str] | None = None) -> FileOptions:
+    """What the options of reading say, with the roles of files that are not for the identification as usual."""
+    return FileOptions(reading.columns, reading.units, reading.windows, reading.accept, roles or {}, reading.cure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,16 +149,6 @@ def _reworded(detail: str, name: str) -> str:
 def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
     """The recordings alone."""
     return [item.recording for item in measurements]
-
-
-def row_model_of(name: str) -> RowModelName:
-    """The identification model that a design is for, by its name."""
-    from dynident.excitation.observation.row_models import ROW_MODELS
-
-    for known in ROW_MODELS:
-        if name == known:
-            return known
-    raise DynidentError(f"no design is for the model {name!r}; choose from: {', '.join(ROW_MODELS)}", pointer="--model")
 
 
 def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -97,6 +98,20 @@ DriveGains = Annotated[
         help="Drive gains [12.17] in N m per unit of current, one a joint, or joint=gain pairs.",
     ),
 ]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How measurement files are read."""
+
+    columns: Columns
+    units: Units
+    windows: Windows
+    accept: Accept
+    drive_gains: DriveGains = ""
+    cure: Cure = False
+
+
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where to write the result.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, with the fields of the HTTP contract.")]
 Effects = Annotated[
@@ -111,28 +126,11 @@ Effects = Annotated[
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same result.")]
-Model = Annotated[
-    str,
-    typer.Option("--model", help="Rows of W: dynamic, filtered, energy, power or base_wrench."),
-]
-Strategy = Annotated[
-    str, typer.Option("--strategy", help="Parameters at a time: global, sequential or separate_friction.")
-]
-Steps = Annotated[str, typer.Option("--steps", help="Of the sequential strategy: link_by_link or wrist_then_shoulder.")]
-Estimator = Annotated[
-    str,
-    typer.Option(
-        "--estimator",
-        help="ols, wls (each joint weighted by its noise), irls (robust), feasible (physically possible links), iv or "
-        "didim (from a simulation), ekf (in the order of time).",
-    ),
-]
-Prior = Annotated[
-    str,
-    typer.Option(
-        "--prior",
-        metavar="description|description_entropic",
-        help="Believe the inertias of the robot's description, too; description_entropic believes bodies, the same in "
-        "every frame, and goes with --estimator feasible.",
-    ),
-]
+
+
+@dataclass(frozen=True)
+class Result:
+    """Where a result goes."""
+
+    out: Out = None
+    as_json: Json = False

@@ -6,20 +6,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from dynident.identification.choices import IdentificationChoices
 from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.derived import asks
 from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import SeenMeasurement
 
-MODELS = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
-STRATEGIES = Literal["global", "sequential", "separate_friction"]
-PRIORS = Literal["description", "description_entropic"]
-ESTIMATORS = Literal["ols", "wls", "irls", "feasible", "iv", "didim", "ekf"]
-COVARIANCES = Literal["by_time_and_joints", "by_joint", "independent"]
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
 SHAPE_JUDGEMENTS = Literal[
     "determined", "uncertain", "not_determined", "at_edge", "elsewhere", "chosen", "not_looked_at"
 ]
-STEPS = Literal["link_by_link", "wrist_then_shoulder"]
 DEFAULT_EFFECTS = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 
 Cutoff = float | Literal["auto"] | None
@@ -34,6 +30,7 @@ class Preprocessing(Asked):
     filter_order: int | Literal["auto"] = "auto"
 
 
+@asks(IdentificationChoices, "tolerance")
 class IdentificationRequest(Asked):
     """What is to be identified, from which measurements, and how."""
 
@@ -43,32 +40,6 @@ class IdentificationRequest(Asked):
     name: Name | None = None
     effects: list[EffectChoice] = Field(
         default=[EffectChoice(effect=name) for name in DEFAULT_EFFECTS], min_length=1, max_length=200
-    )
-    model: MODELS = "dynamic"
-    strategy: STRATEGIES = "global"
-    estimator: ESTIMATORS = "wls"
-    steps: STEPS = Field(default="link_by_link", description="Of the sequential strategy")
-    prior: PRIORS | None = Field(
-        default=None,
-        description="Inertias that the robot's description gives, weighted by their uncertainty; description_entropic "
-        "believes bodies, the same in every frame, and goes with the estimator feasible",
-    )
-    free_links: list[str] = Field(
-        default=[], max_length=100, description="Joints whose links the prior is not believed of, such as a loaded one"
-    )
-    prior_error: float = Field(
-        default=0.2, gt=0, le=10, description="Share by which the description's inertias are usually off"
-    )
-    covariance: COVARIANCES = Field(
-        default="by_time_and_joints",
-        description="What of the residuals is taken to be correlated: all joints' over stretches of time, each joint's "
-        "over time, or nothing",
-    )
-    pole: float | None = Field(
-        default=None, gt=0, description="a of the filtered model's F(s) = a²/(s + a)² in rad/s; null: from the data"
-    )
-    interval: float | None = Field(
-        default=None, gt=0, description="Seconds that an equation of the energy model spans; null: from the data"
     )
     preprocessing: Preprocessing | Literal["auto"] = "auto"
 

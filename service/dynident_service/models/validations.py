@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from dynident.validation.method import Method
 from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
-from dynident_service.models.identifications import (
-    ESTIMATORS,
-    MODELS,
-    PRIORS,
-    STEPS,
-    STRATEGIES,
-    ErrorsView,
-    UsedPreprocessing,
-)
+from dynident_service.models.derived import asks
+from dynident_service.models.identifications import ErrorsView, UsedPreprocessing
 
 ValidationKind = Literal[
     "direct", "cross", "inertia_matrix", "payload", "methods", "simulation", "filters", "bootstrap"
@@ -23,14 +17,9 @@ ValidationKind = Literal[
 VerdictWord = Literal["pass", "fail", "not_evaluated"]
 
 
+@asks(Method)
 class MethodRequest(Asked):
     """One way to identify."""
-
-    model: MODELS = "dynamic"
-    strategy: STRATEGIES = "global"
-    estimator: ESTIMATORS = "wls"
-    steps: STEPS = Field(default="link_by_link", description="Of the sequential strategy")
-    prior: PRIORS | None = None
 
 
 class ValidationRequest(Asked):
@@ -87,7 +76,7 @@ class MethodView(Shown):
     method: str = Field(description="In words")
     model: str
     strategy: str
-    estimator: str
+    estimator: str | dict[str, Any] = Field(description="Its name, or an object with its options")
     steps: str
     prior: str | None
     problem: str | None = Field(description="Why there is no result")

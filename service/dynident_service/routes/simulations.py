@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from dynident_service.models.common import Page, plain
-from dynident_service.models.designs import DesignRequest, Trajectory
+from dynident_service.models.designs import Trajectory
 from dynident_service.models.simulations import Samples, SimulationRequest, SimulationView
 from dynident_service.problems import unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
@@ -62,7 +62,7 @@ def show(resource: Resource) -> SimulationView:
 def _check(body: SimulationRequest, stored: Resource) -> None:
     """Refuse at once what would fail later."""
     from dynident.simulation import check_runs_named
-    from dynident_service.adapters.designs import request_of as design_request_of
+    from dynident_service.adapters.designs import random_design
     from dynident_service.adapters.robots import robot_of
     from dynident_service.adapters.simulations import reference_of, true_effects
 
@@ -73,7 +73,7 @@ def _check(body: SimulationRequest, stored: Resource) -> None:
     if isinstance(body.trajectory, Samples):
         reference_of(body.trajectory)
     elif isinstance(body.trajectory, Trajectory):
-        design_request_of(DesignRequest(robot_id=body.robot_id, kind="random", trajectory=body.trajectory), robot)
+        random_design(body.trajectory, robot)
 
 
 def _design(services: Services, identifier: str, robot: Resource) -> RestsOn:

@@ -15,7 +15,7 @@ from dynident_service.adapters import designs, simulations
 from dynident_service.adapters.measurements import describe_recording, import_file
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
-from dynident_service.models.designs import DesignRequest, DesignResult
+from dynident_service.models.designs import DesignResult
 from dynident_service.models.measurements import MeasurementMetadata
 from dynident_service.models.simulations import Samples, SimulationRequest
 from dynident_service.storage.records import NewResource, RestsOn
@@ -63,8 +63,8 @@ def _motion(task: Task, asked: SimulationRequest, robot: Robot) -> tuple[Referen
     if isinstance(asked.trajectory, Samples):
         return simulations.reference_of(asked.trajectory), simulations.RATE_OF_SAMPLES
     if asked.trajectory is not None:
-        body = DesignRequest(robot_id=asked.robot_id, kind="random", trajectory=asked.trajectory, seed=asked.seed)
-        design = design_experiment(robot, designs.request_of(body, robot), part(task.progress, 0.0, 0.3))
+        request = designs.random_design(asked.trajectory, robot, asked.seed)
+        design = design_experiment(robot, request, part(task.progress, 0.0, 0.3))
         return designs.reference_of_design(design), design.sampling_rate
     stored = task.resources.get("design", asked.design_id or "")
     result = DesignResult.model_validate(stored.result)

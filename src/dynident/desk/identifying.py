@@ -15,6 +15,7 @@ from dynident.errors import DynidentError
 from dynident.identification import Identification, IdentificationChoices, from_bytes
 from dynident.identification import identify as identify_parameters
 from dynident.identification.choices import EstimatorName, ModelName, PriorName, StrategyName
+from dynident.identification.methods.bases import Estimator
 from dynident.progress import Progress, silent
 from dynident.robot import Robot
 
@@ -27,7 +28,7 @@ def identify(
     effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
     model: ModelName | None = None,
     strategy: StrategyName | None = None,
-    estimator: EstimatorName | None = None,
+    estimator: EstimatorName | Estimator | None = None,
     prior: PriorName | None = None,
     choices: IdentificationChoices | None = None,
     progress: Progress = silent,

@@ -1,17 +1,30 @@
 """Experiments that excite: trajectories, criteria, limits, and the design of both together."""
 
-from dynident.excitation.criteria.baseline import Baseline
-from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
-from dynident.excitation.criteria.expected import ExpectedParameter
-from dynident.excitation.criteria.values import CriterionValues
-from dynident.excitation.design import design_experiment
-from dynident.excitation.formats.files import FORMATS, design_document, design_table, trajectory_document, write_design
-from dynident.excitation.limits.bounds import ImpossibleLimitsError
-from dynident.excitation.limits.margins import Margin
-from dynident.excitation.quick import Rehearsal, quick_motion, rehearsed_motion
-from dynident.excitation.request import KINDS, DesignRequest, TrajectoryRequest
-from dynident.excitation.result import Design, Run
-from dynident.excitation.surroundings.obstacles import Box, Surroundings, ToolRange, Wall
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.lazy import lazily
+
+if TYPE_CHECKING:
+    from dynident.excitation.criteria.baseline import Baseline
+    from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
+    from dynident.excitation.criteria.expected import ExpectedParameter
+    from dynident.excitation.criteria.values import CriterionValues
+    from dynident.excitation.design import design_experiment
+    from dynident.excitation.formats.files import (
+        FORMATS,
+        design_document,
+        design_table,
+        trajectory_document,
+        write_design,
+    )
+    from dynident.excitation.limits.bounds import ImpossibleLimitsError
+    from dynident.excitation.limits.margins import Margin
+    from dynident.excitation.quick import Rehearsal, quick_motion, rehearsed_motion
+    from dynident.excitation.request import KINDS, DesignRequest, TrajectoryRequest
+    from dynident.excitation.result import Design, Run
+    from dynident.excitation.surroundings.obstacles import Box, Surroundings, ToolRange, Wall
 
 __all__ = [
     "CRITERIA",
@@ -40,3 +53,48 @@ __all__ = [
     "trajectory_document",
     "write_design",
 ]
+
+if not TYPE_CHECKING:
+    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    __getattr__ = lazily(
+        __name__,
+        {
+            "criteria.baseline": ("Baseline",),
+            "criteria.choice": (
+                "CRITERIA",
+                "CriterionChoice",
+            ),
+            "criteria.expected": ("ExpectedParameter",),
+            "criteria.values": ("CriterionValues",),
+            "design": ("design_experiment",),
+            "formats.files": (
+                "FORMATS",
+                "design_document",
+                "design_table",
+                "trajectory_document",
+                "write_design",
+            ),
+            "limits.bounds": ("ImpossibleLimitsError",),
+            "limits.margins": ("Margin",),
+            "quick": (
+                "Rehearsal",
+                "quick_motion",
+                "rehearsed_motion",
+            ),
+            "request": (
+                "KINDS",
+                "DesignRequest",
+                "TrajectoryRequest",
+            ),
+            "result": (
+                "Design",
+                "Run",
+            ),
+            "surroundings.obstacles": (
+                "Box",
+                "Surroundings",
+                "ToolRange",
+                "Wall",
+            ),
+        },
+    )

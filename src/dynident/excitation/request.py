@@ -3,20 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal, get_args
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
-from dynident.effects import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoice
+from dynident.asking import Choice, OneOf, said
 from dynident.excitation.criteria.choice import CriterionChoice
-from dynident.excitation.observation.row_models import RowModelName
-from dynident.excitation.surroundings.obstacles import Surroundings
-from dynident.robot import Limits
+from dynident.excitation.observation.row_names import ROW_MODELS, RowModelName
+from dynident.excitation.surroundings.stated import Surroundings
+
+if TYPE_CHECKING:
+    from dynident.effects import EffectChoice
+    from dynident.robot import Limits
 
 Kind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]
-KINDS: tuple[str, ...] = get_args(Kind)
+DESIGN_KINDS = OneOf(
+    Choice("optimized", "optimised", "All joints at once, as exciting as can be.", "all joints at once"),
+    Choice("random", "random", "All joints at once, the best of random motions.", "the best of random motions"),
+    Choice("sequential", "a set of test motions", "Some joints at a time (§12.3.4.2).", "a set of test motions"),
+    Choice("constant_velocity", "constant velocity", "Every joint there and back at several speeds."),
+    Choice("slow_sweep", "slow sweep", "Every joint slowly over its whole range."),
+    Choice("reversals", "reversals", "Every joint back and forth by small amplitudes."),
+)
+KINDS = DESIGN_KINDS.names
 JOINT_BY_JOINT = ("constant_velocity", "slow_sweep", "reversals")
 """Kinds in which one joint moves at a time, with the friction of the joints for its default effects."""
-FAMILIES = ("fourier", "b_spline", "point_to_point")
+FAMILY_KINDS = OneOf(
+    Choice("fourier", "Fourier series", "Sines of a fundamental frequency: periodic."),
+    Choice("b_spline", "B-spline", "Free coefficients between even knots: periodic."),
+    Choice("point_to_point", "from point to point", "Moves as a controller makes them, from rest to rest."),
+)
+FAMILIES = FAMILY_KINDS.names
+SET_KINDS = OneOf(
+    Choice("link_by_link", "link by link", "From the terminal link."),
+    Choice("wrist_then_shoulder", "wrist, then shoulder", "The last three joints, then the others."),
+    Choice("vandanjon", "Vandanjon", "Inertia, centrifugal coupling, inertial coupling, gravity."),
+)
 DEFAULT_STARTS = 4
 
 _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
@@ -26,119 +47,73 @@ _AMPLITUDES = (0.004, 0.008, 0.016, 0.032, 0.064)
 
 @dataclass(frozen=True)
 class TrajectoryRequest:
-    """The motion wanted.
+    """The family of motions."""
 
-    Parameters
-    ----------
-    family : str
-        "fourier", "b_spline" or "point_to_point".
-    duration : float
-        One period in s (of a point-to-point sequence a result, not a wish); for constant velocity the longest stroke;
-        for a slow sweep the way from one end of a joint's range to the other.
-    harmonics : int
-        Of a Fourier series: of the fundamental frequency 1 / duration.
-    intervals : int
-        Of a B-spline: between its knots, evenly spaced. A joint has as many free coefficients; a Fourier series has
-        2 harmonics - 1.
-    points : int
-        Of a point-to-point sequence: where the arm comes to rest in a round. They, and the shares of the velocity and
-        acceleration limits of every move, are free.
-    dwell : tuple of two floats
-        Of a point-to-point sequence: the shortest and the longest rest in a point, in s; each is drawn between them.
-    sets : str
-        For sequential designs, the test motions: "link_by_link" from the terminal link, "wrist_then_shoulder", or
-        "vandanjon": inertia, centrifugal coupling, inertial coupling, gravity. Each run takes about the duration.
-    periods : int
-        How often the period (the set of strokes) is repeated.
-    sampling_rate : float
-        Hz.
-    speeds : tuple of float, optional
-        For constant velocity and reversals: shares of each joint's velocity limit.
-    amplitudes : tuple of float, optional
-        For reversals: how far a joint goes back and forth, in rad or m.
-    joints : tuple of str
-        Those that move; all where empty. In an optimised or random trajectory the others are locked at home, and the
-        parameters are those that this shows.
-    paces : tuple of float
-        For Fourier trajectories: the same path is run at each of these shares of its speed, one after the other.
-    """
-
-    family: str = "fourier"
-    duration: float = 10.0
-    harmonics: int = 5
-    intervals: int = 9
-    points: int = 12
-    dwell: tuple[float, float] = (0.0, 0.0)
-    sets: str = "vandanjon"
-    periods: int = 1
-    sampling_rate: float = 100.0
-    speeds: tuple[float, ...] | None = None
-    amplitudes: tuple[float, ...] | None = None
-    joints: tuple[str, ...] = ()
-    paces: tuple[float, ...] = (1.0,)
+    family: str = said("How the motion is written", default="fourier", kinds=FAMILY_KINDS)
+    duration: float = said(
+        "One period; of a set about one run, of constant velocity the longest stroke, of a slow sweep one way, of a "
+        "point-to-point sequence a result",
+        default=10.0,
+        unit="s",
+    )
+    harmonics: int = said("For fourier: of the fundamental frequency 1 / duration", default=5)
+    intervals: int = said("For b_spline: between its knots; as many free coefficients a joint", default=9)
+    points: int = said("For point_to_point: where the arm comes to rest in a round", default=12)
+    dwell: tuple[float, float] = said(
+        "For point_to_point: shortest and longest rest in a point, drawn between them", default=(0.0, 0.0), unit="s"
+    )
+    sets: str = said("For sequential designs: the test motions (§12.3.4.2)", default="vandanjon", kinds=SET_KINDS)
+    periods: int = said("How often the period (the set of strokes) is repeated", default=1)
+    sampling_rate: float = said("Sampling rate", default=100.0, unit="Hz", option="--rate")
+    speeds: tuple[float, ...] | None = said(
+        "For constant velocity and reversals: shares of each joint's velocity limit", default=None
+    )
+    amplitudes: tuple[float, ...] | None = said(
+        "For reversals: how far back and forth", default=None, unit="rad or m", fewest=1
+    )
+    joints: tuple[str, ...] = said(
+        "Those that move, the others locked at home; all where empty", default=(), option="--joint"
+    )
+    paces: tuple[float, ...] = said(
+        "For fourier and b_spline: the same path at each of these shares of its speed", default=(1.0,), fewest=1
+    )
 
 
 @dataclass(frozen=True)
 class DesignRequest:
     """An experiment wanted.
 
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`. "optimized" and "random" move all joints at once; "sequential" runs a set of test motions, some
-        joints at a time; of the others, "constant_velocity" runs every joint
-        there and back at several speeds, "slow_sweep" slowly over its whole range, "reversals" back and forth by small
-        amplitudes.
-    effects : tuple of EffectChoice, optional
-        What is to be identified; links, rotors, Coulomb and viscous friction where not given (for motions of one joint
-        at a time: friction and offset).
-    criterion, trajectory
-        See there.
-    limits : mapping of joint name to Limits
-        Tighter ones than the robot's, for this experiment.
-    home : tuple of float, optional
-        Posture (n,) at which the experiment begins and ends.
-    time_budget : float, optional
-        Seconds of optimisation; the best so far is returned.
-    starts : int, optional
-        Starts of the optimisation: as many as the time allows, or 4 where none of the two is given. The same number
-        of starts, completed, gives the same answer for the same seed.
-    random_trajectories : int
-        How many random trajectories stand beside the result.
-    seed : int
-    model : str
-        The identification model whose rows the criterion is computed from, for a periodic trajectory: "dynamic",
-        "filtered", "energy" or "power".
-    noise : mapping of joint name to N m or N
-        Standard deviation of a sample of the joint's torque. With it, the criteria about variances weigh the joints,
-        and the standard deviations of the parameters are predicted.
-    torque_margin : float
-        By what share the torque of the real arm may be larger than predicted: the limits of torque and power are
-        divided by 1 more than it.
-    surroundings : Surroundings
-        What the robot must not touch; itself, where nothing else is stated.
+    `effects` None: links, rotors, Coulomb and viscous friction, and for motions of one joint at a time friction and
+    offset. `home` (n,). With as many `starts`, completed, the same seed gives the same answer. With the `noise` of the
+    joints the criteria about variances weigh them, and the parameters' standard deviations are predicted.
     """
 
-    kind: str = "optimized"
-    effects: tuple[EffectChoice, ...] | None = None
-    criterion: CriterionChoice = field(default_factory=CriterionChoice)
-    trajectory: TrajectoryRequest = field(default_factory=TrajectoryRequest)
-    limits: Mapping[str, Limits] = field(default_factory=dict)
-    home: tuple[float, ...] | None = None
-    time_budget: float | None = None
-    starts: int | None = None
-    random_trajectories: int = 100
-    seed: int = 0
-    noise: Mapping[str, float] = field(default_factory=dict)
-    torque_margin: float = 0.0
-    surroundings: Surroundings = field(default_factory=Surroundings)
-    model: RowModelName = "dynamic"
+    kind: str = said("How the joints move", default="optimized", kinds=DESIGN_KINDS)
+    effects: tuple[EffectChoice, ...] | None = said("What is to be identified", default=None, option="-")
+    criterion: CriterionChoice = said(made_by=CriterionChoice)
+    trajectory: TrajectoryRequest = said(made_by=TrajectoryRequest)
+    limits: Mapping[str, Limits] = said("By joint; tighter ones, for this experiment", made_by=dict, option="-")
+    home: tuple[float, ...] | None = said("Posture where it begins and ends", default=None, unit="rad or m")
+    time_budget: float | None = said("Time of the optimisation; the best so far is taken", default=None, unit="s")
+    starts: int | None = said("Starts of the optimisation; as many as the time allows, or 4", default=None)
+    random_trajectories: int = said("How many random ones stand beside the result", default=100)
+    seed: int = said("The same seed gives the same result", default=0)
+    noise: Mapping[str, float] = said(
+        "By joint: standard deviation of a sample of its torque", made_by=dict, unit="N m or N"
+    )
+    torque_margin: float = said(
+        "Share by which the torque may be larger than predicted: its limits leave room for that", default=0.0
+    )
+    surroundings: Surroundings = said("What the robot must not touch", made_by=Surroundings, option="-")
+    model: RowModelName = said("Rows that the criterion is computed from", default="dynamic", kinds=OneOf(*ROW_MODELS))
 
     @property
     def wanted_effects(self) -> tuple[EffectChoice, ...]:
         """The effects, with the default of the kind."""
         if self.effects is not None:
             return self.effects
+        from dynident.effects import DEFAULT_EFFECTS, JOINT_FRICTION
+
         return JOINT_FRICTION if self.kind in JOINT_BY_JOINT else DEFAULT_EFFECTS
 
     @property

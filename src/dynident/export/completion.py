@@ -71,7 +71,7 @@ def complete(identification: Identification, *, nearest: bool = False, rotors_in
     """
     values = identification.values
     blamed = _driving_friction(identification)
-    margins = _SMALL_MARGINS if identification.choices.estimator == "feasible" else _MARGINS
+    margins = _SMALL_MARGINS if identification.choices.solver.possible_bodies else _MARGINS
     # Where the rotors' share does not fit into the links, they may have one of their own.
     for merged in (True, False) if rotors_in_links else (False,):
         unknowns = Unknowns.of(identification.model, rotors_in_links=merged, estimated=identification.standard)

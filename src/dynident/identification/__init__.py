@@ -1,16 +1,23 @@
 """The strategies: from recordings to an identified model."""
 
-from dynident.identification.again import reidentify
-from dynident.identification.choices import IdentificationChoices
-from dynident.identification.identify import extend, identify, identify_model
-from dynident.identification.loads.current_units import CurrentModel, identify_currents
-from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
-from dynident.identification.loads.weighing import PayloadVerdict, payload_from_pair
-from dynident.identification.removing import remove
-from dynident.identification.result import Identification, IdentifiedParameter
-from dynident.identification.shape_constants import ShapeConstant
-from dynident.identification.standard import StandardParameters
-from dynident.identification.storage import from_bytes, to_bytes
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.lazy import lazily
+
+if TYPE_CHECKING:
+    from dynident.identification.again import reidentify
+    from dynident.identification.choices import IdentificationChoices
+    from dynident.identification.identifying import extend, identify, identify_model
+    from dynident.identification.loads.current_units import CurrentModel, identify_currents
+    from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
+    from dynident.identification.loads.weighing import PayloadVerdict, payload_from_pair
+    from dynident.identification.removing import remove
+    from dynident.identification.result import Identification, IdentifiedParameter
+    from dynident.identification.shape_constants import ShapeConstant
+    from dynident.identification.standard import StandardParameters
+    from dynident.identification.storage import from_bytes, to_bytes
 
 __all__ = [
     "CurrentModel",
@@ -34,3 +41,43 @@ __all__ = [
     "remove",
     "to_bytes",
 ]
+
+if not TYPE_CHECKING:
+    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    __getattr__ = lazily(
+        __name__,
+        {
+            "again": ("reidentify",),
+            "choices": ("IdentificationChoices",),
+            "identifying": (
+                "extend",
+                "identify",
+                "identify_model",
+            ),
+            "loads.current_units": (
+                "CurrentModel",
+                "identify_currents",
+            ),
+            "loads.drive_gains": (
+                "DriveGains",
+                "PayloadEstimate",
+                "identify_gains",
+                "payload_mass",
+            ),
+            "loads.weighing": (
+                "PayloadVerdict",
+                "payload_from_pair",
+            ),
+            "removing": ("remove",),
+            "result": (
+                "Identification",
+                "IdentifiedParameter",
+            ),
+            "shape_constants": ("ShapeConstant",),
+            "standard": ("StandardParameters",),
+            "storage": (
+                "from_bytes",
+                "to_bytes",
+            ),
+        },
+    )

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dynident.errors import DynidentError
-from dynident.identification.choices import EstimatorName, IdentificationChoices, StrategyName
-from dynident.identification.identify import Part, conclude
+from dynident.identification.choices import IdentificationChoices
+from dynident.identification.identifying import Part, conclude
+from dynident.identification.methods.bases import ESTIMATORS, STRATEGIES
 from dynident.identification.removing import combined_data, combined_shapes, smaller_model
 from dynident.identification.result import Identification
 from dynident.threads import single_threaded
 
-FROM_REDUCED: tuple[EstimatorName, ...] = ("ols", "wls", "feasible")
-"""Estimators that need nothing but reduced data; the others go through the samples again."""
-
-_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential")
 _TITLE = "Recordings needed"
 
 
@@ -59,15 +56,15 @@ def check_reduced_data(identification: Identification, choices: IdentificationCh
     old = identification.choices
     if (choices.model, choices.pole, choices.interval) != (old.model, old.pole, old.interval):
         raise _needed("/model", f"the reduced data are rows of the {old.model} model")
-    if old.model == "base_wrench" and (choices.estimator == "ols") != (old.estimator == "ols"):
+    if old.model == "base_wrench" and choices.solver.weighted != old.solver.weighted:
         raise _needed("/estimator", "what the wrench alone shows was taken out with the other estimator's weights")
-    if choices.estimator not in FROM_REDUCED:
-        told = (
-            f"{choices.estimator} goes through the samples again; from reduced data there are {_listed(FROM_REDUCED)}"
-        )
+    if not choices.solver.from_reduced:
+        able = ", ".join(ESTIMATORS.having("from_reduced"))
+        told = f"{choices.solver.name} goes through the samples again; from reduced data there are {able}"
         raise _needed("/estimator", told)
-    if choices.strategy not in _STRATEGIES:
-        told = f"{choices.strategy} needs runs of single joints; from reduced data there are {_listed(_STRATEGIES)}"
+    if not choices.plan.from_reduced:
+        able = ", ".join(STRATEGIES.having("from_reduced"))
+        told = f"{choices.strategy} needs runs of single joints; from reduced data there are {able}"
         raise _needed("/strategy", told)
     if choices.preprocessing not in (None, old.preprocessing, identification.preprocessing):
         raise _needed("/preprocessing", "the reduced data were filtered otherwise")
@@ -75,7 +72,3 @@ def check_reduced_data(identification: Identification, choices: IdentificationCh
 
 def _needed(pointer: str, why: str) -> DynidentError:
     return DynidentError(f"{why}; identify from the recordings for that", pointer=pointer, title=_TITLE)
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    return ", ".join(names)

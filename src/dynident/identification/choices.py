@@ -2,40 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
-from types import MappingProxyType
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
-from dynident.effects import DEFAULT_EFFECTS, EffectChoice
+from dynident.asking import Choice, OneOf, said
 from dynident.errors import DynidentError
-from dynident.estimation import CovarianceName
-from dynident.recordings import Preprocessing
-from dynident.regressors.base_parameters import DEFAULT_TOLERANCE
-from dynident.robot.usual_errors import USUAL_SHARE
-
-ModelName = Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
-StrategyName = Literal["global", "sequential", "separate_friction"]
-EstimatorName = Literal["ols", "wls", "irls", "feasible", "iv", "didim", "ekf"]
-StepsName = Literal["link_by_link", "wrist_then_shoulder"]
-PriorName = Literal["description", "description_entropic"]
-
-AVAILABLE_MODELS: tuple[ModelName, ...] = ("dynamic", "filtered", "energy", "power", "base_wrench")
-AVAILABLE_STRATEGIES: tuple[StrategyName, ...] = ("global", "sequential", "separate_friction")
-AVAILABLE_ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "wls", "irls", "feasible", "iv", "didim", "ekf")
-AVAILABLE_COVARIANCES: tuple[CovarianceName, ...] = ("by_time_and_joints", "by_joint", "independent")
-AVAILABLE_PRIORS: tuple[PriorName, ...] = ("description", "description_entropic")
-PRIOR_WORDS: Mapping[PriorName, str] = MappingProxyType(
-    {"description": "description", "description_entropic": "description (entropic)"}
+from dynident.identification.methods.bases import (
+    ESTIMATORS,
+    MODELS,
+    PRIORS,
+    STRATEGIES,
+    Estimator,
+    Prior,
+    RowsModel,
+    Strategy,
 )
+from dynident.kinds import name_of
+
+if TYPE_CHECKING:
+    from dynident.effects import EffectChoice
+    from dynident.estimation import CovarianceName
+    from dynident.recordings import Preprocessing
+
+ModelName = str
+StrategyName = str
+EstimatorName = str
+PriorName = str
+StepsName = Literal["link_by_link", "wrist_then_shoulder"]
+
+AVAILABLE_MODELS = MODELS.names
+AVAILABLE_STRATEGIES = STRATEGIES.names
+AVAILABLE_ESTIMATORS = ESTIMATORS.names
+AVAILABLE_PRIORS = PRIORS.names
+COVARIANCES = OneOf(
+    Choice("by_time_and_joints", "all joints, over stretches of time", "All joints together over stretches of time."),
+    Choice("by_joint", "each joint, over time", "Each joint over time, and joints independent of each other."),
+    Choice("independent", "nothing", "Every row counts as a sample of its own [12.6].", "nothing"),
+)
+AVAILABLE_COVARIANCES = COVARIANCES.names
+STEPS = OneOf(
+    Choice("link_by_link", "link by link", "From the last link to the first [12.22]."),
+    Choice(
+        "wrist_then_shoulder",
+        "wrist, then shoulder",
+        "The last three joints, then the others (§12.7): for links of very different size.",
+    ),
+)
+USUAL_SHARE = 0.2
+_UNFIT = "Choices that do not fit"
+
+
+def _default_effects() -> tuple[EffectChoice, ...]:
+    from dynident.effects import DEFAULT_EFFECTS
+
+    return DEFAULT_EFFECTS
+
+
+def _tolerance() -> float:
+    from dynident.regressors.base_parameters import DEFAULT_TOLERANCE
+
+    return DEFAULT_TOLERANCE
 
 
 @dataclass(frozen=True)
 class IdentificationChoices:
     """What is identified and how.
 
-    `steps` are those of the sequential strategy; `prior` None: the data alone count; `free_links`, by their joints, are
+    `estimator` is a name, or an estimator with options of its own; the kinds that there are have a file each in
+    `identification.methods`. `steps` are those of the sequential strategy; `prior` None: the data alone count;
+    `free_links`, by their joints, are
     those that the prior is not believed of, for instance the last one where it carries an unknown payload, and
     `prior_error` the share by which the others are usually off (see `usual_errors` and, for description_entropic, whose
     distance is the same in every frame, `entropic`). `pole` is a of [12.29] in rad/s,
@@ -44,35 +80,46 @@ class IdentificationChoices:
     residuals is taken to be correlated (`estimation.statistics`).
     """
 
-    effects: tuple[EffectChoice, ...] = DEFAULT_EFFECTS
-    model: ModelName = "dynamic"
-    strategy: StrategyName = "global"
-    estimator: EstimatorName = "wls"
-    steps: StepsName = "link_by_link"
-    prior: PriorName | None = None
-    free_links: tuple[str, ...] = ()
-    prior_error: float = USUAL_SHARE
-    pole: float | None = None
-    interval: float | None = None
-    preprocessing: Preprocessing | None = None
-    tolerance: float = DEFAULT_TOLERANCE
-    covariance: CovarianceName = "by_time_and_joints"
+    effects: tuple[EffectChoice, ...] = said("What acts on the joints", made_by=_default_effects, option="-")
+    model: ModelName = said("Rows of W", default="dynamic", kinds=MODELS)
+    strategy: StrategyName = said("Parameters at a time", default="global", kinds=STRATEGIES)
+    estimator: EstimatorName | Estimator = said("How χ is solved for", default="wls", kinds=ESTIMATORS)
+    steps: StepsName = said("Of the sequential strategy", default="link_by_link", kinds=STEPS)
+    prior: PriorName | None = said(
+        "Inertias that the robot's description gives, weighted by their uncertainty", default=None, kinds=PRIORS
+    )
+    free_links: tuple[str, ...] = said(
+        "Joints whose links the prior is not believed of, such as a loaded one", default=(), most=100
+    )
+    prior_error: float = said(
+        "Share by which the description's inertias are usually off", default=USUAL_SHARE, above=0, at_most=10
+    )
+    pole: float | None = said(
+        "a of the filtered model's F(s) = a²/(s + a)²; from the data if left out", default=None, unit="rad/s", above=0
+    )
+    interval: float | None = said(
+        "Time that an equation of the energy model spans; from the data if left out", default=None, unit="s", above=0
+    )
+    preprocessing: Preprocessing | None = said("Filters; from the data if left out", default=None, option="-")
+    tolerance: float = said("Which columns count as dependent", made_by=_tolerance, option="-")
+    covariance: CovarianceName = said(
+        "What of the residuals is taken to be correlated: all joints' over stretches of time, each joint's over time, "
+        "or nothing",
+        default="by_time_and_joints",
+        kinds=COVARIANCES,
+    )
 
     def __post_init__(self) -> None:
-        _known("model", self.model, get_args(ModelName), AVAILABLE_MODELS)
-        _known("strategy", self.strategy, get_args(StrategyName), AVAILABLE_STRATEGIES)
-        _known("estimator", self.estimator, get_args(EstimatorName), AVAILABLE_ESTIMATORS)
-        _known("covariance", self.covariance, get_args(CovarianceName), AVAILABLE_COVARIANCES)
-        _known("steps", self.steps, get_args(StepsName), get_args(StepsName))
+        _known("model", self.model, AVAILABLE_MODELS)
+        _known("strategy", self.strategy, AVAILABLE_STRATEGIES)
+        _known("estimator", name_of(self.estimator), AVAILABLE_ESTIMATORS)
+        _known("covariance", self.covariance, AVAILABLE_COVARIANCES)
+        _known("steps", self.steps, STEPS.names)
+        if not isinstance(self.estimator, str):
+            object.__setattr__(self, "estimator", self.estimator.asked)
         if self.prior is not None:
-            _known("prior", self.prior, get_args(PriorName), AVAILABLE_PRIORS)
-            if self.prior == "description_entropic" and self.estimator != "feasible":
-                raise DynidentError(
-                    f"the entropic prior is a distance between bodies that can exist: it goes with the estimator "
-                    f"feasible, not {self.estimator}; choose that, or the prior description",
-                    pointer="/prior",
-                    title="Choices that do not fit",
-                )
+            _known("prior", self.prior, AVAILABLE_PRIORS)
+            self._check_prior()
         elif self.free_links:
             raise DynidentError(
                 "free_links are links that the prior is not believed of, and there is no prior; choose description, or "
@@ -92,10 +139,38 @@ class IdentificationChoices:
                 f"interval is {self.interval}; give t_b - t_a of [12.43] in s, above zero", pointer="/interval"
             )
 
+    @property
+    def solver(self) -> Estimator:
+        """The estimator, with its options."""
+        return ESTIMATORS.one(self.estimator)
 
-def _known(what: str, value: str, words: tuple[str, ...], available: tuple[str, ...]) -> None:
-    if value in available:
-        return
-    state = "is not available in this version" if value in words else f"is no {what}"
-    choice = f"choose from: {', '.join(available)}" if available else "leave it out"
-    raise DynidentError(f"{value!r} {state}; {choice}", pointer=f"/{what}")
+    @property
+    def plan(self) -> Strategy:
+        """The strategy."""
+        return STRATEGIES.one(self.strategy)
+
+    @property
+    def rows(self) -> RowsModel:
+        """The model."""
+        return MODELS.one(self.model)
+
+    @property
+    def belief(self) -> Prior | None:
+        """The prior."""
+        return None if self.prior is None else PRIORS.one(self.prior)
+
+    def _check_prior(self) -> None:
+        of_bodies = self.belief is not None and self.belief.of_bodies
+        if of_bodies and not self.solver.possible_bodies:
+            able = " or ".join(ESTIMATORS.having("possible_bodies"))
+            raise DynidentError(
+                f"the entropic prior is a distance between bodies that can exist: it goes with the estimator "
+                f"{able}, not {name_of(self.estimator)}; choose that, or the prior description",
+                pointer="/prior",
+                title=_UNFIT,
+            )
+
+
+def _known(what: str, value: str, available: tuple[str, ...]) -> None:
+    if value not in available:
+        raise DynidentError(f"{value!r} is no {what}; choose from: {', '.join(available)}", pointer=f"/{what}")

@@ -22,7 +22,7 @@ from dynident.estimation import (
     statistics,
 )
 from dynident.estimation.essential import RATIO, Stop
-from dynident.identification.identify import least_squares_of_torque
+from dynident.identification.identifying import least_squares_of_torque
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.identification.result import Identification
 from dynident.identification.shape_constants import looked_at_shapes

@@ -45,7 +45,7 @@ def prior_of(model: Model, choices: IdentificationChoices) -> Information | None
         return None
     check_description(model.robot.tree, choices.free_links)
     belief = belief_of(model, choices)
-    if choices.prior == "description_entropic":
+    if choices.belief is not None and choices.belief.of_bodies:
         belief = entropic_prior(model, choices, belief).belief_at(belief, belief.mean)
     return parted(model, belief).base
 

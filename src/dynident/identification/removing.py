@@ -14,7 +14,7 @@ from dynident.effects.written import constant_in_words
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.data import Data
-from dynident.identification.identify import Part, conclude
+from dynident.identification.identifying import Part, conclude
 from dynident.identification.result import Identification
 from dynident.identification.shape_columns import shape_places
 from dynident.regressors.base_parameters import base_parameters_among

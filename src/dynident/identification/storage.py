@@ -25,16 +25,17 @@ from dynident.estimation import (
     Statistics,
     freedom_of_rows,
 )
-from dynident.identification.choices import IdentificationChoices
+from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
+from dynident.identification.methods.bases import ESTIMATORS
 from dynident.identification.result import Identification
 from dynident.identification.shape_constants import ShapeConstant, shape_constants
 from dynident.identification.standard import StandardParameters
+from dynident.kinds import document_of
 from dynident.recordings import Preprocessing
 from dynident.regressors.base_parameters import BaseParameters
 from dynident.regressors.model import Model, build_model
 from dynident.robot import Robot
 from dynident.robot.document import robot_document, robot_from_document
-from dynident.robot.usual_errors import USUAL_SHARE
 
 _FORMAT = "dynident identification 3"
 _APART = ("turning", "partial")
@@ -92,7 +93,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
     arrays["header"] = _text(
         {
             "robot": robot_document(identification.model.robot),
-            "choices": asdict(identification.choices),
+            "choices": _choices_document(identification.choices),
             "preprocessing": asdict(identification.preprocessing),
             "base_names": base.names,
             "base_rank": base.rank,
@@ -237,12 +238,16 @@ def _effect(document: Mapping[str, Any]) -> EffectChoice:
     return EffectChoice(document["effect"], tuple(document["joints"]), shape, tuple(document.get("runs", ())))
 
 
+def _choices_document(choices: IdentificationChoices) -> dict[str, Any]:
+    return {**asdict(choices), "estimator": document_of(choices.estimator)}
+
+
 def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
     return IdentificationChoices(
         effects=tuple(_effect(item) for item in document["effects"]),
         model=document["model"],
         strategy=document["strategy"],
-        estimator=document["estimator"],
+        estimator=ESTIMATORS.of(document["estimator"]),
         steps=document.get("steps", "link_by_link"),
         prior=document.get("prior"),
         free_links=tuple(document.get("free_links", ())),

@@ -71,7 +71,7 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
 def _misfit(identification: Identification) -> list[str]:
     """A fit that leaves much of the torque it was made from is mostly no matter of effects, but of wrong data."""
     left = identification.fit.relative_total
-    if identification.choices.model not in ("dynamic", "filtered") or left <= _MISFIT:
+    if not identification.choices.rows.by_joint or left <= _MISFIT:
         return []
     worst = identification.model.robot.joint_names[int(np.argmax(identification.fit.rms))]
     return [
@@ -82,11 +82,11 @@ def _misfit(identification: Identification) -> list[str]:
 
 def _unsettled(identification: Identification) -> list[str]:
     """Where the estimator does not say so in words of its own."""
-    if identification.converged or identification.choices.estimator in ("iv", "didim", "ekf"):
+    if identification.converged or identification.choices.solver.tells_convergence:
         return []
     return [
-        f"The rounds of weighing ({identification.choices.estimator}) have not settled: the estimates still move from "
-        "one to the next. Few rows for many parameters, or joints without residual, cause that; compare with ols."
+        f"The rounds of weighing ({identification.choices.solver.name}) have not settled: the estimates still move "
+        "from one to the next. Few rows for many parameters, or joints without residual, cause that; compare with ols."
     ]
 
 

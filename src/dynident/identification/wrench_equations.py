@@ -47,7 +47,7 @@ def wrench_equations(
     reduction = reduce_form(found.form, plain, recordings, preprocessing, nothing, progress)
     if reduction.n_rows == 0:
         return reduction.combined(found.coordinates[:, found.n_extra :])
-    return without_nuisance(reduction.combined(found.coordinates), found.n_extra, weighted=choices.estimator != "ols")
+    return without_nuisance(reduction.combined(found.coordinates), found.n_extra, weighted=choices.solver.weighted)
 
 
 def check_effects(model: Model, choices: IdentificationChoices) -> None:

@@ -1,15 +1,22 @@
 """Is an identified model to be trusted: the validations of §12.7, each with a verdict and its reason."""
 
-from dynident.validation.bootstrap import BootstrapValidation, DrawnParameter, validate_bootstrap
-from dynident.validation.filters import FiltersBySimulation, FilterTrial, filters_by_simulation
-from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
-from dynident.validation.method import Method, available_methods, method_of
-from dynident.validation.methods import MethodResult, MethodsValidation, validate_methods
-from dynident.validation.noise import SensorNoise, sensor_noise
-from dynident.validation.on_recordings import RecordingErrors, TorqueValidation, validate_cross, validate_direct
-from dynident.validation.payload import PayloadValidation, validate_payload
-from dynident.validation.simulation import SimulationValidation, validate_simulation
-from dynident.validation.verdict import LARGEST_ERROR, Judged, Verdict, together
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.lazy import lazily
+
+if TYPE_CHECKING:
+    from dynident.validation.bootstrap import BootstrapValidation, DrawnParameter, validate_bootstrap
+    from dynident.validation.filters import FiltersBySimulation, FilterTrial, filters_by_simulation
+    from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
+    from dynident.validation.method import Method, available_methods, method_of
+    from dynident.validation.methods import MethodResult, MethodsValidation, validate_methods
+    from dynident.validation.noise import SensorNoise, sensor_noise
+    from dynident.validation.on_recordings import RecordingErrors, TorqueValidation, validate_cross, validate_direct
+    from dynident.validation.payload import PayloadValidation, validate_payload
+    from dynident.validation.simulation import SimulationValidation, validate_simulation
+    from dynident.validation.verdict import LARGEST_ERROR, Judged, Verdict, together
 
 __all__ = [
     "LARGEST_ERROR",
@@ -41,3 +48,59 @@ __all__ = [
     "validate_payload",
     "validate_simulation",
 ]
+
+if not TYPE_CHECKING:
+    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    __getattr__ = lazily(
+        __name__,
+        {
+            "bootstrap": (
+                "BootstrapValidation",
+                "DrawnParameter",
+                "validate_bootstrap",
+            ),
+            "filters": (
+                "FiltersBySimulation",
+                "FilterTrial",
+                "filters_by_simulation",
+            ),
+            "inertia_matrix": (
+                "InertiaMatrixValidation",
+                "validate_inertia_matrix",
+            ),
+            "method": (
+                "Method",
+                "available_methods",
+                "method_of",
+            ),
+            "methods": (
+                "MethodResult",
+                "MethodsValidation",
+                "validate_methods",
+            ),
+            "noise": (
+                "SensorNoise",
+                "sensor_noise",
+            ),
+            "on_recordings": (
+                "RecordingErrors",
+                "TorqueValidation",
+                "validate_cross",
+                "validate_direct",
+            ),
+            "payload": (
+                "PayloadValidation",
+                "validate_payload",
+            ),
+            "simulation": (
+                "SimulationValidation",
+                "validate_simulation",
+            ),
+            "verdict": (
+                "LARGEST_ERROR",
+                "Judged",
+                "Verdict",
+                "together",
+            ),
+        },
+    )

@@ -16,7 +16,7 @@ from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statist
 from dynident.estimation.bootstrap import DRAWS
 from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied
 from dynident.identification import Identification
-from dynident.identification.identify import least_squares_of_torque
+from dynident.identification.identifying import least_squares_of_torque
 from dynident.identification.shape_columns import shape_places
 from dynident.identification.shape_constants import looked_at_shapes
 from dynident.progress import Progress, silent

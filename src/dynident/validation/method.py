@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import get_args
 
+from dynident.asking import said
 from dynident.identification.choices import (
-    AVAILABLE_ESTIMATORS,
-    AVAILABLE_MODELS,
-    AVAILABLE_STRATEGIES,
-    PRIOR_WORDS,
+    STEPS,
     EstimatorName,
     IdentificationChoices,
     ModelName,
@@ -17,13 +15,8 @@ from dynident.identification.choices import (
     StepsName,
     StrategyName,
 )
-
-# Estimators on reduced data, which prior knowledge can be put beside.
-_WITH_PRIOR: tuple[tuple[EstimatorName, PriorName], ...] = (
-    ("wls", "description"),
-    ("feasible", "description"),
-    ("feasible", "description_entropic"),
-)
+from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
+from dynident.kinds import name_of
 
 
 @dataclass(frozen=True)
@@ -33,18 +26,18 @@ class Method:
     `steps` are those of the sequential strategy; of another they say nothing.
     """
 
-    model: ModelName = "dynamic"
-    strategy: StrategyName = "global"
-    estimator: EstimatorName = "wls"
-    prior: PriorName | None = None
-    steps: StepsName = "link_by_link"
+    model: ModelName = said(default="dynamic", kinds=MODELS)
+    strategy: StrategyName = said(default="global", kinds=STRATEGIES)
+    estimator: EstimatorName | Estimator = said(default="wls", kinds=ESTIMATORS)
+    prior: PriorName | None = said(default=None, kinds=PRIORS)
+    steps: StepsName = said("Of the sequential strategy", default="link_by_link", kinds=STEPS)
 
     @property
     def words(self) -> str:
         """The method as a person names it."""
         strategy = self.steps if self.strategy == "sequential" else self.strategy
-        names = f"{self.model}, {strategy}, {self.estimator}".replace("_", " ")
-        return names if self.prior is None else f"{names}, prior from the {PRIOR_WORDS[self.prior]}"
+        names = f"{self.model}, {strategy}, {name_of(self.estimator)}".replace("_", " ")
+        return names if self.prior is None else f"{names}, prior from the {PRIORS.one(self.prior).called}"
 
     def of(self, choices: IdentificationChoices) -> IdentificationChoices:
         """These choices with this method."""
@@ -61,7 +54,7 @@ class Method:
 
 def method_of(choices: IdentificationChoices) -> Method:
     """The method that an identification chose."""
-    steps = choices.steps if choices.strategy == "sequential" else Method.steps
+    steps = choices.steps if choices.strategy == "sequential" else "link_by_link"
     return Method(choices.model, choices.strategy, choices.estimator, choices.prior, steps)
 
 
@@ -74,10 +67,10 @@ def available_methods(choices: IdentificationChoices) -> tuple[Method, ...]:
     found = [own]
     found += [
         Method(model, strategy, steps=steps)
-        for model in AVAILABLE_MODELS
-        for strategy in AVAILABLE_STRATEGIES
+        for model in MODELS.names
+        for strategy in STRATEGIES.names
         for steps in (get_args(StepsName) if strategy == "sequential" else get_args(StepsName)[:1])
     ]
-    found += [Method(choices.model, "global", estimator) for estimator in AVAILABLE_ESTIMATORS]
-    found += [Method(choices.model, "global", estimator, prior) for estimator, prior in _WITH_PRIOR]
+    found += [Method(choices.model, "global", estimator) for estimator in ESTIMATORS.names]
+    found += [Method(choices.model, "global", one.name, prior) for one in ESTIMATORS for prior in one.priors]
     return tuple(dict.fromkeys(found))

@@ -3,51 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from math import isfinite
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from dynident.effects import EffectChoice
+from dynident.asking import Choice, OneOf, said
 from dynident.errors import DynidentError
 
-CRITERIA = (
-    "condition_number",
-    "equilibrated",
-    "condition_plus_inverse_sigma",
-    "weighted",
-    "d_optimal",
-    "a_optimal",
-    "e_optimal",
-    "parameters",
-    "separation",
+if TYPE_CHECKING:
+    from dynident.effects import EffectChoice
+
+NAMES = OneOf(
+    Choice("condition_number", "condition number", "Of W [12.12]: the usual choice."),
+    Choice("equilibrated", "equilibrated condition number", "Of W with columns of equal size."),
+    Choice("condition_plus_inverse_sigma", "condition number and smallest singular value", "[12.13]"),
+    Choice("weighted", "weighted", "[12.14]"),
+    Choice("d_optimal", "D-optimal", "The volume of the ellipsoid of uncertainty."),
+    Choice("a_optimal", "A-optimal", "The sum of the variances."),
+    Choice("e_optimal", "E-optimal", "The largest variance."),
+    Choice("parameters", "chosen parameters", "The variances of those that are named."),
+    Choice("separation", "separation", "Tells effects from the rest of the model and from each other."),
 )
+CRITERIA = NAMES.names
 """Names of the criteria."""
 
 
 @dataclass(frozen=True)
 class CriterionChoice:
-    """A criterion by name.
+    """How exciting a motion is (§12.3.4.1)."""
 
-    Parameters
-    ----------
-    name : str
-        One of `CRITERIA`.
-    weight : float
-        k1 of [12.13] or k2 of [12.14] (in the unit of the smallest singular value).
-    a_priori : mapping of parameter name to value
-        |Z| of [12.15]; parameters that it leaves out take the value that the robot's description gives. "parameters"
-        and "separation" measure variances by them.
-    parameters : tuple of str
-        For "parameters": names of the base parameters whose variances count.
-    effects : tuple of EffectChoice
-        For "separation": the effects that are to be told from the rest of the model and from each other.
-    """
-
-    name: str = "condition_number"
-    weight: float = 1.0
-    a_priori: Mapping[str, float] = field(default_factory=dict)
-    parameters: tuple[str, ...] = ()
-    effects: tuple[EffectChoice, ...] = ()
+    name: str = said(
+        "How exciting a motion is (§12.3.4.1)", default="condition_number", kinds=NAMES, option="--criterion"
+    )
+    weight: float = said(
+        "k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value)", default=1.0, option="--weight"
+    )
+    a_priori: Mapping[str, float] = said(
+        "|Z| of [12.15] by parameter, else as the robot's description has it; what variances are relative to",
+        made_by=dict,
+    )
+    parameters: tuple[str, ...] = said("For parameters: those whose variances count", default=())
+    effects: tuple[EffectChoice, ...] = said(
+        "For separation: to be told from the rest of the model and from each other", default=(), option="-"
+    )
 
 
 def check_criterion(choice: CriterionChoice) -> None:
@@ -58,12 +56,12 @@ def check_criterion(choice: CriterionChoice) -> None:
             pointer="/criterion/name",
             title="Unknown criterion",
         )
-    if not (np.isfinite(choice.weight) and choice.weight > 0):
+    if not (isfinite(choice.weight) and choice.weight > 0):
         raise DynidentError(
             f"the weight of the criterion is {choice.weight}; it must be a positive number", pointer="/criterion/weight"
         )
     for name, value in choice.a_priori.items():
-        if not (np.isfinite(value) and value != 0):
+        if not (isfinite(value) and value != 0):
             raise DynidentError(
                 f"the a-priori value of {name} is {value}; it must be a number other than zero",
                 pointer="/criterion/a_priori",

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.excitation.observation.row_names import ROW_MODELS, RowModelName
 from dynident.regressors.equations import SHARE_OF_PERIOD
 
-RowModelName = Literal["dynamic", "filtered", "energy", "power"]
-ROW_MODELS: tuple[RowModelName, ...] = get_args(RowModelName)
+__all__ = ["ROW_MODELS", "RowModel", "RowModelName", "row_model"]
 
 _POLE_HARMONICS = 2.0
 """a of F(s) = a²/(s + a)² over the highest frequency of the motion, both in rad/s: the motion passes."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynident.errors import DynidentError
+from dynident.excitation.request import SET_KINDS
 
-SETS = ("link_by_link", "wrist_then_shoulder", "vandanjon")
+SETS = SET_KINDS.names
 
 _WRIST = 3
 _POSTURES_OF_A_GROUP = 3

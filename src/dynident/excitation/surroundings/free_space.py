@@ -12,7 +12,7 @@ from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.surroundings.clearance import Ball, Clearances, Hindrances, Part, balls_along
 from dynident.excitation.surroundings.contacts import ContactCheck, SolidPair, half_space_solid, pair_of, solid_of
-from dynident.excitation.surroundings.obstacles import HalfSpace, Surroundings, ToolRange
+from dynident.excitation.surroundings.obstacles import HalfSpace, Surroundings, ToolRange, block_of, half_spaces_of
 from dynident.robot.collision import BASE, Body, CollisionGeometry, collision_geometry
 from dynident.robot.kinematics import tool_path
 from dynident.robot.model import Robot
@@ -129,8 +129,8 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
         own = [pair for pair, share in zip(candidates, close, strict=True) if share < _MOSTLY]
         touching = [pair.name for pair, share in zip(candidates, close, strict=True) if share >= _MOSTLY]
         notes += _self_collision_notes(geometry, touching)
-    obstacles = [half_space_solid(half.name, half.normal, half.offset) for half in surroundings.half_spaces]
-    obstacles += [solid_of(box.solid_name, BASE, [box.block]) for box in surroundings.boxes]
+    obstacles = [half_space_solid(half.name, half.normal, half.offset) for half in half_spaces_of(surroundings)]
+    obstacles += [solid_of(box.solid_name, BASE, [block_of(box)]) for box in surroundings.boxes]
     moving = [body for body in geometry.bodies if body.joint != BASE]
     against = [
         pair_of(robot, solids[body.joint], obstacle, (low, high), surroundings.clearance)
@@ -254,7 +254,7 @@ def _hindrances(
     moving = [part for joint, found in parts.items() if joint != BASE for part in found]
     half_spaces = [
         (Ball(part.joint, end, part.capsule.radius), half)
-        for half in surroundings.half_spaces
+        for half in half_spaces_of(surroundings)
         for part in moving
         if (part.joint, half.name) in kept_from
         for end in (part.capsule.start, part.capsule.end)
@@ -278,7 +278,7 @@ def _hindrances(
     return Hindrances(
         tuple(followed),
         (*half_spaces, *planes),
-        tuple((ball, box.block) for ball, box in beside),
+        tuple((ball, block_of(box)) for ball, box in beside),
         np.array(wanted) + _SPARE,
     )
 

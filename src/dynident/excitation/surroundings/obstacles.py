@@ -10,45 +10,23 @@ from scipy.spatial.transform import Rotation
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
+from dynident.excitation.surroundings.stated import Box, Surroundings, ToolRange, Wall
 from dynident.robot.pointers import pointer
 from dynident.robot.shapes import Block
 
-DEFAULT_CLEARANCE = 0.02
+__all__ = [
+    "Box",
+    "HalfSpace",
+    "Surroundings",
+    "ToolRange",
+    "Wall",
+    "block_of",
+    "check_surroundings",
+    "half_spaces_of",
+]
+
 _AT = "/surroundings"
 _LEAST_CLEARANCE = 1e-3
-Vector = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box: `center` and edges `size` in m in the base frame, turned by roll, pitch, yaw (rad, as in a URDF)."""
-
-    name: str
-    center: Vector
-    size: Vector
-    rpy: Vector = (0.0, 0.0, 0.0)
-
-    @property
-    def solid_name(self) -> str:
-        """As it is called in margins and messages."""
-        return f"box '{self.name}'"
-
-    @property
-    def block(self) -> Block:
-        """The same as a shape in the base frame."""
-        placement = np.eye(4)
-        placement[:3, :3] = Rotation.from_euler("xyz", self.rpy).as_matrix()
-        placement[:3, 3] = self.center
-        return Block(placement, np.array(self.size))
-
-
-@dataclass(frozen=True)
-class Wall:
-    """A plane through `point` (m, base frame) that nothing may cross; `normal` points to the side that is free."""
-
-    name: str
-    point: Vector
-    normal: Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,64 +38,21 @@ class HalfSpace:
     offset: float
 
 
-@dataclass(frozen=True)
-class ToolRange:
-    """Where the tool may go: from `low` to `high` (x, y, z in m, base frame; `None`: no bound).
-
-    The tool is `point` (m) in the frame of `joint`, by default the origin of the last one.
-    """
-
-    low: tuple[float | None, float | None, float | None] = (None, None, None)
-    high: tuple[float | None, float | None, float | None] = (None, None, None)
-    point: Vector = (0.0, 0.0, 0.0)
-    joint: str | None = None
+def block_of(box: Box) -> Block:
+    """A box as a shape in the base frame."""
+    placement = np.eye(4)
+    placement[:3, :3] = Rotation.from_euler("xyz", box.rpy).as_matrix()
+    placement[:3, 3] = box.center
+    return Block(placement, np.array(box.size))
 
 
-@dataclass(frozen=True)
-class Surroundings:
-    """What a motion must not touch.
-
-    Parameters
-    ----------
-    self_collision : bool
-        Whether the links must not touch each other, as far as the robot's description has collision geometry.
-    floor : float, optional
-        Height in m of a floor that no link but the base may reach.
-    walls, boxes : tuples of Wall and Box
-    tool_range : ToolRange, optional
-    clearance : float
-        Distance in m that is kept to everything.
-    link_radius : float, optional
-        Links without collision geometry count as capsules of this radius (m) between the joints' origins.
-    may_touch : tuple of pairs of names
-        Pairs of links (or joints) that are not checked against each other.
-    mesh_folders : tuple of str
-        Folders in which the description's meshes are looked for.
-    """
-
-    self_collision: bool = True
-    floor: float | None = None
-    walls: tuple[Wall, ...] = ()
-    boxes: tuple[Box, ...] = ()
-    tool_range: ToolRange | None = None
-    clearance: float = DEFAULT_CLEARANCE
-    link_radius: float | None = None
-    may_touch: tuple[tuple[str, str], ...] = ()
-    mesh_folders: tuple[str, ...] = ()
-
-    @property
-    def has_obstacles(self) -> bool:
-        """Whether there is anything but the robot itself."""
-        return self.floor is not None or bool(self.walls) or bool(self.boxes)
-
-    @property
-    def half_spaces(self) -> tuple[HalfSpace, ...]:
-        """Floor and walls."""
-        made = [] if self.floor is None else [HalfSpace("floor", np.array([0.0, 0.0, 1.0]), self.floor)]
-        for wall in self.walls:
-            normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
-            made.append(HalfSpace(f"wall '{wall.name}'", normal, float(normal @ np.array(wall.point))))
-        return tuple(made)
+def half_spaces_of(surroundings: Surroundings) -> tuple[HalfSpace, ...]:
+    """Floor and walls."""
+    made = [] if surroundings.floor is None else [HalfSpace("floor", np.array([0.0, 0.0, 1.0]), surroundings.floor)]
+    for wall in surroundings.walls:
+        normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
+        made.append(HalfSpace(f"wall '{wall.name}'", normal, float(normal @ np.array(wall.point))))
+    return tuple(made)
 
 
 def check_surroundings(surroundings: Surroundings, joint_names: Sequence[str] | None = None) -> None:

@@ -122,7 +122,9 @@ class FeasibleProblem:
 def believed_of(model: Model, choices: IdentificationChoices, unconstrained: Solution) -> Believed:
     """The belief of the choices, parameters outside of bodies in units of the torque that they explain."""
     belief = belief_of(model, choices)
-    entropic = entropic_prior(model, choices, belief) if choices.prior == "description_entropic" else None
+    entropic = (
+        entropic_prior(model, choices, belief) if choices.belief is not None and choices.belief.of_bodies else None
+    )
     sized = replace(belief, size=_sizes(model, belief, unconstrained))
     return Believed(sized, choices.prior is not None, entropic)
 

@@ -247,16 +247,17 @@ def check_simulable(model: Model, choices: IdentificationChoices, data: Data) ->
     """Raise where the estimator does not go with the other choices, or the recordings are not at hand."""
     if choices.model != "dynamic":
         raise DynidentError(
-            f"{choices.estimator} integrates the dynamic model; it goes with the model dynamic, not {choices.model}",
+            f"{choices.solver.name} integrates the dynamic model; it goes with the model dynamic, not {choices.model}",
             pointer="/estimator",
         )
-    if choices.strategy != "global" or data.equations.n_columns != model.n_parameters:
+    if not choices.plan.at_once or data.equations.n_columns != model.n_parameters:
         raise DynidentError(
-            f"{choices.estimator} simulates the whole robot; it goes with the strategy global, not {choices.strategy}",
+            f"{choices.solver.name} simulates the whole robot; it goes with the strategy global, not "
+            f"{choices.strategy}",
             pointer="/estimator",
         )
     if not data.recordings:
         raise DynidentError(
-            f"{choices.estimator} needs the recordings themselves, not only their reduced rows: identify anew",
+            f"{choices.solver.name} needs the recordings themselves, not only their reduced rows: identify anew",
             pointer="/estimator",
         )

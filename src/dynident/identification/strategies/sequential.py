@@ -8,17 +8,15 @@ import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction
-from dynident.identification.choices import EstimatorName, IdentificationChoices, ModelName, StepsName
+from dynident.identification.choices import IdentificationChoices, StepsName
 from dynident.identification.data import Data
 from dynident.identification.fit import Fit
+from dynident.identification.methods.bases import ESTIMATORS, MODELS
 from dynident.identification.strategies.steps import Findings, Step, conclude_steps, take_step
 from dynident.regressors.model import Model
 from dynident.robot.model import Robot
 
 _LONGEST_WRIST = 3
-# Those that solve any part of the equations; the others need the whole robot's torque, or go through all samples.
-_STEPWISE: tuple[EstimatorName, ...] = ("ols", "wls")
-_JOINT_BY_JOINT: tuple[ModelName, ...] = ("dynamic", "filtered")
 
 
 def sequential(model: Model, choices: IdentificationChoices, data: Data) -> Fit:
@@ -76,10 +74,10 @@ def only(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
 def check_stepwise(choices: IdentificationChoices) -> None:
     """Raise where an estimator or a model cannot be taken joint by joint."""
     check_estimator(choices)
-    if choices.model not in _JOINT_BY_JOINT:
+    if not choices.rows.by_joint:
         raise DynidentError(
             f"the {choices.model} model has no equation of its own for every joint, so that nothing can be identified "
-            f"joint by joint; choose from {', '.join(_JOINT_BY_JOINT)}, or the global strategy",
+            f"joint by joint; choose from {', '.join(MODELS.having('by_joint'))}, or the global strategy",
             pointer="/strategy",
             title="Choices that do not fit",
         )
@@ -87,9 +85,10 @@ def check_stepwise(choices: IdentificationChoices) -> None:
 
 def check_estimator(choices: IdentificationChoices) -> None:
     """Raise where an estimator cannot be taken in steps."""
-    if choices.estimator not in _STEPWISE:
+    if not choices.solver.in_steps:
         raise DynidentError(
-            f"{choices.estimator} cannot be taken in steps; choose from {', '.join(_STEPWISE)}, or the global strategy",
+            f"{choices.solver.name} cannot be taken in steps; choose from "
+            f"{', '.join(ESTIMATORS.having('in_steps'))}, or the global strategy",
             pointer="/estimator",
             title="Choices that do not fit",
         )

@@ -9,7 +9,6 @@ from markupsafe import Markup
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.identification import Identification
-from dynident.identification.choices import PRIOR_WORDS
 from dynident.reports.figures.svg import drawn_formula
 from dynident.reports.numbers import number
 from dynident.reports.section import Section
@@ -50,8 +49,8 @@ def model_section(identification: Identification) -> Section:
         (
             ("model", choices.model),
             ("strategy", strategy.replace("_", " ")),
-            ("estimator", choices.estimator.upper()),
-            ("prior", "none" if choices.prior is None else f"the {PRIOR_WORDS[choices.prior]}"),
+            ("estimator", choices.solver.name.upper()),
+            ("prior", "none" if choices.belief is None else f"the {choices.belief.called}"),
             ("tolerance of the base parameters", number(choices.tolerance)),
         ),
     )

@@ -25,6 +25,11 @@ export function get(path, query = {}, signal = undefined) {
   return ask("GET", path + search(query), { signal });
 }
 
+/** A JSON document by its whole address. */
+export async function whole(path) {
+  return (await send("GET", path, {})).json();
+}
+
 /** Of several questions only the last is answered: each call ends what it gave before and gives a new signal. */
 export function lastAsked(until) {
   let asked = new AbortController();

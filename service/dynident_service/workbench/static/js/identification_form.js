@@ -5,7 +5,7 @@ import { catalogue } from "./catalogue.js";
 import { field, h, put, select } from "./dom.js";
 import { counted } from "./format.js";
 import { go } from "./location.js";
-import { ESTIMATORS, MODELS, PRIORS, STEPS, STRATEGIES } from "./methods.js";
+import { methods } from "./methods.js";
 import { clearForm, showInForm } from "./problem.js";
 
 const DEFAULTS = new Set(["rigid_body", "rotor_inertia", "coulomb", "viscous"]);
@@ -13,15 +13,11 @@ const USES = [["fit", "fit"], ["hold", "hold out"], ["", "leave out"]];
 
 /** A form that identifies a robot and goes to the new model; `update(measurements)` keeps what has been filled in. */
 export async function identificationForm(robot) {
-  const { items } = await catalogue();
+  const [{ items }, { lists, chosen: usual }] = await Promise.all([catalogue(), methods()]);
   const uses = new Map(); // measurement's id -> its select
   const places = h("div", { class: "list-of-choices" });
   const name = h("input", { name: "name", id: "model-name", maxlength: 200, placeholder: robot.name });
-  const model = explained("Model", MODELS, "dynamic", "model");
-  const strategy = explained("Strategy", STRATEGIES, "global", "strategy");
-  const steps = explained("Steps", STEPS, "link_by_link", "steps");
-  const estimator = explained("Estimator", ESTIMATORS, "wls", "estimator");
-  const prior = explained("Prior", PRIORS, "", "prior");
+  const [model, strategy, steps, estimator, prior] = ["model", "strategy", "steps", "estimator", "prior"].map((id) => explained(id, lists[id], usual[id]));
   strategy.control.addEventListener("change", () => { steps.element.hidden = strategy.control.value !== "sequential"; });
   steps.element.hidden = true;
   const effects = items.map((one) => h("label", { title: one.signature, "data-effect": one.id }, h("input", { type: "checkbox", name: "effect", value: one.id, checked: DEFAULTS.has(one.id) }), ` ${one.title}`));
@@ -82,7 +78,8 @@ export async function identificationForm(robot) {
 }
 
 /** A choice with what it is for beneath it; `id` is the field of the request. */
-function explained(label, list, chosen, id) {
+function explained(id, list, chosen) {
+  const label = id[0].toUpperCase() + id.slice(1);
   const control = select(list.map(([value, text]) => [value, text]), chosen, (value) => { hint.textContent = aboutOf(list, value); }, { id, name: id });
   const element = field(label, control, { pointer: `/${id}`, hint: aboutOf(list, chosen) });
   const hint = element.querySelector("small");

@@ -11,7 +11,7 @@ import { counted, moment, number, percent, quantity } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
 import { ladderSection, stepInWords } from "./ladder.js";
 import { takeNote } from "./location.js";
-import { methodInWords } from "./methods.js";
+import { methodInWords, methods } from "./methods.js";
 import { missingSection } from "./missing.js";
 import { Model, newestDiagnosis } from "./model.js";
 import { parametersSection } from "./parameters.js";
@@ -27,11 +27,11 @@ export async function modelPage(target, wanted, signal) {
   let identification = await get(`/identifications/${wanted.identification}`, {}, signal);
   if (!ENDED.has(identification.status)) identification = await wait(target, identification, signal);
   if (identification.status !== "succeeded") return put(target, ended(identification));
-  const model = await Model.of(identification, wanted, signal);
+  const [model, ways] = await Promise.all([Model.of(identification, wanted, signal), methods()]);
   signal.throwIfAborted();
   document.title = `${nameOf(model)}: dynident`;
   const sections = [
-    header(model),
+    header(model, ways),
     errorsSection(model),
     ladderSection(model, signal),
     missingSection(model, signal),
@@ -75,7 +75,7 @@ function nameOf(model) {
   return model.identification.name || model.robot.name;
 }
 
-function header(model) {
+function header(model, ways) {
   const { identification: found, result } = model;
   const { residual, validation } = result;
   const tiles = [
@@ -89,7 +89,7 @@ function header(model) {
     { "aria-label": "Model" },
     h("h1", {}, nameOf(model)),
     h("p", { class: "note" }, `${model.robot.name}, ${counted(model.joints.length, "joint")}; ${moment(found.created_at)}; `,
-      `${methodInWords(found.request)}; ${filters(result.preprocessing)}`),
+      `${methodInWords(ways, found.request)}; ${filters(result.preprocessing)}`),
     warnings(result),
     h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) =>
       h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ? `tile-${id}` : null }, value), h("dd", { class: "note" }, more)))),

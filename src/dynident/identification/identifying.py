@@ -279,9 +279,7 @@ def _with_shapes_uncertain(
 
 def least_squares_of_torque(choices: IdentificationChoices) -> bool:
     """Whether parameters are least squares of the joints' torques: then those with the shapes uncertain are, too."""
-    return (
-        choices.model == "dynamic" and choices.strategy == "global" and choices.estimator in ("ols", "wls", "feasible")
-    )
+    return choices.model == "dynamic" and choices.plan.at_once and choices.solver.from_reduced
 
 
 def _prepared(

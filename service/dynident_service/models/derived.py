@@ -1,0 +1,135 @@
+"""Bodies of the contract from the requests of the science: their fields, words, units, ranges and defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, fields, is_dataclass
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel, create_model
+from pydantic import Field as wire_field
+
+from dynident.asking import Said, default_of, said_of
+from dynident.kinds import Kind, Kinds
+from dynident_service.hints import hint_of
+from dynident_service.models.common import Asked
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+BODIES: dict[type, type[BaseModel]] = {}
+"""What each request of the science is on the wire."""
+
+SCIENCE: dict[type[BaseModel], type] = {}
+"""What each of these bodies asks for."""
+
+
+def asks(science: type, *but: str, or_null: tuple[str, ...] = ()) -> Callable[[type[ModelT]], type[ModelT]]:
+    """A body that asks for a request of the science: with its fields beside those that the class states itself.
+
+    Parameters
+    ----------
+    science : type
+        A frozen dataclass whose fields say what they are (`dynident.asking.said`).
+    but : str
+        Fields that are no part of the contract.
+    or_null : tuple of str
+        Those that may be null for their default.
+    """
+
+    def made(body: type[ModelT]) -> type[ModelT]:
+        own = body.model_fields
+        derived = {
+            one.name: _derived(science, one, one.name in or_null)
+            for one in fields(science)
+            if one.name not in but and one.name not in own and not said_of(one).local
+        }
+        found: type[ModelT] = create_model(  # type: ignore[call-overload]
+            body.__name__, __base__=body, __module__=body.__module__, __doc__=body.__doc__, **derived
+        )
+        BODIES[science] = found
+        SCIENCE[found] = science
+        return found
+
+    return made
+
+
+def body_of(science: type) -> type[BaseModel]:
+    """What a request of the science, or a part of one, is on the wire."""
+    if science not in BODIES:
+        plain: type[BaseModel] = create_model(science.__name__, __base__=Asked, __doc__=science.__doc__)
+        asks(science)(plain)
+    return BODIES[science]
+
+
+def _derived(science: type, one: Field[Any], or_null: bool = False) -> tuple[Any, Any]:
+    about = said_of(one)
+    if about.kinds is None:
+        hint = _on_the_wire(hint_of(science, one), about)
+    else:
+        hint = _one_of(about, optional=or_null or "None" in str(one.type))
+    default = None if or_null else default_of(one)
+    several = any(get_origin(part) is list for part in (hint, *get_args(hint)))
+    if several and isinstance(default, tuple):
+        default = list(default)
+    return hint, _described(about, default, sized=several or hint is str)
+
+
+def _described(about: Said, default: Any, sized: bool) -> Any:
+    extra: dict[str, Any] = {}
+    if about.unit:
+        extra["x-unit"] = about.unit
+    if about.kinds is not None:
+        extra["x-choices"] = [
+            {"name": one.name, "label": one.label or one.name, "words": one.words} for one in about.kinds.choices
+        ]
+    stated: dict[str, Any] = {"description": about.sentence or None, "json_schema_extra": extra or None}
+    stated |= {"min_length": about.fewest, "max_length": about.most} if sized else _range(about)
+    return wire_field(default=... if default is MISSING else _default(default), **stated)
+
+
+def _default(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return body_of(type(value))()
+    return dict(value) if isinstance(value, Mapping) else value
+
+
+def _range(about: Said) -> dict[str, float | None]:
+    return {"gt": about.above, "ge": about.at_least, "le": about.at_most}
+
+
+def _one_of(about: Said, optional: bool) -> Any:
+    kinds = about.kinds
+    assert kinds is not None
+    hint: Any = Literal[kinds.names]
+    if isinstance(kinds, Kinds):
+        for kind in kinds:
+            if fields(kind):
+                hint = hint | _with_options(kind)
+    return hint | None if optional else hint
+
+
+def _with_options(kind: type[Kind]) -> type[BaseModel]:
+    named: dict[str, Any] = {"name": (Literal[kind.name], ...)}
+    derived = {one.name: _derived(kind, one) for one in fields(kind)}
+    found: type[BaseModel] = create_model(  # type: ignore[call-overload]
+        kind.__name__, __base__=Asked, __doc__=kind.__doc__, **named, **derived
+    )
+    BODIES[kind], SCIENCE[found] = found, kind
+    return found
+
+
+def _on_the_wire(hint: Any, about: Said) -> Any:
+    origin, parts = get_origin(hint), get_args(hint)
+    if is_dataclass(hint) and isinstance(hint, type):
+        return body_of(hint)
+    if origin is tuple and parts[-1] is Ellipsis:
+        item = _on_the_wire(parts[0], about)
+        return list[Annotated[item, wire_field(**_range(about))]] if any(_range(about).values()) else list[item]  # type: ignore[valid-type]
+    if origin is tuple:
+        return tuple[tuple(_on_the_wire(one, about) for one in parts)]  # type: ignore[misc]
+    if origin in (Union, UnionType):
+        return Union[tuple(one if one is NoneType else _on_the_wire(one, about) for one in parts)]  # noqa: UP007
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return dict[parts[0], _on_the_wire(parts[1], about)]  # type: ignore[misc,valid-type]
+    return hint

@@ -1,0 +1,134 @@
+"""What a field of a request says of itself: words, unit, range; stated once, beside the science that it is asked of.
+
+A request is a frozen dataclass. What is `said` of its fields makes the bodies of the HTTP contract, the options of the
+command line with their help, the client's signatures and the forms of the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import MISSING, Field, dataclass, field
+from typing import Any, Protocol
+
+_KEY = "said"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of several: what it is asked for by, what people call it, and what it is for, in a line and in short."""
+
+    name: str
+    label: str = ""
+    words: str = ""
+    brief: str = ""
+
+
+class Named(Protocol):
+    """What a field takes one of (`OneOf`, `dynident.kinds.Kinds`)."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names, in their order."""
+        ...
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """The same with their words."""
+        ...
+
+    def told(self) -> str:
+        """The names with their words in short, for a line of help."""
+        ...
+
+
+class OneOf:
+    """Names that a field takes one of, with their words."""
+
+    def __init__(self, *choices: Choice | str) -> None:
+        self.choices = tuple(Choice(one) if isinstance(one, str) else one for one in choices)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names, in their order."""
+        return tuple(one.name for one in self.choices)
+
+    def told(self) -> str:
+        """The names with their words in short, for a line of help."""
+        return ", ".join(f"{one.name} ({one.brief})" if one.brief else one.name for one in self.choices)
+
+
+@dataclass(frozen=True)
+class Said:
+    """What is said of a field.
+
+    Parameters
+    ----------
+    words : str
+        What it is, in a line.
+    unit : str
+        Of a number.
+    above, at_least, at_most : float, optional
+        The range of a number, or of each number in a list.
+    fewest, most : int, optional
+        How many items a list may have.
+    kinds : Named, optional
+        What it is one of.
+    option : str
+        The option of the command line, where it is not the field's own name; "-" where there is none.
+    local : bool
+        A matter of one machine, which no request to another carries.
+    """
+
+    words: str = ""
+    unit: str = ""
+    above: float | None = None
+    at_least: float | None = None
+    at_most: float | None = None
+    fewest: int | None = None
+    most: int | None = None
+    kinds: Named | None = None
+    option: str = ""
+    local: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """The words with the unit."""
+        return f"{self.words}, in {self.unit}" if self.words and self.unit else self.words or self.unit
+
+
+def said(
+    words: str = "",
+    *,
+    default: Any = MISSING,
+    made_by: Callable[[], Any] | None = None,
+    **more: Any,
+) -> Any:
+    """A dataclass's field with what is said of it.
+
+    Parameters
+    ----------
+    words : str
+        What it is, in a line, without a full stop.
+    default, made_by
+        The default, or what makes it.
+    more
+        As `Said` has it: unit, above, at_least, at_most, fewest, most, kinds, option, local.
+    """
+    metadata = {_KEY: Said(words, **more)}
+    if made_by is not None:
+        return field(default_factory=made_by, metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+def said_of(one: Field[Any]) -> Said:
+    """What is said of a field; nothing where it was made without."""
+    found: Said = one.metadata.get(_KEY, _NOTHING)
+    return found
+
+
+def default_of(one: Field[Any]) -> Any:
+    """A field's default; `MISSING` where it has none."""
+    return one.default if one.default_factory is MISSING else one.default_factory()
+
+
+_NOTHING = Said()

@@ -1,0 +1,77 @@
+"""What stands around the robot, as it is stated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynident.asking import said
+
+DEFAULT_CLEARANCE = 0.02
+Vector = tuple[float, float, float]
+Ends = tuple[float | None, float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box in the base frame."""
+
+    name: str = said(fewest=1, most=200)
+    center: Vector = said("Its centre", unit="m")
+    size: Vector = said("Its edges", unit="m")
+    rpy: Vector = said("Roll, pitch, yaw as in a URDF", default=(0.0, 0.0, 0.0), unit="rad")
+
+    @property
+    def solid_name(self) -> str:
+        """As it is called in margins and messages."""
+        return f"box '{self.name}'"
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A plane that nothing may cross."""
+
+    name: str = said(fewest=1, most=200)
+    point: Vector = said("Any point on it, in the base frame", unit="m")
+    normal: Vector = said("To the side that is free")
+
+
+@dataclass(frozen=True)
+class ToolRange:
+    """Where the tool may go, m in the base frame."""
+
+    low: Ends = said("x, y, z; null: no bound", default=(None, None, None))
+    high: Ends = said("x, y, z; null: no bound", default=(None, None, None))
+    point: Vector = said("The tool in the frame of the joint", default=(0.0, 0.0, 0.0), unit="m")
+    joint: str | None = said("The joint that carries it; the last one", default=None)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a motion must not touch."""
+
+    self_collision: bool = said(
+        "Links must not touch each other, as far as the description has collision geometry", default=True
+    )
+    floor: float | None = said(
+        "Height of a floor that no link but the base may reach, in the base frame", default=None, unit="m"
+    )
+    walls: tuple[Wall, ...] = said(default=(), most=50)
+    boxes: tuple[Box, ...] = said(default=(), most=50)
+    tool_range: ToolRange | None = said(default=None)
+    clearance: float = said("Distance that is kept to everything", default=DEFAULT_CLEARANCE, unit="m")
+    link_radius: float | None = said(
+        "Links without collision geometry count as capsules of this radius between the joints' origins",
+        default=None,
+        unit="m",
+    )
+    may_touch: tuple[tuple[str, str], ...] = said(
+        "Pairs of links (or joints) that are not checked against each other", default=(), most=500
+    )
+    mesh_folders: tuple[str, ...] = said(
+        "Folders of this machine in which the description's meshes are looked for", default=(), option="-", local=True
+    )
+
+    @property
+    def has_obstacles(self) -> bool:
+        """Whether there is anything but the robot itself."""
+        return self.floor is not None or bool(self.walls) or bool(self.boxes)

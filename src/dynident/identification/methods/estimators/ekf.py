@@ -1,0 +1,33 @@
+"""An extended Kalman filter with the parameters as states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dynident.identification.methods.bases import Estimator
+
+if TYPE_CHECKING:
+    from dynident.estimation import Information
+    from dynident.identification.choices import IdentificationChoices
+    from dynident.identification.data import Data
+    from dynident.identification.fit import Fit
+    from dynident.regressors.model import Model
+
+
+@dataclass(frozen=True)
+class Kalman(Estimator):
+    """An extended Kalman filter with the parameters as states."""
+
+    name = "ekf"
+    label = "extended Kalman filter"
+    words = "Parameters as they emerge, sample by sample."
+    brief = "in the order of time"
+    place = 7
+    tells_convergence = True
+
+    def solve(self, model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+        """Solve the equations of the data."""
+        from dynident.identification.estimators.kalman import kalman
+
+        return kalman(model, choices, data, known)

@@ -1,0 +1,35 @@
+"""Physically feasible parameters: those of bodies that can exist, nearest to the data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dynident.identification.methods.bases import Estimator
+
+if TYPE_CHECKING:
+    from dynident.estimation import Information
+    from dynident.identification.choices import IdentificationChoices
+    from dynident.identification.data import Data
+    from dynident.identification.fit import Fit
+    from dynident.regressors.model import Model
+
+
+@dataclass(frozen=True)
+class Feasible(Estimator):
+    """Physically feasible parameters."""
+
+    name = "feasible"
+    label = "physically feasible"
+    words = "Only bodies that can exist: for motions that do not determine everything, and for simulators."
+    brief = "physically possible links"
+    place = 4
+    from_reduced = True
+    possible_bodies = True
+    priors = ("description", "description_entropic")
+
+    def solve(self, model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+        """Solve the equations of the data."""
+        from dynident.identification.estimators.feasible import feasible
+
+        return feasible(model, choices, data, known)

@@ -1,0 +1,37 @@
+"""Weighted least squares: each joint by the noise that its residual shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dynident.identification.methods.bases import Estimator
+
+if TYPE_CHECKING:
+    from dynident.estimation import Information
+    from dynident.identification.choices import IdentificationChoices
+    from dynident.identification.data import Data
+    from dynident.identification.fit import Fit
+    from dynident.regressors.model import Model
+
+
+@dataclass(frozen=True)
+class Weighted(Estimator):
+    """Weighted least squares."""
+
+    name = "wls"
+    label = "weighted least squares"
+    words = "Each joint weighted by its noise. The usual choice."
+    brief = "each joint weighted by its noise"
+    place = 1
+    from_reduced = True
+    in_steps = True
+    priors = ("description",)
+
+    def solve(self, model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+        """Solve the equations of the data."""
+        from dynident.estimation import statistics, weighted
+        from dynident.identification.fit import Fit
+
+        solution = weighted(data.equations, known)
+        return Fit(solution, statistics(data.equations, solution, choices.covariance))

@@ -1,0 +1,1 @@
+"""Models: which rows W has. Each file here is one."""

@@ -1,0 +1,1 @@
+"""Priors: what is believed beside the data. Each file here is one."""

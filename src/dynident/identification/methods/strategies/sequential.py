@@ -1,0 +1,32 @@
+"""The sequential strategy [12.22]-[12.24]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dynident.identification.methods.bases import Strategy
+
+if TYPE_CHECKING:
+    from dynident.identification.choices import IdentificationChoices
+    from dynident.identification.data import Data
+    from dynident.identification.fit import Fit
+    from dynident.regressors.model import Model
+
+
+@dataclass(frozen=True)
+class Sequential(Strategy):
+    """The sequential strategy [12.22]-[12.24]."""
+
+    name = "sequential"
+    label = "one after another"
+    words = "From the end of the arm to its base, with the errors of earlier steps carried on."
+    brief = "one after another"
+    place = 2
+    from_reduced = True
+
+    def solve(self, model: Model, choices: IdentificationChoices, data: Data) -> Fit:
+        """Solve the data part by part."""
+        from dynident.identification.strategies.sequential import sequential
+
+        return sequential(model, choices, data)
