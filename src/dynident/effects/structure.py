@@ -48,6 +48,8 @@ class JointSpring(Effect):
     of_position = True
     sources = ("Khalil and Dombre 2002, chapter 9",)
     may_change = True
+    # About an upright axis a base that leans pulls like one, over the range of most motions.
+    seldom_changes = True
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """The position and a constant: the rest position is part of the effect."""
