@@ -314,18 +314,30 @@ def test_a_name_is_found_again_in_resampled_data_unless_a_rival_gains_as_much():
     rng = np.random.default_rng(6)
     gains = rng.uniform(0.8, 1.2, 40)
     chosen, run = judged(gains, name="offset"), np.zeros(40, dtype=int)
-    assert share_found_again(chosen, [judged(0.7 * gains, name="viscous_asymmetric")], run) == 1.0
+    assert share_found_again([chosen], [judged(0.7 * gains, name="viscous_asymmetric")], run) == 1.0
     noise = rng.normal(0, 0.5, 40)
     twin = judged(gains + noise - noise.mean(), name="viscous_asymmetric")
-    assert share_found_again(chosen, [twin], run) < 0.9
+    assert share_found_again([chosen], [twin], run) < 0.9
+
+
+def test_two_names_for_one_finding_are_found_again_together_and_neither_alone():
+    rng = np.random.default_rng(6)
+    gains, run = rng.uniform(0.8, 1.2, 40), np.zeros(40, dtype=int)
+    noise = rng.normal(0, 0.5, 40)
+    chosen = judged(gains, name="offset")
+    twin = judged(gains + noise - noise.mean(), name="viscous_asymmetric")
+    lesser = judged(0.7 * gains, name="stribeck")
+    assert share_found_again([chosen], [twin, lesser], run) < 0.9
+    assert share_found_again([twin], [chosen, lesser], run) < 0.9
+    assert share_found_again([chosen, twin], [lesser], run) == 1.0
 
 
 def test_a_name_that_one_run_alone_speaks_for_is_not_found_again_without_it():
     gains = np.concatenate([np.full(20, 5.0), np.full(20, 0.1)])
     rival = judged(np.full(40, 1.0), name="viscous_asymmetric")
     run = np.repeat([0, 1], 20)
-    assert share_found_again(judged(gains, name="offset"), [rival], np.zeros(40, dtype=int)) > 0.9
-    assert share_found_again(judged(gains, name="offset"), [rival], run) == 0.5
+    assert share_found_again([judged(gains, name="offset")], [rival], np.zeros(40, dtype=int)) > 0.9
+    assert share_found_again([judged(gains, name="offset")], [rival], run) == 0.5
 
 
 def test_errors_are_counted_in_units_of_each_joints_noise():

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import fdtri, stdtrit
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis.result import Change, ChangedValue, RankedEffect
@@ -47,7 +47,7 @@ def changes_at(estimates: Estimates, pick: Finding, one: RankedEffect) -> Iterat
     """A finding, joint by joint, where the difference is large enough to be called one."""
     for joint in one.choice.joints or ("",):
         values = _values(estimates, one.choice, joint)
-        if not values or not _noticed(values[0]) or _may_be_none(values[0]):
+        if not values or not _noticed(values[0]) or _may_be_none(estimates, one.choice, joint, values[0]):
             continue
         others = [item.candidate.choice for item in pick.equal]
         names = [name for other in others for name in _told(other, one.choice, joint)]
@@ -68,10 +68,36 @@ def _noticed(value: ChangedValue) -> bool:
     return value.before is None or abs(value.value) >= _NOTICED * abs(value.before)
 
 
-def _may_be_none(value: ChangedValue) -> bool:
-    """Whether the data do not tell the difference from none: what was found is then something without a name."""
-    low, high = value.interval
-    return low <= 0.0 <= high
+def _may_be_none(estimates: Estimates, choice: EffectChoice, joint: str, main: ChangedValue) -> bool:
+    """Whether the data do not tell the difference from none: what was found is then something without a name.
+
+    Several parameters of one cause are told from zero together: where the motion is short each alone may make up for
+    the others.
+    """
+    low, high = main.interval
+    if not low <= 0.0 <= high:
+        return False
+    own = [
+        k
+        for k, column in enumerate(estimates.columns)
+        if (column.effect, column.runs, column.link) == (choice.effect, choice.runs, joint)
+    ]
+    # A mass is what a mass is said to be; the rest of its inertia may be anything.
+    return len(own) < 2 or effect_by_id(choice.effect).in_some_runs or not _told_from_zero(estimates, own)
+
+
+def _told_from_zero(estimates: Estimates, own: Sequence[int]) -> bool:
+    """Wald's test of several parameters at once, with the least freedom of any of them."""
+    index = np.array(own, dtype=np.intp)
+    covariance = estimates.statistics.covariance[np.ix_(index, index)]
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    z = estimates.values[index] / scale
+    form = float(z @ np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-9, hermitian=True) @ z)
+    freedom = float(estimates.statistics.freedom[index].min())
+    left = freedom - len(own) + 1.0  # Hotelling: a covariance of so little freedom knows less of several at once
+    if left <= 0.0:
+        return False
+    return form * left / (freedom * len(own)) >= float(fdtri(len(own), left, 0.95))
 
 
 def _in_units_of(robot: Robot, choice: EffectChoice) -> str:
@@ -145,7 +171,8 @@ def _said(choice: EffectChoice, value: ChangedValue) -> str:
     low, high = value.interval
     unit = "" if value.unit == "-" else f" {value.unit}"
     was = "" if value.before is None else f", {value.before:.3g} before"
+    together = " No parameter of it is told from zero by itself; together they are." if low <= 0.0 <= high else ""
     return (
         f"{effect_by_id(choice.effect).title}{place}: {value.parameter} differs by {value.value:+.3g}{unit} "
-        f"({low:+.3g} to {high:+.3g}{was})."
+        f"({low:+.3g} to {high:+.3g}{was}).{together}"
     )

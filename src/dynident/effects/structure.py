@@ -59,6 +59,8 @@ class JointSpring(Effect):
         {"slow_sweep": ("offset", "coulomb_asymmetric", "torque_ripple", "gravity_compensator", "cable_force")}
     )
     may_change = True
+    # About an upright axis a base that leans pulls like one, over the range of most motions.
+    seldom_changes = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
         """Some per cent of the largest torque for each radian."""

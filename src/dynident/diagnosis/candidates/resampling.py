@@ -20,27 +20,34 @@ _MORE = 0.2
 """A candidate with more parameters takes the place of a simpler one if it gains so much more."""
 
 
-def share_found_again(chosen: Judged, rivals: Sequence[Judged], run: IndexArray) -> float:
-    """Share of resamplings in which the chosen candidate is not overtaken by another name.
+def share_found_again(found: Sequence[Judged], rivals: Sequence[Judged], run: IndexArray) -> float:
+    """Share of resamplings in which one of these names for a finding is not overtaken by another.
 
     Parameters
     ----------
+    found : sequence of Judged
+        The names that the data do not tell apart, the chosen one first.
     rivals : sequence of Judged
-        Candidates that would take the chosen one's place, beside which nothing of it is left.
+        Candidates that would take its place, beside which nothing of it is left.
     run : (s,)
         Which run every stretch is of: without any one of several, the name has to stand as well.
     """
     if not rivals:
         return 1.0
-    margins = np.array([_margin(chosen, item) for item in rivals])
-    s = len(chosen.gains)
+    margins = np.array([[_margin(name, item) for item in rivals] for name in found])
+    s = len(found[0].gains)
     drawn = np.random.default_rng(_SEED).multinomial(s, np.full(s, 1.0 / s), size=_DRAWS).astype(np.float64)
-    share = float((margins @ drawn.T >= 0.0).all(axis=0).mean())
+    share = _share_not_overtaken(margins, drawn)
     runs = np.unique(run)
     if len(runs) < 2:
         return share
     without = np.array([run != one for one in runs], dtype=np.float64)
-    return min(share, float((margins @ without.T >= 0.0).all(axis=0).mean()))
+    return min(share, _share_not_overtaken(margins, without))
+
+
+def _share_not_overtaken(margins: FloatArray, counts: FloatArray) -> float:
+    """Of draws (d, s) the share in which a name (f, r, s) is ahead of all rivals."""
+    return float((margins @ counts.T >= 0.0).all(axis=1).any(axis=0).mean())
 
 
 def other_name(chosen: Judged, item: Judged) -> bool:

@@ -48,20 +48,40 @@ def choose(
     natural = {id(item) for item in large if plausible(data, pool, state.base, state.noise, item)}
     passing = [item for item in large if id(item) in natural]
     unnatural = [item for item in large if id(item) not in natural]
+    doubted: list[Judged] = []
     while passing:
         best, equal = simplest(_each_its_own(passing))
         plainer = _plainer(data, pool, state, best, judged)
         chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
         lasting = _lasting(state, chosen, passing)
         chosen, equal = (lasting, (chosen, *equal)) if lasting else (chosen, equal)
-        if _stable(data, pool, state, chosen, [*passing, *_of_its_kind(chosen, unnatural)]):
+        others = [item for item in [*passing, *doubted] if other_name(chosen, item)]
+        chosen, twins = _most_usual(state, chosen, _twins(chosen, others))
+        beyond = [item for item in others if all(item is not twin for twin in twins)]
+        equal = (*(item for item in equal if item is not chosen), *(twin for twin in twins if twin not in equal))
+        if _stable(data, pool, state, (chosen, *twins), [*beyond, *_of_its_kind(chosen, unnatural)]):
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
             if whole or acceptable(state, data, replace(slim, p=chosen.p)):
                 return replace(slim, p=chosen.p), equal + _rivals(slim, judged, equal)
+        else:
+            # What takes its place in other draws would be no surer a name for want of it.
+            doubted.append(best)
         passing = [item for item in passing if item is not best]
     return None
+
+
+def _twins(chosen: Judged, others: Sequence[Judged]) -> list[Judged]:
+    """Other names for the same finding: they take as much of the error on the same joints, stretch by stretch."""
+    mine = set(chosen.joints)
+    return [
+        item
+        for item in others
+        if item.total_gain >= _NEARLY * chosen.total_gain
+        and abs(t_of(chosen.gains - item.gains)) < _DECIDED
+        and not mine.isdisjoint(item.joints)
+    ]
 
 
 def _plainer(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]) -> Judged | None:
@@ -110,18 +130,34 @@ def _of_its_kind(chosen: Judged, others: Sequence[Judged]) -> list[Judged]:
     return [item for item in others if effect_by_id(item.candidate.effect).first_order]
 
 
-def _stable(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, passing: Sequence[Judged]) -> bool:
-    """Whether the same name is found in resampled data; another finding is none that could take its place."""
-    others = [item for item in passing if other_name(chosen, item)]
-    run = data.moving.run
-    if share_found_again(chosen, others, run) >= FOUND_AGAIN:
+def _most_usual(state: State, chosen: Judged, twins: list[Judged]) -> tuple[Judged, list[Judged]]:
+    """Of the names of one finding the one that robots usually get from one day to the next, and the others."""
+    usual = [item for item in twins if is_change(item.candidate.choice, state.since) and not _is_seldom(item)]
+    if not (is_change(chosen.candidate.choice, state.since) and _is_seldom(chosen) and usual):
+        return chosen, twins
+    best = max(usual, key=lambda item: item.total_gain)
+    return best, [chosen, *(item for item in twins if item is not best)]
+
+
+def _is_seldom(item: Judged) -> bool:
+    return effect_by_id(item.candidate.effect).seldom_changes
+
+
+def _stable(data: PhasedProducts, pool: Pool, state: State, found: Sequence[Judged], passing: Sequence[Judged]) -> bool:
+    """Whether the same finding, by any of its names, is made in resampled data.
+
+    Another finding beside it is none that could take its place.
+    """
+    others = [item for item in passing if all(other_name(name, item) for name in found)]
+    run, chosen = data.moving.run, found[0]
+    if share_found_again(found, others, run) >= FOUND_AGAIN:
         return True
     base = state.base + chosen.candidate.columns
     beside = judge_all(data, pool, base, [item.candidate for item in others], state.noise)
     rivals = [
         before for before, after in zip(others, beside, strict=True) if after.total_gain < _STILL * before.total_gain
     ]
-    return share_found_again(chosen, rivals, run) >= FOUND_AGAIN
+    return share_found_again(found, rivals, run) >= FOUND_AGAIN
 
 
 def _best_alone(effect: str, judged: Sequence[Judged]) -> dict[str, Judged]:
