@@ -25,24 +25,29 @@ from dynident.effects.effect import (
     Role,
     ShapeSpec,
 )
+from dynident.effects.operators import DAHL, STOP, TRAVEL, Operator
 from dynident.effects.prediction import DRIVE_PARAMETERS, reference_size
 from dynident.effects.signals import MemorySignal, RunSignal, Signals
 from dynident.effects.sizes import Usual
 
 __all__ = [
     "CATALOGUE",
+    "DAHL",
     "DEFAULT_EFFECTS",
     "DRIVE_PARAMETERS",
     "DRIVE_ROLES",
     "JOINT_FRICTION",
     "LINKS",
     "OFFSETS",
+    "STOP",
+    "TRAVEL",
     "Column",
     "Effect",
     "EffectChoice",
     "Estimate",
     "ExperimentKind",
     "MemorySignal",
+    "Operator",
     "ParameterSpec",
     "Refinement",
     "Role",

@@ -111,7 +111,8 @@ class ShapeSpec:
     `may_be_zero`; it is not searched for below `least`. `resolved_by` names what a filtered position must still resolve
     for the constant to show: the displacement around a reversal, the travel since a halt, or the speed.
     `refined`: how a first value is improved;
-    None: it is not. `natural` values are kept where they are as good.
+    None: it is not. `natural` values are kept where they are as good. `words`: what the values of a constant mean that
+    is no quantity but a choice between kinds.
     """
 
     name: str
@@ -126,6 +127,18 @@ class ShapeSpec:
     resolved_by: Literal["displacement", "travel", "speed"] | None = None
     refined: Refinement | None = None
     natural: tuple[float, ...] = ()
+    words: tuple[tuple[float, str], ...] = ()
+
+    def word(self, value: float) -> str | None:
+        """What a value means, where the constant is a choice between kinds; None where it is a number."""
+        return min(self.words, key=lambda known: abs(known[0] - value))[1] if self.words else None
+
+    def told(self, value: float, digits: str = ".3g") -> str:
+        """The constant for people to read: "d0 = 0.002 rad", "law: dahl"."""
+        word = self.word(value)
+        if word is not None:
+            return f"{self.name}: {word}"
+        return f"{self.name} = {value:{digits}}{'' if self.unit == '-' else ' ' + self.unit}"
 
     def admits(self, value: float) -> bool:
         """Whether a value makes sense for this constant."""

@@ -8,7 +8,8 @@ from types import MappingProxyType
 import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
-from dynident.effects.signals import MemorySignal, Operator, Signals
+from dynident.effects.operators import DAHL, STOP, TRAVEL
+from dynident.effects.signals import MemorySignal, Signals
 from dynident.effects.sizes import COULOMB_SHARE, Usual, largest_torque
 from dynident.robot.model import Robot
 
@@ -36,7 +37,7 @@ class Presliding(Effect):
     )
     shapes = (
         ShapeSpec("d0", "rad", "slip distance", 2e-3, least=0.5e-3, resolved_by="displacement", refined=RATIO),
-        ShapeSpec("law", "-", "+1: stop operator, -1: Dahl", 1.0, signed=True),
+        ShapeSpec("law", "-", "+1: stop operator, -1: Dahl", 1.0, signed=True, words=((1.0, "stop"), (-1.0, "dahl"))),
     )
     signature = "a rounded corner after each reversal instead of a step"
     confused_with = ("stribeck",)
@@ -67,7 +68,7 @@ class Presliding(Effect):
         """A constant and a load-proportional column a joint."""
         constants = self.shape_with_defaults(shape)
         made = []
-        operator: Operator = "stop" if constants["law"] > 0 else "dahl"
+        operator = STOP if constants["law"] > 0 else DAHL
         for j in joints:
             z = signals.memory(MemorySignal(operator, j, constants["d0"]))
             for spec, torque in zip(self.parameters, (z, ca.fabs(signals.load[j]) * z), strict=True):
@@ -121,7 +122,7 @@ class BreakAway(Effect):
         constants = self.shape_with_defaults(shape)
         made = []
         for j in joints:
-            travelled = ca.fabs(signals.memory(MemorySignal("travel", j, constants["db"])))
+            travelled = ca.fabs(signals.memory(MemorySignal(TRAVEL, j, constants["db"])))
             made.append(self._column(signals, self.parameters[0], j, (1 - travelled) * signals.sign[j], constants))
         return made
 

@@ -183,7 +183,12 @@ class TransmissionCoupling(Effect):
     )
     shapes = (
         ShapeSpec(
-            "side", "-", "+1: the motor turns with the sum of the joints, -1: with the difference", 1.0, signed=True
+            "side",
+            "-",
+            "+1: the motor turns with the sum of the joints, -1: with the difference",
+            1.0,
+            signed=True,
+            words=((1.0, "sum"), (-1.0, "difference")),
         ),
     )
     signature = "the friction of a joint depends on the velocity of the next"

@@ -116,7 +116,9 @@ def model_document(identification: Identification) -> dict[str, Any]:
             {"name": argument.name, "size": argument.size, "meaning": argument.meaning}
             for argument in formula.arguments
         ],
-        "hysteresis": [asdict(signal) for signal in formula.memory],
+        "hysteresis": [
+            {"operator": signal.operator.name, "joint": signal.joint, "slip": signal.slip} for signal in formula.memory
+        ],
         "columns": [
             {
                 "name": column.name,
