@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
+import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects.mechanics import constant
 from dynident.effects.newton_euler import inverse_dynamics
+from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 
 ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET = ("rotor_inertia", "Ia"), ("coulomb", "Fc"), ("viscous", "Fv"), ("offset", "b")
@@ -24,6 +26,54 @@ DRIVE_PARAMETERS = (ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET)
 def reference_size(robot: Robot) -> int:
     """Length of `Prediction.reference`: ten inertial parameters a link, then four blocks of n for the drives."""
     return (10 + len(DRIVE_PARAMETERS)) * robot.n
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Parameters of the model so far, which torque is predicted with.
+
+    inertias : (n, 10), standard inertial parameters of the links
+    rotors, dry, damping, constant : (n,), Ia, Fc, Fv and b of the joints' motors
+
+    As a vector (14 n,) they stand one behind the other, the links first.
+    """
+
+    inertias: FloatArray
+    rotors: FloatArray
+    dry: FloatArray
+    damping: FloatArray
+    constant: FloatArray
+
+    @classmethod
+    def of_links(cls, inertias: FloatArray) -> Reference:
+        """Links (n, 10) alone: motors that have neither rotors nor friction."""
+        nothing = np.zeros(len(inertias))
+        return cls(inertias, nothing, nothing, nothing, nothing)
+
+    @classmethod
+    def of_vector(cls, vector: FloatArray, n: int) -> Reference:
+        """Take a vector (14 n,) apart, or one (10 n,) of links alone.
+
+        Raises
+        ------
+        DynidentError
+            For any other length.
+        """
+        if vector.shape == (10 * n,):
+            return cls.of_links(vector.reshape(n, 10))
+        if vector.shape != ((10 + len(DRIVE_PARAMETERS)) * n,):
+            raise DynidentError(
+                f"{vector.shape} reference parameters for {n} joints: expected {10 * n} of the links alone, or "
+                f"{(10 + len(DRIVE_PARAMETERS)) * n} with Ia, Fc, Fv and b of all joints",
+                title="Unusable reference parameters",
+            )
+        return cls(vector[: 10 * n].reshape(n, 10), *vector[10 * n :].reshape(len(DRIVE_PARAMETERS), n))
+
+    @property
+    def vector(self) -> FloatArray:
+        """(14 n,)."""
+        drives = (self.rotors, self.dry, self.damping, self.constant)
+        return np.concatenate([self.inertias.reshape(-1), *drives])
 
 
 @dataclass(frozen=True, eq=False)

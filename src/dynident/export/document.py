@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, reference_size
+from dynident.effects import EffectChoice, Reference
 from dynident.effects.memory import MemoryStates
 from dynident.errors import DynidentError
 from dynident.export.completion import complete
@@ -208,10 +208,10 @@ def _model(document: Mapping[str, Any]) -> PredictingModel:
     if tuple(column.name for column in model.columns) != names:
         raise DynidentError("the catalogue of this version has other columns for these effects", title=TITLE)
     values = np.array([float(one["value"]) for one in parameters])
-    reference = np.array(document["reference"], dtype=float)
-    if not len(values) or reference.shape not in ((10 * robot.n,), (reference_size(robot),)):
-        raise ValueError(f"{len(values)} base parameters and a reference of the shape {reference.shape}")
-    return PredictingModel(model, values, reference)
+    if not len(values):
+        raise ValueError("no base parameters")
+    reference = Reference.of_vector(np.array(document["reference"], dtype=float), robot.n)
+    return PredictingModel(model, values, reference.vector)
 
 
 def _standard(identification: Identification) -> dict[str, Any] | None:

@@ -14,6 +14,7 @@ from dynident.effects import (
     LINKS,
     Column,
     EffectChoice,
+    Reference,
     Role,
     Signals,
     columns_of,
@@ -123,7 +124,7 @@ class Model:
             row = _DRIVE_ROWS.get(role_of(column))
             if row is not None:
                 drives[row, self.robot.joint_names.index(column.link)] += value
-        return np.concatenate([inertial[: 10 * n], drives.reshape(-1)])
+        return Reference(inertial[: 10 * n].reshape(n, 10), *drives).vector
 
     def _joint(self, column: int) -> int:
         return self.robot.joint_names.index(self.columns[column].link)

@@ -9,7 +9,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import DRIVE_ROLES, LINKS, Column, EffectChoice, Role, Signals, columns_of, effect_by_id
+from dynident.effects import (
+    DRIVE_ROLES,
+    LINKS,
+    Column,
+    EffectChoice,
+    Reference,
+    Role,
+    Signals,
+    columns_of,
+    effect_by_id,
+)
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 
@@ -101,7 +111,7 @@ def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
             row = _DRIVE_ROWS.get("dry" if role == "dry_once_sliding" else role)
             if row is not None and effect.joint in robot.joint_names:
                 drives[row, robot.joint_names.index(effect.joint)] += value
-    return np.concatenate([inertias.reshape(-1), drives.reshape(-1)])
+    return Reference(inertias.reshape(robot.n, 10), *drives).vector
 
 
 def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:
