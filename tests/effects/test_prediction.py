@@ -13,10 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import ARMS, FloatArray, arm, crooked_urdf, pinocchio_torque, random_states
 
-from dynident.effects import Signals, reference_size
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of, reference_size
 from dynident.effects.mechanics import constant
 from dynident.effects.newton_euler import inverse_dynamics, tool_jacobian
-from dynident.robot import Robot, robot_from_urdf, to_pinocchio
+from dynident.errors import DynidentError
+from dynident.regressors.observation import Observation
+from dynident.robot import Robot, robot_from_library, robot_from_urdf, to_pinocchio
 
 COUNT = 5
 
@@ -170,3 +172,27 @@ def test_the_tools_jacobian_is_pinocchios(name: str) -> None:
         pin.computeJointJacobians(model, data, state.q)
         expected = pin.getJointJacobian(model, data, robot.n, pin.LOCAL_WORLD_ALIGNED)
         np.testing.assert_allclose(np.array(function(state.q)), expected, atol=1e-12)
+
+
+def test_parameters_that_torque_is_predicted_with_have_names():
+    rng = np.random.default_rng(0)
+    robot = robot_from_library("ur10")
+    vector = rng.normal(size=14 * 6)
+    known = ReferenceParameters.of_vector(vector, robot)
+    assert known.inertias.shape == (6, 10)
+    np.testing.assert_array_equal(known.rotors, vector[60:66])
+    np.testing.assert_array_equal(known.constant, vector[78:])
+    np.testing.assert_array_equal(known.vector, vector)
+    links = ReferenceParameters.of_vector(vector[:60], robot)
+    np.testing.assert_array_equal(links.vector, [*vector[:60], *np.zeros(24)])
+
+
+@pytest.mark.parametrize("length", [0, 59, 66, 72, 83, 85])
+def test_parameters_of_half_of_the_motors_are_not_filled_up_with_nothing(length):
+    robot = robot_from_library("ur10")
+    with pytest.raises(DynidentError, match="expected 60 of the links alone, or 84 with Ia, Fc, Fv and b"):
+        ReferenceParameters.of_vector(np.zeros(length), robot)
+    signals = Signals(robot)
+    observation = Observation.of(robot, columns_of([EffectChoice("drive_gain_error")], signals), signals)
+    with pytest.raises(DynidentError, match="reference parameters for 6 links"):
+        observation.evaluate(*np.zeros((3, 1, 6)), reference=np.zeros(length), memory=np.zeros((1, 0)))

@@ -26,7 +26,7 @@ from dynident.effects.effect import (
     ShapeSpec,
 )
 from dynident.effects.operators import DAHL, STOP, TRAVEL, Operator
-from dynident.effects.prediction import DRIVE_PARAMETERS, reference_size
+from dynident.effects.prediction import DRIVE_PARAMETERS, ReferenceParameters, reference_size
 from dynident.effects.signals import MemorySignal, RunSignal, Signals
 from dynident.effects.sizes import Usual
 
@@ -49,6 +49,7 @@ __all__ = [
     "MemorySignal",
     "Operator",
     "ParameterSpec",
+    "ReferenceParameters",
     "Refinement",
     "Role",
     "RunSignal",

@@ -1,8 +1,9 @@
-"""Every effect that the product knows, one line each."""
+"""Every effect that the product knows: ours in an order for readers, then any other file of this room, then others'."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 
@@ -24,7 +25,7 @@ from dynident.effects.friction import (
 from dynident.effects.friction_in_time import TemperatureFriction, WarmUpFriction
 from dynident.effects.gears import Backlash, JointElasticity
 from dynident.effects.geometry import EncoderZeroError, KinematicError
-from dynident.effects.plugins import installed_effects
+from dynident.effects.plugins import effects_in_this_room, installed_effects
 from dynident.effects.presliding import BreakAway, Presliding
 from dynident.effects.rigid_body import RigidBody, RotorInertia
 from dynident.effects.signals import RunSignal, Signals
@@ -70,13 +71,25 @@ _OURS: tuple[Effect, ...] = (
 )
 
 
-class _Catalogue(Mapping[str, Effect]):
+class Catalogue(Mapping[str, Effect]):
     """Effects by id. Those of other distributions are loaded when first asked for: they import this package."""
 
     @cached_property
     def _effects(self) -> dict[str, Effect]:
         ours = {effect.id: effect for effect in _OURS}
+        ours |= {effect.id: effect for effect in effects_in_this_room() if effect.id not in ours}
         return ours | {effect.id: effect for effect in installed_effects(ours)}
+
+    @contextmanager
+    def with_one_more(self, effect: Effect) -> Iterator[None]:
+        """The catalogue with an effect that is not installed, or another one in place of that of the same id."""
+        before = dict(self._effects)
+        self._effects[effect.id] = effect
+        try:
+            yield
+        finally:
+            self._effects.clear()
+            self._effects.update(before)
 
     def __getitem__(self, identifier: str) -> Effect:
         return self._effects[identifier]
@@ -88,7 +101,7 @@ class _Catalogue(Mapping[str, Effect]):
         return len(self._effects)
 
 
-CATALOGUE: Mapping[str, Effect] = _Catalogue()
+CATALOGUE = Catalogue()
 
 DEFAULT_EFFECTS: tuple[EffectChoice, ...] = tuple(
     EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous")

@@ -9,10 +9,14 @@ is left out, with a warning that says why: somebody else's broken package must n
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import pkgutil
 import warnings
 from collections.abc import Collection
 from importlib.metadata import EntryPoint, entry_points
 
+from dynident import effects
 from dynident.effects.effect import Effect
 from dynident.effects.signals import Signals
 from dynident.robot import robot_from_modified_dh
@@ -32,6 +36,17 @@ def installed_effects(taken: Collection[str]) -> tuple[Effect, ...]:
             continue
         found[effect.id] = effect
     return tuple(found.values())
+
+
+def effects_in_this_room() -> tuple[Effect, ...]:
+    """All effects that files of `dynident.effects` define, file by file."""
+    found = []
+    for module in sorted(pkgutil.iter_modules(effects.__path__), key=lambda item: item.name):
+        for value in vars(importlib.import_module(f"{effects.__name__}.{module.name}")).values():
+            own = isinstance(value, type) and issubclass(value, Effect) and value.__module__.endswith(f".{module.name}")
+            if own and not inspect.isabstract(value) and hasattr(value, "id"):
+                found.append(value())
+    return tuple(found)
 
 
 def _loaded(point: EntryPoint) -> Effect | None:

@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
+import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects.linked import torque_of_links
 from dynident.effects.mechanics import constant
+from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 
 ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET = ("rotor_inertia", "Ia"), ("coulomb", "Fc"), ("viscous", "Fv"), ("offset", "b")
@@ -24,6 +26,55 @@ DRIVE_PARAMETERS = (ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET)
 def reference_size(robot: Robot) -> int:
     """Length of `Prediction.reference`: ten inertial parameters a link (of N), then four blocks of n for the drives."""
     return 10 * robot.tree.n + len(DRIVE_PARAMETERS) * robot.n
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceParameters:
+    """Parameters of the model so far, which torque is predicted with.
+
+    inertias : (N, 10), standard inertial parameters of the links
+    rotors, dry, damping, constant : (n,), Ia, Fc, Fv and b of the driven joints' motors
+
+    As a vector (10 N + 4 n,) they stand one behind the other, the links first.
+    """
+
+    inertias: FloatArray
+    rotors: FloatArray
+    dry: FloatArray
+    damping: FloatArray
+    constant: FloatArray
+
+    @classmethod
+    def of_links(cls, inertias: FloatArray, n: int) -> ReferenceParameters:
+        """Links (N, 10) alone: n motors that have neither rotors nor friction."""
+        nothing = np.zeros(n)
+        return cls(inertias, nothing, nothing, nothing, nothing)
+
+    @classmethod
+    def of_vector(cls, vector: FloatArray, robot: Robot) -> ReferenceParameters:
+        """Take a vector (10 N + 4 n,) apart, or one (10 N,) of links alone.
+
+        Raises
+        ------
+        DynidentError
+            For any other length.
+        """
+        links = 10 * robot.tree.n
+        if vector.shape == (links,):
+            return cls.of_links(vector.reshape(-1, 10), robot.n)
+        if vector.shape != (reference_size(robot),):
+            raise DynidentError(
+                f"{vector.shape} reference parameters for {robot.tree.n} links: expected {links} of the links alone, or "
+                f"{reference_size(robot)} with Ia, Fc, Fv and b of all joints",
+                title="Unusable reference parameters",
+            )
+        return cls(vector[:links].reshape(-1, 10), *vector[links:].reshape(len(DRIVE_PARAMETERS), robot.n))
+
+    @property
+    def vector(self) -> FloatArray:
+        """(10 N + 4 n,)."""
+        drives = (self.rotors, self.dry, self.damping, self.constant)
+        return np.concatenate([self.inertias.reshape(-1), *drives])
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, reference_size
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.effects.memory import MemoryStates
 from dynident.errors import DynidentError
 from dynident.export.completion import complete
@@ -116,7 +116,9 @@ def model_document(identification: Identification) -> dict[str, Any]:
             {"name": argument.name, "size": argument.size, "meaning": argument.meaning}
             for argument in formula.arguments
         ],
-        "hysteresis": [asdict(signal) for signal in formula.memory],
+        "hysteresis": [
+            {"operator": signal.operator.name, "joint": signal.joint, "slip": signal.slip} for signal in formula.memory
+        ],
         "columns": [
             {
                 "name": column.name,
@@ -206,10 +208,10 @@ def _model(document: Mapping[str, Any]) -> PredictingModel:
     if tuple(column.name for column in model.columns) != names:
         raise DynidentError("the catalogue of this version has other columns for these effects", title=TITLE)
     values = np.array([float(one["value"]) for one in parameters])
-    reference = np.array(document["reference"], dtype=float)
-    if not len(values) or reference.shape not in ((10 * robot.tree.n,), (reference_size(robot),)):
-        raise ValueError(f"{len(values)} base parameters and a reference of the shape {reference.shape}")
-    return PredictingModel(model, values, reference)
+    if not len(values):
+        raise ValueError("no base parameters")
+    reference = ReferenceParameters.of_vector(np.array(document["reference"], dtype=float), robot)
+    return PredictingModel(model, values, reference.vector)
 
 
 def _standard(identification: Identification) -> dict[str, Any] | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from dynident.effects import MemorySignal, RunSignal, Signals, reference_size
+from dynident.effects import MemorySignal, ReferenceParameters, RunSignal, Signals
 from dynident.effects.linked import all_positions
 from dynident.effects.memory import step_expression
 from dynident.identification import Identification
@@ -61,9 +61,8 @@ def torque_formula(identification: Identification) -> TorqueFormula:
     torque = ca.SX(model.robot.n, 1)
     for column, value in zip(observation.columns, identification.values, strict=True):
         torque += column.torque * float(value)
-    reference = ca.DM.zeros(reference_size(model.robot), 1)
-    reference[: len(identification.reference)] = identification.reference
-    torque = ca.substitute(ca.densify(torque), signals.reference, ca.SX(reference))
+    reference = ReferenceParameters.of_vector(identification.reference, model.robot).vector
+    torque = ca.substitute(ca.densify(torque), signals.reference, ca.SX(ca.DM(reference)))
     states = [signals.memory(item) for item in observation.memory]
     arguments = _motion(signals, torque)
     z_next = ca.SX(0, 1)

@@ -14,6 +14,7 @@ from dynident.effects import (
     LINKS,
     Column,
     EffectChoice,
+    ReferenceParameters,
     Role,
     Signals,
     columns_of,
@@ -124,7 +125,7 @@ class Model:
             row = _DRIVE_ROWS.get(role_of(column))
             if row is not None and column.link in names:
                 drives[row, names.index(column.link)] += value
-        return np.concatenate([inertial[:links], drives.reshape(-1)])
+        return ReferenceParameters(inertial[:links].reshape(-1, 10), *drives).vector
 
     def _joint(self, column: int) -> int:
         return self.robot.tree.joint_names.index(self.columns[column].link)

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import Column, MemorySignal, RunSignal, Signals, reference_size
+from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals
 from dynident.expressions import Program
 from dynident.regressors.joined_programs import JoinedPrograms
 from dynident.robot.model import Robot
@@ -114,7 +114,7 @@ class Observation:
         q, dq, ddq : (m, n)
         reference : (10 n,) or (14 n,)
             Standard inertial parameters that the predicted load torque is computed with, and behind them Ia, Fc, Fv
-            and b of all joints for the torque of the motors; zero where they are left out.
+            and b of all joints for the torque of the motors; without these the links are alone (`ReferenceParameters`).
         memory : (m, number of memory signals)
         dddq, ddddq : (m, n), optional
             Third and fourth derivative of q; zero where they are left out.
@@ -132,8 +132,6 @@ class Observation:
         clock = np.zeros(1) if time is None else time[:, None]
         heat = np.zeros(n) if temperature is None else temperature
         nothing = np.zeros(n)
-        whole = np.zeros(reference_size(self.robot))
-        whole[: len(reference)] = reference
         return self.program(
             q,
             dq,
@@ -145,7 +143,7 @@ class Observation:
             heat,
             memory,
             np.zeros(len(self.runs)) if runs is None else runs,
-            whole,
+            ReferenceParameters.of_vector(reference, self.robot).vector,
             out=out,
         )
 

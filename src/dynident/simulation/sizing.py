@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, columns_of, reference_size
+from dynident.effects import EffectChoice, ReferenceParameters, columns_of
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 from dynident.simulation.signals import SensorSignals
@@ -49,7 +49,5 @@ def sized(robot: Robot, effect: str, joint: str, torque: FloatArray) -> dict[str
 
 
 def _reference(robot: Robot) -> FloatArray:
-    reference = np.zeros(reference_size(robot))
-    if robot.inertias is not None:
-        reference[: 10 * robot.tree.n] = robot.inertias.reshape(-1)
-    return reference
+    links = np.zeros((robot.tree.n, 10)) if robot.inertias is None else robot.inertias
+    return ReferenceParameters.of_links(links, robot.n).vector

@@ -9,7 +9,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import DRIVE_ROLES, LINKS, Column, EffectChoice, Role, Signals, columns_of, effect_by_id
+from dynident.effects import (
+    DRIVE_ROLES,
+    LINKS,
+    Column,
+    EffectChoice,
+    ReferenceParameters,
+    Role,
+    Signals,
+    columns_of,
+    effect_by_id,
+)
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 
@@ -91,7 +101,7 @@ def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
 
 
 def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> FloatArray:
-    """What the torque of motors is predicted with (14 n,): inertial parameters, then Ia, Fc, Fv and b of all joints."""
+    """What the torque of motors is predicted with (10 N + 4 n,): inertial parameters, then Ia, Fc, Fv and b of all joints."""
     drives = np.zeros((len(DRIVE_ROLES), robot.n))
     for effect in effects:
         roles = {spec.name: spec.role for spec in effect_by_id(effect.effect).parameters}
@@ -101,7 +111,7 @@ def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
             row = _DRIVE_ROWS.get("dry" if role == "dry_once_sliding" else role)
             if row is not None and effect.joint in robot.joint_names:
                 drives[row, robot.joint_names.index(effect.joint)] += value
-    return np.concatenate([inertias.reshape(-1), drives.reshape(-1)])
+    return ReferenceParameters(inertias.reshape(-1, 10), *drives).vector
 
 
 def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import LINKS, Column, EffectChoice, Signals, columns_of, role_of
+from dynident.effects import LINKS, Column, EffectChoice, ReferenceParameters, Signals, columns_of, role_of
 from dynident.errors import DynidentError
 from dynident.excitation.observation.path_memory import PathMemory
 from dynident.excitation.trajectories.motion import Motion
@@ -186,12 +186,11 @@ def design_model(
             "no column of W is left to design for; choose effects that depend on the motion alone",
             pointer="/effects",
         )
-    known = np.zeros(signals.reference.numel())
-    known[: 10 * robot.tree.n] = np.tile(np.array(_PLAUSIBLE_LINK), robot.tree.n)
+    known = ReferenceParameters.of_links(np.tile(np.array(_PLAUSIBLE_LINK), (robot.tree.n, 1)), robot.n)
     if reference is not None:
-        known[: len(reference)] = reference
+        known = ReferenceParameters.of_vector(reference, robot)
     elif robot.inertias is not None:
-        known[: 10 * robot.tree.n] = robot.inertias.reshape(-1)
+        known = ReferenceParameters.of_links(robot.inertias, robot.n)
     elif any(ca.depends_on(column.torque, signals.reference) for column in chosen):
         notes.append("The load torque is that of links of 3 kg each: the robot's description gives no inertias.")
     choices, columns = tuple(effects), list(chosen)
@@ -202,7 +201,7 @@ def design_model(
         choices += (LINKS,)
     base = base_parameters(robot, columns, signals)
     return DesignModel(
-        robot, choices, signals, tuple(columns), len(chosen), base, known, tuple(notes), np.full(robot.n, True)
+        robot, choices, signals, tuple(columns), len(chosen), base, known.vector, tuple(notes), np.full(robot.n, True)
     )
 
 

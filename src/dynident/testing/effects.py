@@ -1,0 +1,255 @@
+"""Does an effect keep to what everything that uses effects relies on?"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+from typing import get_args
+
+import casadi as ca
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.effects import CATALOGUE, DEFAULT_EFFECTS, Effect, EffectChoice, ExperimentKind
+from dynident.effects import spec_of as described
+from dynident.errors import DynidentError
+from dynident.identification import IdentificationChoices, identify
+from dynident.robot import Robot, to_pinocchio
+from dynident.simulation import TrueEffect, typical_effect
+from dynident.simulation.typical import typical_drive
+from dynident.testing.failing import ConformanceError, expect
+from dynident.testing.states import States
+from dynident.testing.trial import Trial, recorded, trial_arm
+
+_NEEDED = ("id", "title", "formula", "parameters", "signature", "sources")
+_SEEN, _EXPLAINED, _AS_WITHOUT = 2.0, 0.5, 1.5
+"""An effect shows on the trial arm if the usual model leaves so many times what it leaves of an arm without it. The
+model with the effect then leaves no more than a share of that, or hardly more than of the arm without it."""
+_LARGER = 8.0
+"""What does not show at its usual size is tried so many times larger."""
+
+
+def check_effect(effect: Effect | type[Effect], *, found_again: bool = True) -> tuple[str, ...]:
+    """Try an effect on a small arm, whether it is installed or not; the answer says what was tried, and how it went.
+
+    Checked are what it says of itself; that its columns have the right shape, are finite and depend on nothing but
+    `Signals`, so that its torque is linear in its parameters; its stored energy against its torque by finite
+    differences; the columns whose parameters have a `role`, those of links and loads against Pinocchio; the sign of
+    friction; its shape constants; and that it is found again in the recordings of a virtual robot that has it.
+
+    Parameters
+    ----------
+    effect : Effect or a subclass of it
+    found_again : bool
+        Whether to simulate and identify as well, which takes some seconds.
+
+    Raises
+    ------
+    ConformanceError
+        Where something does not hold; the message says what.
+    """
+    one = effect() if isinstance(effect, type) else effect
+    _check_words(one)
+    with CATALOGUE.with_one_more(one):
+        robot = trial_arm()
+        _check_rivals(one)
+        told = [_check_shapes(one, robot)]
+        possible = one.applicable(robot)
+        if not possible:
+            return (*told, "it can sit on no joint of the trial arm: nothing else was tried")
+        states = States.of(robot, one, possible)
+        _check_columns(one, states, possible)
+        told += [_check_roles(states), _check_energy(states), _check_friction(one, states)]
+        if found_again:
+            told.append(_check_found_again(one, robot, possible))
+    return tuple(told)
+
+
+def _check_words(effect: Effect) -> None:
+    missing = [name for name in _NEEDED if not getattr(effect, name, None)]
+    expect(not missing, f"{type(effect).__name__} says nothing of its {', '.join(missing)}")
+    expect(re.fullmatch(r"[a-z][a-z0-9_]*", effect.id), f"the id {effect.id!r} is not in small letters and underscores")
+    for kind, specs in (("parameters", effect.parameters), ("shape constants", effect.shapes)):
+        names = [spec.name for spec in specs]
+        expect(len(set(names)) == len(names), f"two {kind} of {effect.id} have the same name: {', '.join(names)}")
+        unsaid = [spec.name for spec in specs if not spec.unit or not spec.description]
+        expect(
+            not unsaid, f"{', '.join(unsaid)} of {effect.id} has no unit or description; a pure number has the unit -"
+        )
+    unknown = set(effect.shown_by) - {spec.name for spec in effect.parameters}
+    expect(not unknown, f"{effect.id} is shown by {', '.join(sorted(unknown))}, which are none of its parameters")
+    for spec in effect.parameters:
+        expect(
+            0 <= spec.least < spec.most, f"{spec.name} of {effect.id}: least {spec.least} is not below most {spec.most}"
+        )
+
+
+def _check_rivals(effect: Effect) -> None:
+    kinds = get_args(ExperimentKind)
+    for kind in (effect.experiment, effect.place_experiment, *effect.told_from):
+        expect(kind in kinds, f"{effect.id} names the experiment {kind!r}; there are: {', '.join(kinds)}")
+    told = [name for names in effect.told_from.values() for name in names]
+    for name in (*effect.confused_with, *effect.same_function, *effect.covers, *effect.changes_with, *told):
+        expect(name in CATALOGUE and name != effect.id, f"{effect.id} names {name!r}, which is no other effect")
+
+
+def _check_shapes(effect: Effect, robot: Robot) -> str:
+    specs = {spec.name: spec for spec in effect.shapes}
+    values = [effect.shape_with_defaults({})]
+    for joint in effect.applicable(robot):
+        tried = [dict(shape) for shape in effect.grid(robot, joint)]
+        values += tried
+        usual = effect.usual(robot, joint)
+        if usual is not None:
+            strange = set(usual.values) - {spec.name for spec in effect.parameters}
+            expect(not strange, f"usual() of {effect.id} gives {', '.join(strange)}, which are none of its parameters")
+            for spec in effect.parameters:
+                least = usual.values.get(spec.name, 0.0)
+                expect(
+                    least >= 0 or not (spec.positive or spec.resists), f"usual() of {effect.id} gives {spec.name} < 0"
+                )
+            values.append(effect.shape_with_defaults(usual.shape))
+            expect(set(usual.shape) <= set(specs), f"usual() of {effect.id} gives a shape constant that it has not")
+        for shape in tried:
+            expect(set(shape) == set(specs), f"the grid of {effect.id} gives {sorted(shape)}, not {sorted(specs)}")
+    for shape in values:
+        for name, value in shape.items():
+            expect(specs[name].admits(value), f"{name} = {value} of {effect.id} is none that its own ShapeSpec admits")
+            expect(not specs[name].words or specs[name].word(value), f"{name} = {value} of {effect.id} has no word")
+    return f"{len(specs)} shape constants, {len(values)} sets of values"
+
+
+def _check_columns(effect: Effect, states: States, possible: tuple[int, ...]) -> None:
+    robot, names = states.robot, {spec.name for spec in effect.parameters}
+    expect(states.columns, f"{effect.id} has no column on {robot.name}")
+    keys = [column.key for column in states.columns]
+    expect(len(set(keys)) == len(keys), f"two columns of {effect.id} have the same name and shape constants")
+    found = {column.parameter for column in states.columns}
+    expect(found == names, f"the columns of {effect.id} belong to {sorted(found)}, its parameters are {sorted(names)}")
+    for column in states.columns:
+        shape = column.torque.shape
+        expect(column.effect == effect.id, f"column {column.name} belongs to {column.effect!r}, not to {effect.id}")
+        expect(shape == (robot.n, 1), f"column {column.name} has the shape {shape}, not ({robot.n}, 1)")
+    expect(
+        not states.strangers,
+        f"the columns of {effect.id} depend on {', '.join(states.strangers)}: a column is a function of Signals and "
+        "shape constants alone, or the torque would not be linear in the parameters",
+    )
+    bad = [c.name for k, c in enumerate(states.columns) if not np.isfinite(states.torque[:, :, k]).all()]
+    expect(not bad, f"columns {', '.join(bad)} of {effect.id} are not finite everywhere, at rest among the rest")
+    expect(states.torque.any(), f"all columns of {effect.id} are zero everywhere")
+    if effect.scope == "joint":
+        links = {column.link for column in states.columns}
+        expect(links == {robot.joint_names[j] for j in possible}, f"columns of {effect.id} sit on {sorted(links)}")
+
+
+def _check_roles(states: States) -> str:
+    """The columns that others take for a link's, a rotor's or friction's are so."""
+    roles = 0
+    rigid = _pinocchio_rows(states)
+    for k, column in enumerate(states.columns):
+        spec = described(column)
+        if spec is None or spec.role in (None, "delay", "dry_once_sliding"):
+            continue
+        j = states.robot.joint_names.index(column.link)
+        wanted = np.zeros_like(states.torque[:, :, k])
+        own = {"rotor": states.ddq, "damping": states.dq, "dry": np.sign(states.dq), "stiffness": states.q}
+        if spec.role in ("link", "load"):
+            specs = [one.name for one in CATALOGUE[column.effect].parameters]
+            wanted = rigid[:, :, 10 * j + specs.index(column.parameter)]
+        else:
+            wanted[:, j] = own[spec.role][:, j] if spec.role in own else 1.0
+        gap = float(np.abs(states.torque[:, :, k] - wanted).max())
+        size = max(1.0, float(np.abs(wanted).max()))
+        expect(gap <= 1e-9 * size, f"{column.name} has the role {spec.role}, but its column is another ({gap:.2g} off)")
+        roles += 1
+    return f"{roles} columns are what their roles say, those of links by Pinocchio" if roles else "no roles"
+
+
+def _pinocchio_rows(states: States) -> FloatArray:
+    """(m, n, 10 n): Pinocchio's regressor, columns XX XY XZ YY YZ ZZ MX MY MZ M a link."""
+    import pinocchio as pin
+
+    model = to_pinocchio(states.robot)
+    data, n = model.createData(), states.robot.n
+    order = (10 * np.arange(n)[:, None] + [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]).reshape(-1)
+    at = zip(states.q, states.dq, states.ddq, strict=True)
+    rows = [np.array(pin.computeJointTorqueRegressor(model, data, *one)) for one in at]
+    return np.array(rows).reshape(len(rows), n, 10 * n)[:, :, order]
+
+
+def _check_energy(states: States) -> str:
+    """Along a motion, stored energy changes by the power of the torque: by finite differences of its value."""
+    stored = [k for k, column in enumerate(states.columns) if column.energy is not None]
+    for k in stored:
+        rate = states.energy_rate(k)
+        power = (states.torque[:, :, k] * states.dq).sum(axis=1)
+        size = max(float(np.abs(power).max()), float(np.abs(rate).max()), 1e-9)
+        gap = float(np.abs(rate - power).max())
+        expect(
+            gap <= 1e-5 * size,
+            f"the energy of {states.columns[k].name} does not change by the power of its torque: "
+            f"{gap / size:.2g} of it is lacking, by central differences",
+        )
+    return f"{len(stored)} columns with stored energy, by finite differences"
+
+
+def _check_friction(effect: Effect, states: States) -> str:
+    """Friction that nature allows one sign takes energy."""
+    tried = []
+    for k, column in enumerate(states.columns):
+        spec = described(column)
+        alone = not (ca.depends_on(column.torque, states.signals.ddq) or states.signals.memory_in(column.torque))
+        if effect.is_friction and spec is not None and spec.positive and alone:
+            power = (states.torque[:, :, k] * states.dq).sum(axis=1)
+            expect(power.min() >= -1e-12, f"{column.name} is friction above zero, and its column drives the motion")
+            tried.append(column.name)
+    return f"{len(tried)} columns of friction take energy" if tried else "no friction of one sign without memory"
+
+
+def _check_found_again(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> str:
+    """What a virtual robot has is what explains its recordings."""
+    if any(choice.effect == effect.id for choice in DEFAULT_EFFECTS):
+        left = _left(recorded(typical_drive(robot)))
+        expect(left < 0.02, f"the usual model with {effect.id} leaves {left:.1%} of the torque of an arm that has it")
+        return f"the usual model leaves {left:.2%} of the torque"
+    on = robot.joint_names[possible[len(possible) // 2]] if effect.scope == "joint" else ""
+    try:
+        usual = typical_effect(robot, effect.id, on)
+    except DynidentError as error:
+        raise ConformanceError(f"{effect.id} cannot be given a size; write usual(): {error}") from None
+    floor = _plain_floor()
+    for factor in (1.0, _LARGER):
+        values = tuple((name, factor * value) for name, value in usual.values)
+        hidden = replace(usual, values=values, runs=("run2",) if effect.in_some_runs else ())
+        trial = recorded((*typical_drive(robot), hidden))
+        before = _left(trial)
+        if before >= _SEEN * floor:
+            break
+    else:
+        return f"on the trial arm it leaves {before:.2%} beside the usual model: too little to be found"
+    after = _left(trial, _choice(effect, hidden))
+    expect(
+        after <= max(_EXPLAINED * before, _AS_WITHOUT * floor),
+        f"a virtual robot has {effect.id}, which leaves {before:.2%} of its torque unexplained; with the effect in the "
+        f"model it is still {after:.2%}: its columns are not what the robot does",
+    )
+    return f"found again: {before:.2%} of the torque without it, {after:.2%} with it"
+
+
+@cache
+def _plain_floor() -> float:
+    """Share of the torque that filters and a smooth sign of friction leave where no effect is hidden."""
+    return _left(recorded(typical_drive(trial_arm())))
+
+
+def _choice(effect: Effect, hidden: TrueEffect) -> EffectChoice:
+    shape = effect.shape_with_defaults(dict(hidden.shape))
+    return EffectChoice(effect.id, hidden.choice.joints, tuple(sorted(shape.items())), hidden.runs)
+
+
+def _left(trial: Trial, *more: EffectChoice) -> float:
+    """Share of the torque that a model leaves unexplained."""
+    choices = IdentificationChoices(effects=(*DEFAULT_EFFECTS, *more))
+    return identify(trial.robot, trial.recordings, [], choices).fit.relative_total

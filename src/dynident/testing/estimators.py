@@ -1,0 +1,117 @@
+"""Does an estimator keep to what strategies, diagnoses and exports rely on?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.identification.data import Data
+from dynident.identification.fit import Estimator, Fit
+from dynident.regressors.model import Model
+from dynident.simulation.typical import typical_drive
+from dynident.testing.failing import expect
+from dynident.testing.trial import Trial, recorded, trial_arm
+
+_NOISE = 0.2
+"""N m."""
+_OFF = 0.03
+"""Share of the torque by which estimates may be off: filters and the smooth sign of friction take some of it."""
+
+
+def check_estimator(estimator: Estimator, choices: IdentificationChoices | None = None) -> tuple[str, ...]:
+    """Try an estimator on recordings of a small arm whose parameters are known; the answer says what was found.
+
+    Checked are that the estimates are one number for each base parameter, near those of ordinary weighted least squares
+    and near the truth; that their covariance is symmetric, has no negative direction and no parameter that is surer
+    than the noise allows; that the same data give the same estimates, and are left as they were; that more data make
+    the estimates surer.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        (model, choices, data, known) -> Fit.
+    choices : IdentificationChoices, optional
+        With what it is called; the usual ones otherwise.
+
+    Raises
+    ------
+    ConformanceError
+        Where something does not hold; the message says what.
+    """
+    chosen = choices or IdentificationChoices()
+    trial = recorded(typical_drive(trial_arm()), noise=_NOISE)
+    start = identify(trial.robot, trial.recordings, [], IdentificationChoices(effects=chosen.effects))
+    few = identify(
+        trial.robot,
+        trial.recordings[:1],
+        [],
+        IdentificationChoices(effects=chosen.effects, preprocessing=start.preprocessing),
+    )
+    data = _data(start, trial)
+    kept = [equation.joined.copy() for equation in data.equations.equations]
+    fit = estimator(start.model, chosen, data, None)
+    told = [_check_values(start.model, fit, data, _truth(start.model, trial)), _check_statistics(start.model, fit)]
+    changed = [not np.array_equal(a, e.joined) for a, e in zip(kept, data.equations.equations, strict=True)]
+    expect(not any(changed), "the estimator has changed the data that it was given")
+    again = estimator(start.model, chosen, data, None)
+    expect(
+        np.allclose(again.solution.values, fit.solution.values, rtol=1e-9, atol=1e-12),
+        "the same data give other estimates the second time: draw random numbers from a fixed seed",
+    )
+    told.append(_check_more_data(estimator(few.model, chosen, _data(few, trial, 1), None), fit))
+    return tuple(told)
+
+
+def _data(found: Identification, trial: Trial, runs: int | None = None) -> Data:
+    return Data(found.equations, found.training, trial.recordings[:runs], found.preprocessing, found.reference)
+
+
+def _truth(model: Model, trial: Trial) -> FloatArray:
+    """(b,): the base parameters that the trial arm has."""
+    assert trial.robot.inertias is not None
+    links = trial.robot.inertias.reshape(-1)
+    drives = {(one.effect, one.joint, name): value for one in trial.effects for name, value in one.values}
+    standard, inertial = np.zeros(len(model.columns)), 0
+    for k, column in enumerate(model.columns):
+        given = drives.get((column.effect, column.link, column.parameter))
+        if given is None and inertial < len(links):
+            given, inertial = float(links[inertial]), inertial + 1
+        standard[k] = given or 0.0
+    return np.asarray(model.base.grouping @ standard)
+
+
+def _check_values(model: Model, fit: Fit, data: Data, truth: FloatArray) -> str:
+    values = fit.solution.values
+    expect(values.shape == (model.n_parameters,), f"{values.shape} estimates for {model.n_parameters} base parameters")
+    expect(np.isfinite(values).all(), "some estimates are not finite")
+    squares = whole = 0.0
+    for equation in data.torque.equations:
+        rows, k = equation.joined, len(equation.columns)
+        squares += float(np.linalg.norm(rows[:, :k] @ (values - truth)[equation.columns]) ** 2)
+        whole += float(np.linalg.norm(rows[:, k]) ** 2)
+    off = float(np.sqrt(squares / whole))
+    expect(off <= _OFF, f"along the data the estimates' torque is {off:.1%} off that of the true parameters")
+    return f"torque of the estimates {off:.2%} off the truth"
+
+
+def _check_statistics(model: Model, fit: Fit) -> str:
+    b, covariance = model.n_parameters, fit.statistics.covariance
+    expect(covariance.shape == (b, b), f"the covariance has the shape {covariance.shape}, not {(b, b)}")
+    expect(np.isfinite(covariance).all(), "the covariance is not finite")
+    size = float(np.abs(covariance).max())
+    expect(np.allclose(covariance, covariance.T, atol=1e-9 * size), "the covariance is not symmetric")
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    least = float(np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min())
+    expect(least >= -1e-6, f"the covariance has a negative direction ({least:.2g} of its diagonal)")
+    expect((np.diag(covariance) >= 0).all(), "some variances are negative")
+    expect(fit.statistics.standard_deviations.shape == (b,), "there is not one standard deviation for each parameter")
+    return f"{b} parameters with a covariance"
+
+
+def _check_more_data(few: Fit, many: Fit) -> str:
+    if few.solution.values.shape != many.solution.values.shape:
+        return "one run determines fewer parameters than two"
+    surer = float(np.median(many.statistics.standard_deviations / few.statistics.standard_deviations))
+    expect(surer < 1.0, f"twice the data give standard deviations {surer:.2f} times as large")
+    return f"twice the data: standard deviations {surer:.2f} times as large"

@@ -1,0 +1,94 @@
+"""Columns of one effect as numbers, at random states of an arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.effects import Column, Effect, EffectChoice, Signals, columns_of
+from dynident.robot import Robot
+
+_COUNT = 30
+_STEP = 1e-4
+"""s between the two sides of a central difference, halved."""
+_SESSION = 6.0
+"""s."""
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """m random states, the first of them at rest: q, dq, ddq (m, n); `torque` (m, n, columns) for unit parameters.
+
+    `strangers` are names of symbols that the columns depend on and that are none of the signals.
+    """
+
+    robot: Robot
+    signals: Signals
+    columns: tuple[Column, ...]
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    torque: FloatArray
+    strangers: tuple[str, ...]
+
+    @classmethod
+    def of(cls, robot: Robot, effect: Effect, joints: tuple[int, ...]) -> States:
+        """Those of an effect on joints of a robot, with its usual shape constants."""
+        usual = effect.usual(robot, joints[0])
+        shape = effect.shape_with_defaults({} if usual is None else usual.shape)
+        names = tuple(robot.joint_names[j] for j in joints) if effect.scope == "joint" else ()
+        signals = Signals(robot)
+        columns = tuple(columns_of([EffectChoice(effect.id, names, tuple(sorted(shape.items())))], signals))
+        rng = np.random.default_rng(0)
+        q, dq, ddq = (rng.uniform(-size, size, (_COUNT, robot.n)) for size in (2.0, 2.5, 6.0))
+        dq[0] = 0.0
+        stacked = ca.horzcat(*(column.torque for column in columns)) if columns else ca.SX(robot.n, 0)
+        known = _known(signals)
+        strangers = {s.name() for s in ca.symvar(stacked)} - {s.name() for s in ca.symvar(ca.vertcat(*known))}
+        torque = np.zeros((_COUNT, robot.n, len(columns)))
+        if not strangers:
+            function = ca.Function("columns", [signals.q, signals.dq, signals.ddq, *known[3:]], [ca.densify(stacked)])
+            for k, state in enumerate(zip(q, dq, ddq, strict=True)):
+                torque[k] = np.array(function(*state, *_values(signals, rng))).reshape(robot.n, -1)
+        return cls(robot, signals, columns, q, dq, ddq, torque, tuple(sorted(strangers)))
+
+    def energy_rate(self, index: int) -> FloatArray:
+        """(m,): rate of a column's stored energy along the motion through each state, by central differences."""
+        energy = self.columns[index].energy
+        assert energy is not None
+        signals = self.signals
+        known = [signals.q, signals.dq, signals.run_symbols]
+        function = ca.Function("energy", known, [energy()])
+        present = np.ones(signals.run_symbols.shape[0])
+        sides = []
+        for step in (_STEP, -_STEP):
+            q, dq = self.q + step * self.dq + 0.5 * step**2 * self.ddq, self.dq + step * self.ddq
+            sides.append(np.array([float(function(*one, present)) for one in zip(q, dq, strict=True)]))
+        return np.asarray((sides[0] - sides[1]) / (2 * _STEP))
+
+
+def _known(signals: Signals) -> list[ca.SX]:
+    motion = [signals.q, signals.dq, signals.ddq, signals.dddq, signals.ddddq]
+    others = [signals.time, signals.period, signals.temperature, signals.reference]
+    return [*motion, *others, signals.memory_symbols, signals.run_symbols]
+
+
+def _values(signals: Signals, rng: np.random.Generator) -> list[FloatArray]:
+    """One value for each of the signals beside q, dq, ddq; the predicted torque is that of the description."""
+    n = signals.robot.n
+    reference = np.ones(signals.reference.shape[0])
+    if signals.robot.inertias is not None:
+        reference[: 10 * n] = signals.robot.inertias.reshape(-1)
+    return [
+        rng.uniform(-20, 20, n),
+        rng.uniform(-80, 80, n),
+        rng.uniform(0, _SESSION, 1),
+        np.array([1e-3]),
+        rng.uniform(20, 45, n),
+        reference,
+        rng.uniform(-1, 1, signals.memory_symbols.shape[0]),
+        np.ones(signals.run_symbols.shape[0]),
+    ]

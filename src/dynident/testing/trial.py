@@ -1,0 +1,92 @@
+"""A small arm, its motions and its recordings, on which effects and estimators are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from dynident.recordings import Recording, recording_from_arrays
+from dynident.robot import Robot, robot_from_urdf
+from dynident.simulation import Measurement, Reference, Sensors, TrueEffect, VirtualRobot, Warming, warmed
+
+_LINKS = (
+    # axis, where the joint sits, mass, centre, moments of inertia
+    ("0 0 1", "0 0 0.3", 6.0, "0.01 0.02 0.05", (0.05, 0.04, 0.03)),
+    ("0 1 0", "0 0.1 0.1", 5.0, "0.2 0.03 0.02", (0.02, 0.12, 0.13)),
+    ("0 1 0", "0.4 0 0.05", 3.0, "0.15 0.01 0.04", (0.01, 0.05, 0.06)),
+)
+_RATE = 250.0
+_DURATION = 16.0
+_LATER = 1500.0
+"""s after the first run that the second one begins: what drifts has changed by then."""
+
+
+@cache
+def trial_arm() -> Robot:
+    """Three revolute joints: one about the vertical, two that lift."""
+    parts = ['<robot name="trial"><link name="base"/>']
+    for k, (axis, place, mass, centre, moments) in enumerate(_LINKS):
+        xx, yy, zz = moments
+        parts.append(
+            f'<link name="link{k + 1}"><inertial><origin xyz="{centre}"/><mass value="{mass}"/>'
+            f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0.001" ixz="0.002" iyz="-0.001"/></inertial></link>'
+            f'<joint name="joint{k + 1}" type="revolute"><parent link="{f"link{k}" if k else "base"}"/>'
+            f'<child link="link{k + 1}"/><origin xyz="{place}"/><axis xyz="{axis}"/>'
+            f'<limit lower="-2.5" upper="2.5" velocity="3" effort="{(60, 80, 40)[k]}"/></joint>'
+        )
+    return robot_from_urdf("trial", "".join(parts) + "</robot>")
+
+
+def trial_motion(robot: Robot, seed: int) -> Reference:
+    """From rest to rest in a quarter of a minute, all joints over much of their range."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(_DURATION * _RATE) + 1) / _RATE
+    rates = 2 * np.pi / _DURATION * np.array([1.0, 2.0, 3.0, 5.0, 8.0])[:, None]
+    q, dq, ddq = (np.zeros((len(t), robot.n)) for _ in range(3))
+    for j in range(robot.n):
+        even, odd = rng.normal(size=(5, 1)) / rates, rng.normal(size=(5, 1)) / rates
+        # At rest at both ends.
+        odd[-1] = -(odd[:-1] * rates[:-1]).sum() / rates[-1]
+        x = (even * np.cos(rates * t) + odd * np.sin(rates * t)).sum(axis=0)
+        dx = (rates * (odd * np.cos(rates * t) - even * np.sin(rates * t))).sum(axis=0)
+        ddx = -(rates**2 * (even * np.cos(rates * t) + odd * np.sin(rates * t))).sum(axis=0)
+        scale = min(1.5 / np.abs(x).max(), 2.2 / np.abs(dx).max())
+        q[:, j], dq[:, j], ddq[:, j] = scale * x, scale * dx, scale * ddx
+    return Reference(t, q, dq, ddq)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Runs of the trial arm with known effects: what was recorded, and what is true of the arm."""
+
+    robot: Robot
+    recordings: tuple[Recording, ...]
+    effects: tuple[TrueEffect, ...]
+
+
+def recorded(effects: Sequence[TrueEffect], *, noise: float = 0.0, runs: int = 2) -> Trial:
+    """Let the trial arm move, with these effects, in runs named "run1", "run2" …; the torque's noise in N m."""
+    robot = trial_arm()
+    virtual = VirtualRobot(robot, effects)
+    sensors = Sensors(_RATE, None, torque_noise=0.0, torque_noise_absolute=(noise,) * robot.n)
+    made = []
+    for k in range(runs):
+        reference = trial_motion(robot, k)
+        later = warmed(replace(reference, t=reference.t + k * _LATER), Warming())
+        name = f"run{k + 1}"
+        made.append(_recording(virtual.measure(later, sensors, run=name, seed=k), name))
+    return Trial(robot, tuple(made), tuple(effects))
+
+
+def _recording(measured: Measurement, name: str) -> Recording:
+    return recording_from_arrays(
+        measured.t,
+        measured.q,
+        measured.tau,
+        joint_names=measured.robot.joint_names,
+        name=name,
+        temperature=measured.temperature,
+    )

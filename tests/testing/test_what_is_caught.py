@@ -1,0 +1,178 @@
+"""Each way in which an effect or an estimator may break what others rely on is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynident.effects import CATALOGUE, Effect, ParameterSpec, ShapeSpec, Signals, Usual
+from dynident.identification.estimators.by_name import ESTIMATORS
+from dynident.testing import ConformanceError, check_effect, check_estimator
+
+
+class Good(Effect):
+    """A torque in q̇ (1 + q²): what the others below break."""
+
+    id = "of_the_test"
+    title = "Friction that grows to the sides"
+    formula = r"F \dot q (1 + q^2)"
+    parameters = (ParameterSpec("Fx", "N m s/rad", "at the middle", positive=True),)
+    signature = "viscous friction that depends on the position"
+    sources = ("this test",)
+    is_friction = True
+
+    def columns(self, signals, joints, shape):
+        spec = self.parameters[0]
+        return [self._column(signals, spec, j, self.torque(signals, j)) for j in joints]
+
+    def torque(self, signals, j):
+        return signals.dq[j] * (1 + signals.q[j] ** 2)
+
+
+def test_an_effect_that_keeps_to_it_passes_and_is_not_left_in_the_catalogue() -> None:
+    before = list(CATALOGUE)
+    told = check_effect(Good)
+    assert told[-1].startswith("found again"), told
+    assert list(CATALOGUE) == before
+
+
+class Nameless(Good):
+    signature = ""
+
+
+class Stranger(Good):
+    def torque(self, signals, j):
+        return signals.dq[j] * ca.SX.sym("gain")
+
+
+class Infinite(Good):
+    def torque(self, signals, j):
+        return signals.dq[j] / ca.fabs(signals.dq[j])
+
+
+class Driving(Good):
+    def torque(self, signals, j):
+        return -signals.dq[j]
+
+
+class Short(Good):
+    def columns(self, signals, joints, shape):
+        return super().columns(signals, joints[:1], shape)
+
+
+class Boastful(Good):
+    parameters = (ParameterSpec("Fx", "N m s/rad", "at the middle", role="damping"),)
+
+
+class NoBody(Good):
+    """Twice the moment of inertia of a link."""
+
+    parameters = (ParameterSpec("XX", "kg m²", "of the link", role="link"),)
+
+    def columns(self, signals, joints, shape):
+        return [
+            self._reaching_column(signals, self.parameters[0], j, 2 * signals.mechanics.rows[:, 10 * j]) for j in joints
+        ]
+
+
+class Leaking(Good):
+    """Half the energy of a spring."""
+
+    parameters = (ParameterSpec("Fx", "N m/rad", "stiffness"),)
+
+    def columns(self, signals, joints, shape):
+        q = signals.q
+        return [
+            self._column(signals, self.parameters[0], j, q[j], energy=partial(ca.SX, 0.25 * q[j] ** 2)) for j in joints
+        ]
+
+
+class Unfit(Good):
+    shapes = (ShapeSpec("p", "-", "exponent", 1.0),)
+
+    def grid(self, robot, joint):
+        return [{"p": -1.0}]
+
+
+class Lost(Good):
+    confused_with = ("nothing_that_there_is",)
+
+
+class Impossible(Good):
+    def usual(self, robot, joint):
+        return Usual({"Fx": -1.0})
+
+
+class Moody(Good):
+    """Another function in a simulator than in W."""
+
+    def torque(self, signals, j):
+        return super().torque(signals, j) * (1.0 if type(signals) is Signals else ca.sin(9 * signals.q[j]) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("effect", "why"),
+    [
+        (Nameless, "says nothing of its signature"),
+        (Stranger, "depend on gain"),
+        (Infinite, "are not finite everywhere, at rest"),
+        (Driving, "its column drives the motion"),
+        (Short, "sit on"),
+        (Boastful, "has the role damping, but its column is another"),
+        (NoBody, "has the role link, but its column is another"),
+        (Leaking, "does not change by the power of its torque"),
+        (Unfit, "p = -1.0 of of_the_test is none that its own ShapeSpec admits"),
+        (Lost, "names 'nothing_that_there_is', which is no other effect"),
+        (Impossible, "usual.. of of_the_test gives Fx < 0"),
+        (Moody, "its columns are not what the robot does"),
+    ],
+)
+def test_what_is_wrong_with_an_effect_is_said(effect: type[Effect], why: str) -> None:
+    with pytest.raises(ConformanceError, match=why):
+        check_effect(effect)
+
+
+def changed(**parts):
+    """Weighted least squares with something else in its answer, by what makes it of the fit."""
+
+    def estimator(model, choices, data, known):
+        fit = ESTIMATORS["wls"](model, choices, data, known)
+        solution, statistics = fit.solution, fit.statistics
+        if "values" in parts:
+            solution = replace(solution, values=parts["values"](solution.values))
+        if "covariance" in parts:
+            statistics = replace(statistics, covariance=parts["covariance"](statistics.covariance))
+        return replace(fit, solution=solution, statistics=statistics)
+
+    return estimator
+
+
+def spoiling(model, choices, data, known):
+    for equation in data.equations.equations:
+        equation.joined[:] *= 2.0
+    return ESTIMATORS["wls"](model, choices, data, known)
+
+
+DRAWN = np.random.default_rng()
+
+
+@pytest.mark.parametrize(
+    ("estimator", "why"),
+    [
+        (changed(values=lambda x: 1.2 * x), "off that of the true parameters"),
+        (changed(values=lambda x: x[:-1]), "estimates for"),
+        (changed(values=lambda x: np.full_like(x, np.nan)), "not finite"),
+        (changed(values=lambda x: x * DRAWN.normal(1, 1e-4, len(x))), "other estimates the second time"),
+        (changed(covariance=lambda c: c + np.triu(c, 1)), "not symmetric"),
+        (changed(covariance=lambda c: -c), "negative"),
+        (changed(covariance=np.ones_like), "times as large"),
+        (spoiling, "changed the data"),
+    ],
+)
+def test_what_is_wrong_with_an_estimator_is_said(estimator, why: str) -> None:
+    with pytest.raises(ConformanceError, match=why):
+        check_estimator(estimator)
