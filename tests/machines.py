@@ -231,7 +231,7 @@ def accelerations_of_pinocchio(robot: Robot, q: FloatArray, dq: FloatArray, tau:
         of_constraints.append(constraints[-1].createData())
     data = model.createData()
     pin.initConstraintDynamics(model, data, constraints, of_constraints)
-    settings = pin.ProximalSettings(1e-15, 1e-9, 100)
+    settings = pin.ProximalSettings(1e-14, 1e-6, 1000)
     return np.array(
         [
             pin.constraintDynamics(model, data, *state, constraints, of_constraints, settings).copy()

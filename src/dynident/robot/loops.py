@@ -32,11 +32,11 @@ TITLE = "Unusable closed loop"
 CLOSED = 1e-9
 """Gap of a closed loop (m, rad): rounding."""
 SINGULAR = 1e3
-"""Condition of ∂φ/∂x, with lengths in units of the machine's size, above which a posture counts as singular."""
+"""Condition of ∂φ/∂x above which a posture counts as singular."""
 _FOUND, _LEAP, _FAR_FROM_SINGULAR = 1e-13, 1.0, 30.0
 _STEP, _MOST_STEPS, _ROUNDS = 0.1, 80, 40
 _SAMPLES, _EXACT, _MOST_ROUNDS = 3000, 1e-12, 5
-_NEARLY = 1e-7
+_NEARLY, _LEAST_REACHED = 1e-7, 0.02
 _DEGREES = (1, 3, 5, 7, 9, 11, 13)
 _HIGHEST = {1: 13, 2: 13, 3: 7}
 
@@ -172,6 +172,17 @@ class Closure:
             )
         return posture
 
+    def postures(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Random driven positions (count, n) at which the loops are closed, far from singular, within the limits."""
+        kept: list[FloatArray] = []
+        while sum(map(len, kept)) < count:
+            q = rng.uniform(self.low, self.high, (2 * count, self.n))
+            x, fine = self.follow(q)
+            fine &= _condition(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
+            self._check_reach(fine)
+            kept.append(q[fine])
+        return np.vstack(kept)[:count]
+
     def follow(self, q: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Passive coordinates (m, p) on the straight ways from the start to q (m, n), and which did not get lost (m,).
 
@@ -198,7 +209,7 @@ class Closure:
 
     @cached_property
     def size(self) -> float:
-        """Length (m) that gaps and conditions are measured by."""
+        """Length (m) that gaps are measured by."""
         lengths = [float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.joints]
         lengths += [float(np.linalg.norm(end.frame[:3, 3])) for loop in self.loops for end in loop.ends]
         return max(lengths, default=1.0) or 1.0
@@ -222,7 +233,7 @@ class Closure:
         return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])))
 
     def _evaluated(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """φ (m, e) and ∂φ/∂x (m, e, p), both in the machine's size."""
+        """φ (m, e) and ∂φ/∂x (m, e, p)."""
         values = self._program(np.ascontiguousarray(q), np.ascontiguousarray(x))
         whole = values.reshape(len(q), 1 + self.p, -1)
         return whole[:, 0].copy(), np.swapaxes(whole[:, 1:], 1, 2).copy()
@@ -328,13 +339,7 @@ class Closure:
         q[: _SAMPLES // 8] = self._posture[: self.n] + 0.3 * (q[: _SAMPLES // 8] - self._posture[: self.n])
         x, fine = self.follow(q)
         fine &= _condition(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
-        if np.count_nonzero(fine) < 50:
-            raise _error(
-                "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
-                f"{np.count_nonzero(fine)} of {len(q)} postures are reached. State limits of the driven joints, or "
-                "another start.",
-                self.loops[0],
-            )
+        self._check_reach(fine)
         q, x = q[fine], x[fine]
         work = self._step.n_instructions()
         best: tuple[float, ca.Function, int] | None = None
@@ -387,6 +392,15 @@ class Closure:
             found = found - np.linalg.solve(slopes, gap[:, :, None])[:, :, 0]
         return None
 
+    def _check_reach(self, fine: BoolArray) -> None:
+        if np.mean(fine) < _LEAST_REACHED:
+            raise _error(
+                "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
+                f"{np.count_nonzero(fine)} of {len(fine)} postures are reached. State limits of the driven joints, or "
+                "another start.",
+                self.loops[0],
+            )
+
     def _loop_of(self, row: int) -> Loop:
         return next(loop for loop in self.loops if row in self._rows_of(loop))
 
@@ -404,12 +418,9 @@ def _error(detail: str, loop: Loop) -> DynidentError:
 
 
 def _condition(slopes: FloatArray) -> FloatArray:
-    """(m,): condition of matrices (m, p, p) whose rows have unit size; infinite where one is no number."""
-    size = np.linalg.norm(slopes, axis=2, keepdims=True)
-    scaled = slopes / np.where(size > 0, size, 1.0)
-    finite = np.isfinite(scaled).all(axis=(1, 2))
-    scaled[~finite] = 0.0
-    singular = np.linalg.svd(scaled, compute_uv=False)
+    """(m,): condition of matrices (m, p, p); infinite where one is no number."""
+    finite = np.isfinite(slopes).all(axis=(1, 2))
+    singular = np.linalg.svd(np.where(finite[:, None, None], slopes, 0.0), compute_uv=False)
     smallest = singular[:, -1]
     return np.where(smallest > 0, singular[:, 0] / np.where(smallest > 0, smallest, 1.0), np.inf)
 
