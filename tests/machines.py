@@ -222,7 +222,6 @@ def torque_of_mujoco(robot: Robot, q: FloatArray, dq: FloatArray, ddq: FloatArra
 
 def accelerations_of_pinocchio(robot: Robot, q: FloatArray, dq: FloatArray, tau: FloatArray) -> FloatArray:
     """q̈ (m, N) of the tree by Pinocchio's constrained dynamics for torques (m, N); loops alone."""
-    assert robot.linkage is not None and robot.linkage.closure is not None
     model = to_pinocchio(robot)
     constraints, of_constraints = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
     for loop in robot.linkage.closure.loops:

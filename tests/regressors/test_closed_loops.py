@@ -137,10 +137,7 @@ def test_a_five_bar_has_the_torque_of_a_model_derived_by_hand() -> None:
     def by_hand(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         h, d = 1e-3, np.eye(2) * 1e-3
         momentum = [
-            [
-                (lagrangian(p, w + d[j]) - lagrangian(p, w - d[j])) / (2 * d[j, j])
-                for j in range(2)
-            ]
+            [(lagrangian(p, w + d[j]) - lagrangian(p, w - d[j])) / (2 * d[j, j]) for j in range(2)]
             for p, w in ((q + t * v + 0.5 * t**2 * a, v + t * a) for t in (h, -h))
         ]
         force = [(lagrangian(q + d[j], v) - lagrangian(q - d[j], v)) / (2 * d[j, j]) for j in range(2)]

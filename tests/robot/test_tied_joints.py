@@ -17,7 +17,6 @@ from dynident.robot.document import robot_document, robot_from_document
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.modified_dh import robot_from_modified_dh
 
-
 AXIS_Z = '<axis xyz="0 0 1"/>'
 
 
@@ -126,7 +125,10 @@ BAD = {
     "nobody": ("/joints/5/tie", "follows 'elbow', which is no moving joint; moving joints: yaw, arm"),
     "none": ("/joints/5/tie", "by 0.0; expected a number other than 0"),
     "both": ("/joints/4/passive", "state either passive or tie"),
-    "too short": ("/loops/0", r"'parallelogram' does not close: .* its frames are [\d.]+ m apart, and [\d.]+ m at best"),
+    "too short": (
+        "/loops/0",
+        r"'parallelogram' does not close: .* its frames are [\d.]+ m apart, and [\d.]+ m at best",
+    ),
     "redundant": ("/loops/0", "'parallelogram' has redundant constraints: 3 equations for 2 passive"),
     "free": ("/loops", "No loop holds the passive joints flange"),
     "undriven": ("/loops/0", "No driven joint moves loop 'parallelogram'|4 passive joints .* for 2 equations"),

@@ -13,8 +13,8 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.export.exported import SMALL, ExportedFile, Links
 from dynident.export.names import in_xml_comment, printable, slug
-from dynident.export.ties import tie_elements
 from dynident.export.summary import SIGNS, identification_lines, origin
+from dynident.export.ties import tie_elements
 from dynident.identification import Identification
 from dynident.robot.model import Joint
 from dynident.robot.pinocchio_model import dynamic_parameters

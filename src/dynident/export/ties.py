@@ -10,7 +10,7 @@ _HARD = {"solref": "0.002 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
 
 
 def tie_elements(robot: Robot) -> list[Element]:
-    """What a machine's `<mujoco>` has beside its bodies: fixed tendons that hold its joints together; none for a tree."""
+    """What a machine's `<mujoco>` has beside its bodies: fixed tendons that hold joints together; none for a tree."""
     linkage = robot.linkage
     if linkage is None:
         return []
@@ -22,13 +22,9 @@ def tie_elements(robot: Robot) -> list[Element]:
         for k, ratio in zip(linkage.driven, linkage.ratios[j], strict=True):
             if ratio:
                 coefficient = number_text(-float(ratio))
-                tendon.children.append(
-                    Element("joint", {"joint": linkage.tree.joint_names[k], "coef": coefficient}, 0)
-                )
+                tendon.children.append(Element("joint", {"joint": linkage.tree.joint_names[k], "coef": coefficient}, 0))
         tendons.children.append(tendon)
         # MuJoCo measures a tendon from its length at q = 0.
         offset = f"{number_text(float(linkage.offsets[j]))} 0 0 0 0"
-        equality.children.append(
-            Element("tendon", {"tendon1": f"{name}_follows", "polycoef": offset, **_HARD}, 0)
-        )
+        equality.children.append(Element("tendon", {"tendon1": f"{name}_follows", "polycoef": offset, **_HARD}, 0))
     return [tendons, equality]

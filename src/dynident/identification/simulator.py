@@ -96,8 +96,8 @@ def possible_standard(model: Model, values: FloatArray) -> FloatArray:
 
     Of rotors and links only sums are determined, so a rotor may have come out below zero: the links take that over.
     """
-    n, links = model.robot.n, 10 * model.robot.tree.n
-    inertias, rotors = model.standard_inertia(values).reshape(-1, 10), model.reference(values)[links : links + n]
+    n, first = model.robot.n, 10 * model.robot.tree.n
+    inertias, rotors = model.standard_inertia(values).reshape(-1, 10), model.reference(values)[first : first + n]
     own = dict(zip(model.base.kept, values, strict=True))
     standard = np.zeros(len(model.columns))
     for k, column in enumerate(model.columns):

@@ -1,7 +1,7 @@
 """Machines whose joints are not all free: which joints of the tree are driven, and what the others follow.
 
-Data, drives and limits are those of the driven joints q_a (n,). The links hang on the tree's joints q (N,), which follow
-from them: q = f(q_a), q̇ = G q̇_a with G = ∂f/∂q_a, and the torques of the driven joints are Γ = Gᵀ Γ_tree.
+Data, drives and limits are those of the driven joints q_a (n,). The links hang on the tree's joints q (N,), which
+follow from them: q = f(q_a), q̇ = G q̇_a with G = ∂f/∂q_a, and the torques of the driven joints are Γ = Gᵀ Γ_tree.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
+from dynident.robot.cut_joints import Loop
 from dynident.robot.loops import TITLE as CLOSURE_TITLE
-from dynident.robot.loops import Closure, Loop
+from dynident.robot.loops import Closure
 from dynident.robot.pointers import listed
 
 if TYPE_CHECKING:
@@ -37,8 +38,8 @@ class Tie:
 class Linkage:
     """The tree that carries the links of a machine, and how it follows the driven joints.
 
-    `driven` (n,) are the driven joints' places among the tree's; q = `ratios` (N, n + p) [q_a; x] + `offsets` (N,), with
-    the p passive coordinates x that closed loops determine, if there are any (`closure`).
+    `driven` (n,) are the driven joints' places among the tree's; q = `ratios` (N, n + p) [q_a; x] + `offsets` (N,),
+    with the p passive coordinates x that closed loops determine, if there are any (`closure`).
     """
 
     tree: Robot
@@ -77,9 +78,8 @@ class Linkage:
 
     def repeats(self, joint: int) -> bool:
         """Whether a joint of the tree turns, or slides, so many times as far as one driven joint."""
-        return np.count_nonzero(self.ratios[joint, : len(self.driven)]) < 2 and not np.any(
-            self.ratios[joint, len(self.driven) :]
-        )
+        own = self.ratios[joint]
+        return bool(np.count_nonzero(own[: len(self.driven)]) < 2 and not own[len(self.driven) :].any())
 
     def movers(self, joint: int) -> tuple[int, ...]:
         """Places among the driven joints of those that a joint of the tree moves with."""
@@ -123,8 +123,8 @@ def linked(
     Raises
     ------
     DynidentError
-            A joint follows itself, directly or by way of others, or one that does not exist; or a ratio is none. Or loops
-        do not close, or do not determine the passive joints.
+        A joint follows itself, directly or by way of others, or one that does not exist; or a ratio is none. Or
+        loops do not close, or do not determine the passive joints.
     """
     cuts = Cuts() if cuts is None else cuts
     ties = {name: tie for name, tie in ties.items() if name in tree.joint_names}
@@ -154,14 +154,18 @@ def linked(
 
 
 def driven_robot(linkage: Linkage) -> Robot:
-    """The robot whose joints are the driven ones of a linkage; the antecedent of each is the driven joint before it."""
+    """The robot whose joints are the driven ones of a linkage; each one's antecedent is the driven joint before it."""
     tree, driven = linkage.tree, linkage.driven
     joints = []
     for j in driven:
         before = [k for k in tree.ancestors(j)[:-1] if k in driven]
         joints.append(replace(tree.joints[j], parent=driven.index(before[-1]) if before else -1))
     return replace(
-        tree, joints=tuple(joints), drives=tuple(tree.drives[j] for j in driven), linkage=linkage, inertias=tree.inertias
+        tree,
+        joints=tuple(joints),
+        drives=tuple(tree.drives[j] for j in driven),
+        linkage=linkage,
+        inertias=tree.inertias,
     )
 
 

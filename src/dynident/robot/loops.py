@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations_with_replacement
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,12 +21,9 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
+from dynident.robot.cut_joints import EQUATIONS, Loop, frames_of_joints, gap_of, sparse
 from dynident.robot.model import Joint
 from dynident.robot.pointers import listed
-
-LoopKind = Literal["planar", "point", "full"]
-EQUATIONS = {"planar": 2, "point": 3, "full": 6}
-"""How many equations a loop of each kind has."""
 
 TITLE = "Unusable closed loop"
 CLOSED = 1e-9
@@ -39,27 +36,6 @@ _SAMPLES, _EXACT, _MOST_ROUNDS = 3000, 1e-12, 5
 _NEARLY, _LEAST_REACHED = 1e-7, 0.02
 _DEGREES = (1, 3, 5, 7, 9, 11, 13)
 _HIGHEST = {1: 13, 2: 13, 3: 7}
-
-
-@dataclass(frozen=True, eq=False)
-class End:
-    """One side of a cut joint: the joint of the tree that carries it (-1: the base), and the frame (4, 4) in its own."""
-
-    joint: int
-    frame: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Loop:
-    """Two frames that coincide: wholly, in their origins (a ball joint), or in the xy plane of the first (a pin).
-
-    `where` is its place in the description, for messages.
-    """
-
-    name: str
-    kind: LoopKind
-    ends: tuple[End, End]
-    where: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +73,9 @@ class Closure:
     @cached_property
     def gaps(self) -> ca.SX:
         """φ SX (equations, 1): m, and rad where frames coincide wholly."""
-        q = ca.mtimes(_sparse(self.ratios), ca.vertcat(*self.symbols)) + ca.DM(self.offsets)
-        frames = _frames(self.joints, q)
-        return ca.vertcat(*(_gap(loop, frames) for loop in self.loops))
+        q = ca.mtimes(sparse(self.ratios), ca.vertcat(*self.symbols)) + ca.DM(self.offsets)
+        frames = frames_of_joints(self.joints, q)
+        return ca.vertcat(*(gap_of(loop, frames) for loop in self.loops))
 
     @cached_property
     def slopes(self) -> tuple[ca.SX, ca.SX]:
@@ -239,10 +215,8 @@ class Closure:
         return whole[:, 0].copy(), np.swapaxes(whole[:, 1:], 1, 2).copy()
 
     def _check_counts(self) -> None:
-        over_driven, over_passive = self.slopes
-        groups = self._groups
         touched: set[int] = set()
-        for rows, unknowns, driven in groups:
+        for rows, unknowns, driven in self._groups:
             loop = self._loop_of(rows[0])
             touched |= set(unknowns)
             if not driven:
@@ -254,8 +228,8 @@ class Closure:
             if len(unknowns) > len(rows):
                 raise _error(
                     f"{len(unknowns)} passive joints ({listed(self.names[self.n + k] for k in unknowns)}) for "
-                    f"{len(rows)} equations of loop '{loop.name}': they can move while the driven joints stand. Drive or "
-                    "tie joints, or let more of the frames coincide.",
+                    f"{len(rows)} equations of loop '{loop.name}': they can move while the driven joints stand. Drive "
+                    "or tie joints, or let more of the frames coincide.",
                     loop,
                 )
             if len(unknowns) < len(rows):
@@ -283,8 +257,8 @@ class Closure:
             if np.all(np.linalg.cond(part) > SINGULAR):
                 loop = self._loop_of(rows[0])
                 raise _error(
-                    f"Loop '{loop.name}' has redundant constraints: its {len(rows)} equations are not independent in any "
-                    "posture nearby, so that they cannot determine "
+                    f"Loop '{loop.name}' has redundant constraints: its {len(rows)} equations are not independent in "
+                    "any posture nearby, so that they cannot determine "
                     f"{listed(self.names[self.n + k] for k in unknowns)}. A loop in a plane is of the kind planar, "
                     "about the z axis of its first frame.",
                     loop,
@@ -366,7 +340,7 @@ class Closure:
         guess = ca.SX.zeros(self.p, 1)
         for _, unknowns, movers in self._groups:
             own = min(degree, _HIGHEST.get(len(movers), 4))
-            terms = np.stack([np.ones(len(q)), *_products(scaled[:, movers].T, own)], axis=1)
+            terms = np.stack([np.ones(len(q)), *_products(list(scaled[:, movers].T), own)], axis=1)
             weights = np.linalg.lstsq(terms, x[:, unknowns], rcond=1e-12)[0]
             weights[np.abs(weights) < 1e-12] = 0.0
             columns = ca.vertcat(1, *_products([symbols[j] for j in movers], own))
@@ -419,8 +393,9 @@ def _error(detail: str, loop: Loop) -> DynidentError:
 
 def _condition(slopes: FloatArray) -> FloatArray:
     """(m,): condition of matrices (m, p, p); infinite where one is no number."""
-    finite = np.isfinite(slopes).all(axis=(1, 2))
-    singular = np.linalg.svd(np.where(finite[:, None, None], slopes, 0.0), compute_uv=False)
+    finite: BoolArray = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
+    known: FloatArray = np.where(finite[:, None, None], slopes, 0.0)
+    singular = np.asarray(np.linalg.svd(known, compute_uv=False), dtype=np.float64)
     smallest = singular[:, -1]
     return np.where(smallest > 0, singular[:, 0] / np.where(smallest > 0, smallest, 1.0), np.inf)
 
@@ -433,43 +408,3 @@ def _products(factors: Sequence[Any], degree: int) -> list[Any]:
             last = factors[places[-1]]
             made[places] = last if count == 1 else made[places[:-1]] * last
     return list(made.values())
-
-
-def _sparse(matrix: FloatArray) -> ca.SX:
-    return ca.sparsify(ca.SX(ca.DM(matrix)))
-
-
-def _frames(joints: Sequence[Joint], q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-    """Rotation (3, 3) and origin (3, 1) of every joint's frame in the base frame."""
-    frames: list[tuple[ca.SX, ca.SX]] = []
-    for index, joint in enumerate(joints):
-        rotation, origin = (ca.SX.eye(3), ca.SX(3, 1)) if joint.parent < 0 else frames[joint.parent]
-        origin = origin + ca.mtimes(rotation, _sparse(joint.placement[:3, 3:]))
-        rotation = ca.mtimes(rotation, _sparse(joint.placement[:3, :3]))
-        axis = _sparse(joint.axis[:, None])
-        if joint.kind == "prismatic":
-            origin = origin + ca.mtimes(rotation, axis) * q[index]
-        else:
-            along = ca.mtimes(axis, axis.T)
-            turn = ca.cos(q[index]) * (ca.SX.eye(3) - along) + ca.sin(q[index]) * ca.skew(ca.densify(axis)) + along
-            rotation = ca.mtimes(rotation, ca.sparsify(turn))
-        frames.append((rotation, origin))
-    return frames
-
-
-def _gap(loop: Loop, frames: Sequence[tuple[ca.SX, ca.SX]]) -> ca.SX:
-    (turned, first), (other, second) = (_placed(end, frames) for end in loop.ends)
-    apart = ca.mtimes(turned.T, second - first)
-    if loop.kind == "planar":
-        return apart[:2]
-    if loop.kind == "point":
-        return apart
-    between = ca.mtimes(turned.T, other)
-    twist = 0.5 * (between - between.T)
-    return ca.vertcat(apart, twist[2, 1], twist[0, 2], twist[1, 0])
-
-
-def _placed(end: End, frames: Sequence[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
-    rotation, origin = (ca.SX.eye(3), ca.SX(3, 1)) if end.joint < 0 else frames[end.joint]
-    place = origin + ca.mtimes(rotation, _sparse(end.frame[:3, 3:]))
-    return ca.mtimes(rotation, _sparse(end.frame[:3, :3])), place

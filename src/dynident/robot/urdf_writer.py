@@ -84,14 +84,12 @@ def _joint(joint: Joint, parent: str, child: str) -> Element:
 def _mimic(joint: str, tie: Tie) -> Element:
     if len(tie.ratios) != 1:
         raise DynidentError(
-            f"Joint '{joint}' follows {len(tie.ratios)} joints, and a URDF's <mimic> follows one. Export MJCF, C code, a "
-            "CasADi function or JSON.",
+            f"Joint '{joint}' follows {len(tie.ratios)} joints, and a URDF's <mimic> follows one. Export MJCF, C code, "
+            "a CasADi function or JSON.",
             title="Not expressible in URDF",
         )
     [(other, ratio)] = tie.ratios.items()
-    return Element(
-        "mimic", {"joint": other, "multiplier": number_text(ratio), "offset": number_text(tie.offset)}, 0
-    )
+    return Element("mimic", {"joint": other, "multiplier": number_text(ratio), "offset": number_text(tie.offset)}, 0)
 
 
 def inertial_element(inertial: FloatArray, link: str) -> Element:

@@ -13,7 +13,7 @@ from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.pool import changes_in
 from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.residuals.leads import Leads
-from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of
+from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification import Identification
