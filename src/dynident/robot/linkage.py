@@ -16,12 +16,16 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.cut_joints import Loop
+from dynident.robot.loops import SINGULAR, Closure
 from dynident.robot.loops import TITLE as CLOSURE_TITLE
-from dynident.robot.loops import Closure
 from dynident.robot.pointers import listed
 
 if TYPE_CHECKING:
     from dynident.robot.model import Robot
+
+
+# Of recorded positions every such one is looked at; a loop that is open by more (m) is no rounding.
+_EVERY, _OPEN = 20, 1e-6
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,28 @@ class Linkage:
         passive = np.array([np.asarray(self.closure.accelerations(*state)).ravel() for state in states])
         speed = np.einsum("mij,mj->mi", self.rates(q), dq)
         return self.positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
+
+    def check_closed(self, t: FloatArray, q: FloatArray) -> None:
+        """Look at some of the driven positions q (m, n) at times t (m,), whether the loops are closed there.
+
+        Raises
+        ------
+        DynidentError
+            Where they are open, or the posture is singular: no recording of this machine is there.
+        """
+        if self.closure is None:
+            return
+        gaps, conditions = self.closure.conditions(q[::_EVERY])
+        wrong = np.flatnonzero(~(gaps < _OPEN) | ~(conditions < SINGULAR))
+        if len(wrong):
+            k = int(wrong[0])
+            raise DynidentError(
+                f"At t = {t[::_EVERY][k]:.3f} s the loops ({listed(loop.name for loop in self.closure.loops)}) are "
+                f"open by {gaps[k]:.3g} m, with the condition {conditions[k]:.3g} of their equations: the recorded "
+                "positions are at or beyond a singular posture, or outside the limits of the driven joints that the "
+                "passive positions are known within. Correct lengths, zeros or signs, or state wider limits.",
+                title=CLOSURE_TITLE,
+            )
 
     def repeats(self, joint: int) -> bool:
         """Whether a joint of the tree turns, or slides, so many times as far as one driven joint."""

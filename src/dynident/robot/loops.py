@@ -9,11 +9,8 @@ that was fitted to positions followed from there. What follows are expressions, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations_with_replacement
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -22,6 +19,7 @@ from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.robot.cut_joints import EQUATIONS, Loop, frames_of_joints, gap_of, sparse
+from dynident.robot.loop_numbers import condition_of, products
 from dynident.robot.model import Joint
 from dynident.robot.pointers import listed
 
@@ -124,7 +122,7 @@ class Closure:
     def conditions(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Largest gap (m,) in m or rad, and the condition (m,) of ∂φ/∂x, at driven positions (m, n)."""
         gap, slopes = self._evaluated(q, self.passive(q))
-        return np.abs(gap).max(axis=1), _condition(slopes)
+        return np.abs(gap).max(axis=1), condition_of(slopes)
 
     def check(self) -> FloatArray:
         """Close the loops from the start; the closed posture (n + p,).
@@ -138,7 +136,7 @@ class Closure:
         self._check_counts()
         posture = self._closed_start()
         _, slopes = self._evaluated(posture[None, : self.n], posture[None, self.n :])
-        condition = float(_condition(slopes)[0])
+        condition = float(condition_of(slopes)[0])
         if condition > SINGULAR:
             self._check_rank(posture)
             raise _error(
@@ -154,7 +152,7 @@ class Closure:
         while sum(map(len, kept)) < count:
             q = rng.uniform(self.low, self.high, (2 * count, self.n))
             x, fine = self.follow(q)
-            fine &= _condition(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
+            fine &= condition_of(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
             self._check_reach(fine)
             kept.append(q[fine])
         return np.vstack(kept)[:count]
@@ -173,7 +171,7 @@ class Closure:
             here, before = posture[: self.n] + away * (k / count), x
             for _ in range(2 if k < count else 5):
                 gap, slopes = self._evaluated(here, x)
-                good = _condition(slopes) < SINGULAR
+                good = condition_of(slopes) < SINGULAR
                 fine &= good
                 slopes[~fine] = np.eye(self.p)
                 gap[~fine] = 0.0
@@ -181,7 +179,7 @@ class Closure:
             # What leaps has left its branch.
             fine &= np.abs(x - before).max(axis=1) < _LEAP
         gap, slopes = self._evaluated(q, x)
-        return x, fine & (np.abs(gap).max(axis=1) < _FOUND) & (_condition(slopes) < SINGULAR)
+        return x, fine & (np.abs(gap).max(axis=1) < _FOUND) & (condition_of(slopes) < SINGULAR)
 
     @cached_property
     def size(self) -> float:
@@ -312,7 +310,7 @@ class Closure:
         q = rng.uniform(self.low, self.high, (_SAMPLES, self.n))
         q[: _SAMPLES // 8] = self._posture[: self.n] + 0.3 * (q[: _SAMPLES // 8] - self._posture[: self.n])
         x, fine = self.follow(q)
-        fine &= _condition(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
+        fine &= condition_of(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
         self._check_reach(fine)
         q, x = q[fine], x[fine]
         work = self._step.n_instructions()
@@ -340,10 +338,10 @@ class Closure:
         guess = ca.SX.zeros(self.p, 1)
         for _, unknowns, movers in self._groups:
             own = min(degree, _HIGHEST.get(len(movers), 4))
-            terms = np.stack([np.ones(len(q)), *_products(list(scaled[:, movers].T), own)], axis=1)
+            terms = np.stack([np.ones(len(q)), *products(list(scaled[:, movers].T), own)], axis=1)
             weights = np.linalg.lstsq(terms, x[:, unknowns], rcond=1e-12)[0]
             weights[np.abs(weights) < 1e-12] = 0.0
-            columns = ca.vertcat(1, *_products([symbols[j] for j in movers], own))
+            columns = ca.vertcat(1, *products([symbols[j] for j in movers], own))
             values = ca.mtimes(ca.sparsify(ca.SX(ca.DM(weights.T))), columns)
             for place, k in enumerate(unknowns):
                 guess[k] = values[place]
@@ -389,22 +387,3 @@ class Closure:
 
 def _error(detail: str, loop: Loop) -> DynidentError:
     return DynidentError(detail, pointer=loop.where, title=TITLE)
-
-
-def _condition(slopes: FloatArray) -> FloatArray:
-    """(m,): condition of matrices (m, p, p); infinite where one is no number."""
-    finite: BoolArray = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
-    known: FloatArray = np.where(finite[:, None, None], slopes, 0.0)
-    singular = np.asarray(np.linalg.svd(known, compute_uv=False), dtype=np.float64)
-    smallest = singular[:, -1]
-    return np.where(smallest > 0, singular[:, 0] / np.where(smallest > 0, smallest, 1.0), np.inf)
-
-
-def _products(factors: Sequence[Any], degree: int) -> list[Any]:
-    """All products of up to `degree` factors, arrays or expressions, each made of one before."""
-    made: dict[tuple[int, ...], Any] = {}
-    for count in range(1, degree + 1):
-        for places in combinations_with_replacement(range(len(factors)), count):
-            last = factors[places[-1]]
-            made[places] = last if count == 1 else made[places[:-1]] * last
-    return list(made.values())
