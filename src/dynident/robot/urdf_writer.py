@@ -32,6 +32,11 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
     """
     stated = robot.inertias if inertias is None else inertias
     ties = {} if robot.linkage is None else robot.linkage.ties
+    if robot.linkage is not None and robot.linkage.closure is not None:
+        raise DynidentError(
+            f"{robot.name} has closed loops, and a URDF is a tree. Export MJCF, C code, a CasADi function or JSON.",
+            title="Not expressible in URDF",
+        )
     robot = robot.tree
     links = link_names(robot)
     root = Element("robot", {"name": robot.name}, 0)
