@@ -222,7 +222,6 @@ def torque_of_mujoco(robot: Robot, q: FloatArray, dq: FloatArray, ddq: FloatArra
 
 def accelerations_of_pinocchio(robot: Robot, q: FloatArray, dq: FloatArray, tau: FloatArray) -> FloatArray:
     """q̈ (m, N) of the tree by Pinocchio's constrained dynamics for torques (m, N); loops alone."""
-    assert robot.linkage is not None and robot.linkage.closure is not None
     model = to_pinocchio(robot)
     constraints, of_constraints = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
     for loop in robot.linkage.closure.loops:
@@ -231,7 +230,7 @@ def accelerations_of_pinocchio(robot: Robot, q: FloatArray, dq: FloatArray, tau:
         of_constraints.append(constraints[-1].createData())
     data = model.createData()
     pin.initConstraintDynamics(model, data, constraints, of_constraints)
-    settings = pin.ProximalSettings(1e-15, 1e-9, 100)
+    settings = pin.ProximalSettings(1e-14, 1e-6, 1000)
     return np.array(
         [
             pin.constraintDynamics(model, data, *state, constraints, of_constraints, settings).copy()

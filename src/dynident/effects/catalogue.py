@@ -117,8 +117,12 @@ def load_in(run: str) -> EffectChoice:
     return EffectChoice("payload", runs=(run,))
 
 
-_OF_LINKS = frozenset({"rigid_body", "payload", "rotor_coupling", "kinematic_error", "external_contact"})
+_OF_LINKS = frozenset({"rigid_body", "payload", "rotor_coupling", "kinematic_error", "external_contact", "cable_force"})
 """Effects of links, wherever they are on the tree: no matter of the joints that are driven alone."""
+
+_OF_MOTORS = frozenset(
+    {"rotor_inertia", "drive_gain_error", "drive_gain_saturation", "encoder_zero_error", "transmission_coupling"}
+)
 
 
 class UnknownEffectError(DynidentError):
@@ -178,6 +182,13 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
             fitting = ", ".join(robot.joint_names[j] for j in possible)
             raise UnknownEffectError(
                 f"{choice.effect} cannot sit on {name}; it can on: {fitting}", pointer=pointer, title="Unfit joint"
+            )
+        if whole.linkage is not None and index not in whole.linkage.driven and effect.id in _OF_MOTORS:
+            raise UnknownEffectError(
+                f"{choice.effect} is a matter of motors, and {name} has none; driven joints: "
+                f"{', '.join(whole.joint_names)}",
+                pointer=pointer,
+                title="Unfit joint",
             )
         indices.append(index)
     return tuple(sorted(set(indices)))
@@ -247,11 +258,12 @@ def _of_linked(
     if effect.id in _OF_LINKS:
         return tree.columns(effect.columns(tree, joints, shape))
     made: list[Column] = []
-    on_driven = [driven.index(j) for j in joints if j in driven]
+    fitting = effect.applicable(signals.robot)
+    on_driven = [driven.index(j) for j in joints if j in driven and driven.index(j) in fitting]
     if on_driven or effect.scope == "robot":
         own = effect.columns(signals, on_driven, shape)
         made += [_numbered(column, signals.robot, driven) for column in own]
-    others = [j for j in joints if j not in driven]
+    others = [j for j in joints if j not in driven or driven.index(j) not in fitting]
     if others and effect.scope == "joint":
         made += tree.columns(effect.columns(tree, others, shape))
     return made

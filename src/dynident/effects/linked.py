@@ -101,7 +101,7 @@ class _FreeCoordinates:
         for count in range(1, order):
             state, change = ca.vertcat(*known[: count + 2], x), ca.vertcat(*rates[: count + 2], moving)
             value = ca.jtimes(value, state, change)
-        given = [*self._given[: order + 2]]
+        given = [ca.densify(one) for one in self._given[: order + 2]]
         return ca.substitute([value], [driven, *rates, x], [*given, self._solved])[0]
 
 

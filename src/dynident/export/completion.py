@@ -134,7 +134,7 @@ def _moved_onto(unknowns: Unknowns, base: FloatArray, values: FloatArray) -> Flo
 
 def _impossible(unknowns: Unknowns, equations: Equations) -> list[str]:
     """Which links and rotors the base parameters leave no room for, in words."""
-    names = unknowns.model.robot.joint_names
+    names = unknowns.model.robot.tree.joint_names
     words = [f"the link of {names[j]} (no mass that is positive everywhere has its moments)" for j in unknowns.links]
     words += [f"the rotor of {names[j]} (negative inertia)" for j in unknowns.rotors]
     for near in _NEAR:

@@ -78,6 +78,8 @@ class Links:
         observation, robot = model.observation, model.robot
         rng = np.random.default_rng(0)
         q, dq, ddq = (rng.uniform(-size, size, (_STATES, robot.n)) for size in (1.0, 1.0, 3.0))
+        if robot.linkage is not None and robot.linkage.closure is not None:
+            q = robot.linkage.closure.postures(rng, _STATES)
         entries = observation.evaluate(
             q, dq, ddq, reference=np.zeros(10 * robot.tree.n), memory=np.zeros((_STATES, observation.n_memory))
         )

@@ -14,8 +14,8 @@ from dynident.effects import Role, role_of
 from dynident.errors import DynidentError
 from dynident.export.exported import SMALL, ExportedFile, Links
 from dynident.export.names import in_xml_comment, printable, slug
-from dynident.export.ties import tie_elements
 from dynident.export.summary import SIGNS, identification_lines, origin
+from dynident.export.ties import held_together
 from dynident.identification import Identification
 from dynident.robot.model import Joint
 from dynident.robot.pinocchio_model import dynamic_parameters
@@ -79,7 +79,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
                 0,
             ),
             world,
-            *tie_elements(robot),
+            *held_together(robot, world, bodies),
             _motors(links),
         ]
     )

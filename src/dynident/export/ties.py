@@ -1,6 +1,10 @@
-"""Joints that follow others, in the words of MuJoCo."""
+"""Joints that follow others, and closed loops, in the words of MuJoCo."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pinocchio as pin
 
 from dynident.robot.model import Robot
 from dynident.robot.urdf_xml import Element, number_text
@@ -9,26 +13,37 @@ from dynident.robot.urdf_xml import Element, number_text
 _HARD = {"solref": "0.002 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
 
 
-def tie_elements(robot: Robot) -> list[Element]:
-    """What a machine's `<mujoco>` has beside its bodies: fixed tendons that hold its joints together; none for a tree."""
+def held_together(robot: Robot, world: Element, bodies: Sequence[Element]) -> list[Element]:
+    """What a machine's `<mujoco>` has beside its bodies; nothing for a tree.
+
+    Fixed tendons hold tied joints together. Where loops are cut, sites are put on the two `bodies` (of the tree's
+    joints, or the `world`), and are connected, or welded where the frames coincide wholly.
+    """
     linkage = robot.linkage
     if linkage is None:
         return []
+    names = linkage.tree.joint_names
     tendons, equality = Element("tendon", {}, 0), Element("equality", {}, 0)
-    for j in linkage.passive:
-        name = linkage.tree.joint_names[j]
+    free = robot.joint_names if linkage.closure is None else linkage.closure.names
+    for name in linkage.ties:
+        j = names.index(name) if name in names else -1
+        if j < 0:
+            continue
         tendon = Element("fixed", {"name": f"{name}_follows"}, 0)
         tendon.children.append(Element("joint", {"joint": name, "coef": "1"}, 0))
-        for k, ratio in zip(linkage.driven, linkage.ratios[j], strict=True):
+        for other, ratio in zip(free, linkage.ratios[j], strict=True):
             if ratio:
-                coefficient = number_text(-float(ratio))
-                tendon.children.append(
-                    Element("joint", {"joint": linkage.tree.joint_names[k], "coef": coefficient}, 0)
-                )
+                tendon.children.append(Element("joint", {"joint": other, "coef": number_text(-float(ratio))}, 0))
         tendons.children.append(tendon)
         # MuJoCo measures a tendon from its length at q = 0.
         offset = f"{number_text(float(linkage.offsets[j]))} 0 0 0 0"
-        equality.children.append(
-            Element("tendon", {"tendon1": f"{name}_follows", "polycoef": offset, **_HARD}, 0)
-        )
+        equality.children.append(Element("tendon", {"tendon1": f"{name}_follows", "polycoef": offset, **_HARD}, 0))
+    for number, loop in enumerate(() if linkage.closure is None else linkage.closure.loops):
+        sites = [f"loop{number + 1}_{side}" for side in "ab"]
+        for site, end in zip(sites, loop.ends, strict=True):
+            x, y, z, w = pin.Quaternion(end.frame[:3, :3]).coeffs()
+            place = {"pos": number_text(*end.frame[:3, 3]), "quat": number_text(w, x, y, z)}
+            (world if end.joint < 0 else bodies[end.joint]).children.append(Element("site", {"name": site, **place}, 0))
+        kind = "weld" if loop.kind == "full" else "connect"
+        equality.children.append(Element(kind, {"site1": sites[0], "site2": sites[1], **_HARD}, 0))
     return [tendons, equality]

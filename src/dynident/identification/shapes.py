@@ -147,7 +147,9 @@ def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:
         return [choice]
     joint = joints_of(choice, robot)[0]
     given = choice.shape_values
-    return [replace(choice, shape=_key({**shape, **given})) for shape in effect_by_id(choice.effect).grid(robot.tree, joint)]
+    return [
+        replace(choice, shape=_key({**shape, **given})) for shape in effect_by_id(choice.effect).grid(robot.tree, joint)
+    ]
 
 
 def _refinable(choice: EffectChoice, kept: Collection[str]) -> list[ShapeSpec]:

@@ -157,7 +157,8 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0) -
     for j, joint in enumerate(robot.joints):
         if joint.kind == "prismatic":
             low[j], high[j] = joint.limits.position or (-1.0, 1.0)
-    q = rng.uniform(low, high, (n_states, n))
+    closure = None if robot.linkage is None else robot.linkage.closure
+    q = rng.uniform(low, high, (n_states, n)) if closure is None else closure.postures(rng, n_states)
     dq, ddq = rng.uniform(-2, 2, (n_states, n)), rng.uniform(-5, 5, (n_states, n))
     dddq, ddddq = rng.uniform(-20, 20, (n_states, n)), rng.uniform(-80, 80, (n_states, n))
     # Half the states at rest: what depends on position alone must not hide behind large accelerations.

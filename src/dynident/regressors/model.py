@@ -78,7 +78,7 @@ class Model:
         return tuple(c for k, c in enumerate(self.columns) if k not in kept and not effect_by_id(c.effect).is_inertia)
 
     def standard_inertia(self, values: FloatArray) -> FloatArray:
-        """Standard inertial parameters (10 N,) of all N links with these base parameters (b,), nearest to the description's.
+        """Standard inertial parameters (10 N,) of all links with these base parameters (b,), near the description's.
 
         The base parameters determine the torque; of all standard parameters that give them, those nearest to the
         description's are taken, since effects that reach beyond the base parameters (a tilted base) need a choice.
@@ -113,7 +113,7 @@ class Model:
         return np.asarray(nominal + scale * (np.linalg.pinv(grouping[seen] * scale, rcond=1e-9) @ gap))
 
     def reference(self, values: FloatArray) -> FloatArray:
-        """What torque is predicted with (10 N + 4 n,): standard inertial parameters, then Ia, Fc, Fv and b of all joints."""
+        """What predicts torque (10 N + 4 n,): standard inertial parameters, then Ia, Fc, Fv and b of driven joints."""
         names, links = self.robot.joint_names, 10 * self.robot.tree.n
         inertial = self._inertial_solution(values)
         drives = np.zeros((len(DRIVE_ROLES), self.robot.n))

@@ -70,6 +70,8 @@ class SampleFunction:
         out[: part.start] = 0.0
         out[part.stop :] = 0.0
         if len(needed):
+            if self._observation.robot.linkage is not None:
+                self._observation.robot.linkage.check_closed(block.t[part], block.q[part])
             self._observation.evaluate(
                 block.q[part],
                 block.dq[part],

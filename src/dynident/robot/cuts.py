@@ -20,8 +20,8 @@ import numpy as np
 import pinocchio as pin
 
 from dynident.errors import DynidentError
+from dynident.robot.cut_joints import EQUATIONS, End, Loop, LoopKind
 from dynident.robot.json_fields import expect_mapping, expect_numbers, expect_text
-from dynident.robot.loops import EQUATIONS, End, Loop, LoopKind
 from dynident.robot.model import Robot
 from dynident.robot.pointers import listed, pointer
 

@@ -1,7 +1,7 @@
 """Machines whose joints are not all free: which joints of the tree are driven, and what the others follow.
 
-Data, drives and limits are those of the driven joints q_a (n,). The links hang on the tree's joints q (N,), which follow
-from them: q = f(q_a), q̇ = G q̇_a with G = ∂f/∂q_a, and the torques of the driven joints are Γ = Gᵀ Γ_tree.
+Data, drives and limits are those of the driven joints q_a (n,). The links hang on the tree's joints q (N,), which
+follow from them: q = f(q_a), q̇ = G q̇_a with G = ∂f/∂q_a, and the torques of the driven joints are Γ = Gᵀ Γ_tree.
 """
 
 from __future__ import annotations
@@ -15,12 +15,17 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
+from dynident.robot.cut_joints import Loop
+from dynident.robot.loops import SINGULAR, Closure
 from dynident.robot.loops import TITLE as CLOSURE_TITLE
-from dynident.robot.loops import Closure, Loop
 from dynident.robot.pointers import listed
 
 if TYPE_CHECKING:
     from dynident.robot.model import Robot
+
+
+# Of recorded positions every such one is looked at; a loop that is open by more (m) is no rounding.
+_EVERY, _OPEN = 20, 1e-6
 
 
 @dataclass(frozen=True)
@@ -37,8 +42,8 @@ class Tie:
 class Linkage:
     """The tree that carries the links of a machine, and how it follows the driven joints.
 
-    `driven` (n,) are the driven joints' places among the tree's; q = `ratios` (N, n + p) [q_a; x] + `offsets` (N,), with
-    the p passive coordinates x that closed loops determine, if there are any (`closure`).
+    `driven` (n,) are the driven joints' places among the tree's; q = `ratios` (N, n + p) [q_a; x] + `offsets` (N,),
+    with the p passive coordinates x that closed loops determine, if there are any (`closure`).
     """
 
     tree: Robot
@@ -75,11 +80,32 @@ class Linkage:
         speed = np.einsum("mij,mj->mi", self.rates(q), dq)
         return self.positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
 
+    def check_closed(self, t: FloatArray, q: FloatArray) -> None:
+        """Look at some of the driven positions q (m, n) at times t (m,), whether the loops are closed there.
+
+        Raises
+        ------
+        DynidentError
+            Where they are open, or the posture is singular: no recording of this machine is there.
+        """
+        if self.closure is None:
+            return
+        gaps, conditions = self.closure.conditions(q[::_EVERY])
+        wrong = np.flatnonzero(~(gaps < _OPEN) | ~(conditions < SINGULAR))
+        if len(wrong):
+            k = int(wrong[0])
+            raise DynidentError(
+                f"At t = {t[::_EVERY][k]:.3f} s the loops ({listed(loop.name for loop in self.closure.loops)}) are "
+                f"open by {gaps[k]:.3g} m, with the condition {conditions[k]:.3g} of their equations: the recorded "
+                "positions are at or beyond a singular posture, or outside the limits of the driven joints that the "
+                "passive positions are known within. Correct lengths, zeros or signs, or state wider limits.",
+                title=CLOSURE_TITLE,
+            )
+
     def repeats(self, joint: int) -> bool:
         """Whether a joint of the tree turns, or slides, so many times as far as one driven joint."""
-        return np.count_nonzero(self.ratios[joint, : len(self.driven)]) < 2 and not np.any(
-            self.ratios[joint, len(self.driven) :]
-        )
+        own = self.ratios[joint]
+        return bool(np.count_nonzero(own[: len(self.driven)]) < 2 and not own[len(self.driven) :].any())
 
     def movers(self, joint: int) -> tuple[int, ...]:
         """Places among the driven joints of those that a joint of the tree moves with."""
@@ -123,8 +149,8 @@ def linked(
     Raises
     ------
     DynidentError
-            A joint follows itself, directly or by way of others, or one that does not exist; or a ratio is none. Or loops
-        do not close, or do not determine the passive joints.
+        A joint follows itself, directly or by way of others, or one that does not exist; or a ratio is none. Or
+        loops do not close, or do not determine the passive joints.
     """
     cuts = Cuts() if cuts is None else cuts
     ties = {name: tie for name, tie in ties.items() if name in tree.joint_names}
@@ -154,14 +180,18 @@ def linked(
 
 
 def driven_robot(linkage: Linkage) -> Robot:
-    """The robot whose joints are the driven ones of a linkage; the antecedent of each is the driven joint before it."""
+    """The robot whose joints are the driven ones of a linkage; each one's antecedent is the driven joint before it."""
     tree, driven = linkage.tree, linkage.driven
     joints = []
     for j in driven:
         before = [k for k in tree.ancestors(j)[:-1] if k in driven]
         joints.append(replace(tree.joints[j], parent=driven.index(before[-1]) if before else -1))
     return replace(
-        tree, joints=tuple(joints), drives=tuple(tree.drives[j] for j in driven), linkage=linkage, inertias=tree.inertias
+        tree,
+        joints=tuple(joints),
+        drives=tuple(tree.drives[j] for j in driven),
+        linkage=linkage,
+        inertias=tree.inertias,
     )
 
 

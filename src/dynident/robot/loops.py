@@ -9,11 +9,8 @@ that was fitted to positions followed from there. What follows are expressions, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations_with_replacement
-from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -21,45 +18,22 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
+from dynident.robot.cut_joints import EQUATIONS, Loop, frames_of_joints, gap_of, sparse
+from dynident.robot.loop_numbers import condition_of, products
 from dynident.robot.model import Joint
 from dynident.robot.pointers import listed
-
-LoopKind = Literal["planar", "point", "full"]
-EQUATIONS = {"planar": 2, "point": 3, "full": 6}
-"""How many equations a loop of each kind has."""
 
 TITLE = "Unusable closed loop"
 CLOSED = 1e-9
 """Gap of a closed loop (m, rad): rounding."""
 SINGULAR = 1e3
-"""Condition of ∂φ/∂x, with lengths in units of the machine's size, above which a posture counts as singular."""
+"""Condition of ∂φ/∂x above which a posture counts as singular."""
 _FOUND, _LEAP, _FAR_FROM_SINGULAR = 1e-13, 1.0, 30.0
 _STEP, _MOST_STEPS, _ROUNDS = 0.1, 80, 40
 _SAMPLES, _EXACT, _MOST_ROUNDS = 3000, 1e-12, 5
-_NEARLY = 1e-7
+_NEARLY, _LEAST_REACHED = 1e-7, 0.02
 _DEGREES = (1, 3, 5, 7, 9, 11, 13)
 _HIGHEST = {1: 13, 2: 13, 3: 7}
-
-
-@dataclass(frozen=True, eq=False)
-class End:
-    """One side of a cut joint: the joint of the tree that carries it (-1: the base), and the frame (4, 4) in its own."""
-
-    joint: int
-    frame: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Loop:
-    """Two frames that coincide: wholly, in their origins (a ball joint), or in the xy plane of the first (a pin).
-
-    `where` is its place in the description, for messages.
-    """
-
-    name: str
-    kind: LoopKind
-    ends: tuple[End, End]
-    where: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +71,9 @@ class Closure:
     @cached_property
     def gaps(self) -> ca.SX:
         """φ SX (equations, 1): m, and rad where frames coincide wholly."""
-        q = ca.mtimes(_sparse(self.ratios), ca.vertcat(*self.symbols)) + ca.DM(self.offsets)
-        frames = _frames(self.joints, q)
-        return ca.vertcat(*(_gap(loop, frames) for loop in self.loops))
+        q = ca.mtimes(sparse(self.ratios), ca.vertcat(*self.symbols)) + ca.DM(self.offsets)
+        frames = frames_of_joints(self.joints, q)
+        return ca.vertcat(*(gap_of(loop, frames) for loop in self.loops))
 
     @cached_property
     def slopes(self) -> tuple[ca.SX, ca.SX]:
@@ -148,7 +122,7 @@ class Closure:
     def conditions(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Largest gap (m,) in m or rad, and the condition (m,) of ∂φ/∂x, at driven positions (m, n)."""
         gap, slopes = self._evaluated(q, self.passive(q))
-        return np.abs(gap).max(axis=1), _condition(slopes)
+        return np.abs(gap).max(axis=1), condition_of(slopes)
 
     def check(self) -> FloatArray:
         """Close the loops from the start; the closed posture (n + p,).
@@ -162,7 +136,7 @@ class Closure:
         self._check_counts()
         posture = self._closed_start()
         _, slopes = self._evaluated(posture[None, : self.n], posture[None, self.n :])
-        condition = float(_condition(slopes)[0])
+        condition = float(condition_of(slopes)[0])
         if condition > SINGULAR:
             self._check_rank(posture)
             raise _error(
@@ -171,6 +145,17 @@ class Closure:
                 self.loops[0],
             )
         return posture
+
+    def postures(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Random driven positions (count, n) at which the loops are closed, far from singular, within the limits."""
+        kept: list[FloatArray] = []
+        while sum(map(len, kept)) < count:
+            q = rng.uniform(self.low, self.high, (2 * count, self.n))
+            x, fine = self.follow(q)
+            fine &= condition_of(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
+            self._check_reach(fine)
+            kept.append(q[fine])
+        return np.vstack(kept)[:count]
 
     def follow(self, q: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Passive coordinates (m, p) on the straight ways from the start to q (m, n), and which did not get lost (m,).
@@ -186,7 +171,7 @@ class Closure:
             here, before = posture[: self.n] + away * (k / count), x
             for _ in range(2 if k < count else 5):
                 gap, slopes = self._evaluated(here, x)
-                good = _condition(slopes) < SINGULAR
+                good = condition_of(slopes) < SINGULAR
                 fine &= good
                 slopes[~fine] = np.eye(self.p)
                 gap[~fine] = 0.0
@@ -194,11 +179,11 @@ class Closure:
             # What leaps has left its branch.
             fine &= np.abs(x - before).max(axis=1) < _LEAP
         gap, slopes = self._evaluated(q, x)
-        return x, fine & (np.abs(gap).max(axis=1) < _FOUND) & (_condition(slopes) < SINGULAR)
+        return x, fine & (np.abs(gap).max(axis=1) < _FOUND) & (condition_of(slopes) < SINGULAR)
 
     @cached_property
     def size(self) -> float:
-        """Length (m) that gaps and conditions are measured by."""
+        """Length (m) that gaps are measured by."""
         lengths = [float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.joints]
         lengths += [float(np.linalg.norm(end.frame[:3, 3])) for loop in self.loops for end in loop.ends]
         return max(lengths, default=1.0) or 1.0
@@ -222,16 +207,14 @@ class Closure:
         return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])))
 
     def _evaluated(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """φ (m, e) and ∂φ/∂x (m, e, p), both in the machine's size."""
+        """φ (m, e) and ∂φ/∂x (m, e, p)."""
         values = self._program(np.ascontiguousarray(q), np.ascontiguousarray(x))
         whole = values.reshape(len(q), 1 + self.p, -1)
         return whole[:, 0].copy(), np.swapaxes(whole[:, 1:], 1, 2).copy()
 
     def _check_counts(self) -> None:
-        over_driven, over_passive = self.slopes
-        groups = self._groups
         touched: set[int] = set()
-        for rows, unknowns, driven in groups:
+        for rows, unknowns, driven in self._groups:
             loop = self._loop_of(rows[0])
             touched |= set(unknowns)
             if not driven:
@@ -243,8 +226,8 @@ class Closure:
             if len(unknowns) > len(rows):
                 raise _error(
                     f"{len(unknowns)} passive joints ({listed(self.names[self.n + k] for k in unknowns)}) for "
-                    f"{len(rows)} equations of loop '{loop.name}': they can move while the driven joints stand. Drive or "
-                    "tie joints, or let more of the frames coincide.",
+                    f"{len(rows)} equations of loop '{loop.name}': they can move while the driven joints stand. Drive "
+                    "or tie joints, or let more of the frames coincide.",
                     loop,
                 )
             if len(unknowns) < len(rows):
@@ -272,8 +255,8 @@ class Closure:
             if np.all(np.linalg.cond(part) > SINGULAR):
                 loop = self._loop_of(rows[0])
                 raise _error(
-                    f"Loop '{loop.name}' has redundant constraints: its {len(rows)} equations are not independent in any "
-                    "posture nearby, so that they cannot determine "
+                    f"Loop '{loop.name}' has redundant constraints: its {len(rows)} equations are not independent in "
+                    "any posture nearby, so that they cannot determine "
                     f"{listed(self.names[self.n + k] for k in unknowns)}. A loop in a plane is of the kind planar, "
                     "about the z axis of its first frame.",
                     loop,
@@ -327,14 +310,8 @@ class Closure:
         q = rng.uniform(self.low, self.high, (_SAMPLES, self.n))
         q[: _SAMPLES // 8] = self._posture[: self.n] + 0.3 * (q[: _SAMPLES // 8] - self._posture[: self.n])
         x, fine = self.follow(q)
-        fine &= _condition(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
-        if np.count_nonzero(fine) < 50:
-            raise _error(
-                "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
-                f"{np.count_nonzero(fine)} of {len(q)} postures are reached. State limits of the driven joints, or "
-                "another start.",
-                self.loops[0],
-            )
+        fine &= condition_of(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
+        self._check_reach(fine)
         q, x = q[fine], x[fine]
         work = self._step.n_instructions()
         best: tuple[float, ca.Function, int] | None = None
@@ -361,10 +338,10 @@ class Closure:
         guess = ca.SX.zeros(self.p, 1)
         for _, unknowns, movers in self._groups:
             own = min(degree, _HIGHEST.get(len(movers), 4))
-            terms = np.stack([np.ones(len(q)), *_products(scaled[:, movers].T, own)], axis=1)
+            terms = np.stack([np.ones(len(q)), *products(list(scaled[:, movers].T), own)], axis=1)
             weights = np.linalg.lstsq(terms, x[:, unknowns], rcond=1e-12)[0]
             weights[np.abs(weights) < 1e-12] = 0.0
-            columns = ca.vertcat(1, *_products([symbols[j] for j in movers], own))
+            columns = ca.vertcat(1, *products([symbols[j] for j in movers], own))
             values = ca.mtimes(ca.sparsify(ca.SX(ca.DM(weights.T))), columns)
             for place, k in enumerate(unknowns):
                 guess[k] = values[place]
@@ -387,6 +364,15 @@ class Closure:
             found = found - np.linalg.solve(slopes, gap[:, :, None])[:, :, 0]
         return None
 
+    def _check_reach(self, fine: BoolArray) -> None:
+        if np.mean(fine) < _LEAST_REACHED:
+            raise _error(
+                "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
+                f"{np.count_nonzero(fine)} of {len(fine)} postures are reached. State limits of the driven joints, or "
+                "another start.",
+                self.loops[0],
+            )
+
     def _loop_of(self, row: int) -> Loop:
         return next(loop for loop in self.loops if row in self._rows_of(loop))
 
@@ -401,64 +387,3 @@ class Closure:
 
 def _error(detail: str, loop: Loop) -> DynidentError:
     return DynidentError(detail, pointer=loop.where, title=TITLE)
-
-
-def _condition(slopes: FloatArray) -> FloatArray:
-    """(m,): condition of matrices (m, p, p) whose rows have unit size; infinite where one is no number."""
-    size = np.linalg.norm(slopes, axis=2, keepdims=True)
-    scaled = slopes / np.where(size > 0, size, 1.0)
-    finite = np.isfinite(scaled).all(axis=(1, 2))
-    scaled[~finite] = 0.0
-    singular = np.linalg.svd(scaled, compute_uv=False)
-    smallest = singular[:, -1]
-    return np.where(smallest > 0, singular[:, 0] / np.where(smallest > 0, smallest, 1.0), np.inf)
-
-
-def _products(factors: Sequence[Any], degree: int) -> list[Any]:
-    """All products of up to `degree` factors, arrays or expressions, each made of one before."""
-    made: dict[tuple[int, ...], Any] = {}
-    for count in range(1, degree + 1):
-        for places in combinations_with_replacement(range(len(factors)), count):
-            last = factors[places[-1]]
-            made[places] = last if count == 1 else made[places[:-1]] * last
-    return list(made.values())
-
-
-def _sparse(matrix: FloatArray) -> ca.SX:
-    return ca.sparsify(ca.SX(ca.DM(matrix)))
-
-
-def _frames(joints: Sequence[Joint], q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-    """Rotation (3, 3) and origin (3, 1) of every joint's frame in the base frame."""
-    frames: list[tuple[ca.SX, ca.SX]] = []
-    for index, joint in enumerate(joints):
-        rotation, origin = (ca.SX.eye(3), ca.SX(3, 1)) if joint.parent < 0 else frames[joint.parent]
-        origin = origin + ca.mtimes(rotation, _sparse(joint.placement[:3, 3:]))
-        rotation = ca.mtimes(rotation, _sparse(joint.placement[:3, :3]))
-        axis = _sparse(joint.axis[:, None])
-        if joint.kind == "prismatic":
-            origin = origin + ca.mtimes(rotation, axis) * q[index]
-        else:
-            along = ca.mtimes(axis, axis.T)
-            turn = ca.cos(q[index]) * (ca.SX.eye(3) - along) + ca.sin(q[index]) * ca.skew(ca.densify(axis)) + along
-            rotation = ca.mtimes(rotation, ca.sparsify(turn))
-        frames.append((rotation, origin))
-    return frames
-
-
-def _gap(loop: Loop, frames: Sequence[tuple[ca.SX, ca.SX]]) -> ca.SX:
-    (turned, first), (other, second) = (_placed(end, frames) for end in loop.ends)
-    apart = ca.mtimes(turned.T, second - first)
-    if loop.kind == "planar":
-        return apart[:2]
-    if loop.kind == "point":
-        return apart
-    between = ca.mtimes(turned.T, other)
-    twist = 0.5 * (between - between.T)
-    return ca.vertcat(apart, twist[2, 1], twist[0, 2], twist[1, 0])
-
-
-def _placed(end: End, frames: Sequence[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
-    rotation, origin = (ca.SX.eye(3), ca.SX(3, 1)) if end.joint < 0 else frames[end.joint]
-    place = origin + ca.mtimes(rotation, _sparse(end.frame[:3, 3:]))
-    return ca.mtimes(rotation, _sparse(end.frame[:3, :3])), place

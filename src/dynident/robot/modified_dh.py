@@ -74,7 +74,20 @@ _RESERVED = ("base", "universe")
 _CONSTANTS = ("gamma", "b", "alpha", "d", "theta", "r")
 _LIMITS = ("position", "velocity", "acceleration", "jerk", "effort", "power")
 _MASS_PROPERTIES = ("mass", "center_of_mass", "inertia")
-_ROW = ("name", "antecedent", "sigma", *_CONSTANTS, "limits", "inertia", "mass_properties", "capsules", "link", "tie", "passive", "start")
+_ROW = (
+    "name",
+    "antecedent",
+    "sigma",
+    *_CONSTANTS,
+    "limits",
+    "inertia",
+    "mass_properties",
+    "capsules",
+    "link",
+    "tie",
+    "passive",
+    "start",
+)
 _TABLE = ("joints", "gravity", "base_capsules", "loops", "title", "source")
 
 

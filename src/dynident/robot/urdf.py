@@ -29,9 +29,9 @@ def robot_from_urdf(
     """Return the robot that a URDF describes, on a fixed base.
 
     Revolute, continuous and prismatic joints about any axis move; fixed and locked joints are merged with their
-    inertias into the link before them. Mimic joints follow: their links are there, but data, drives and limits are of the
-    joints that they follow (`Robot.linkage`). Joints stand in Pinocchio's order. Inertial parameters are about the origin of
-    the joint's frame. Meshes, colours and vendor extensions are not looked at.
+    inertias into the link before them. Mimic joints follow: their links are there, but data, drives and limits are of
+    the joints that they follow (`Robot.linkage`). Joints stand in Pinocchio's order. Inertial parameters are about the
+    origin of the joint's frame. Meshes, colours and vendor extensions are not looked at.
 
     Parameters
     ----------

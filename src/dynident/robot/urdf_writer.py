@@ -32,6 +32,11 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
     """
     stated = robot.inertias if inertias is None else inertias
     ties = {} if robot.linkage is None else robot.linkage.ties
+    if robot.linkage is not None and robot.linkage.closure is not None:
+        raise DynidentError(
+            f"{robot.name} has closed loops, and a URDF is a tree. Export MJCF, C code, a CasADi function or JSON.",
+            title="Not expressible in URDF",
+        )
     robot = robot.tree
     links = link_names(robot)
     root = Element("robot", {"name": robot.name}, 0)
@@ -84,14 +89,12 @@ def _joint(joint: Joint, parent: str, child: str) -> Element:
 def _mimic(joint: str, tie: Tie) -> Element:
     if len(tie.ratios) != 1:
         raise DynidentError(
-            f"Joint '{joint}' follows {len(tie.ratios)} joints, and a URDF's <mimic> follows one. Export MJCF, C code, a "
-            "CasADi function or JSON.",
+            f"Joint '{joint}' follows {len(tie.ratios)} joints, and a URDF's <mimic> follows one. Export MJCF, C code, "
+            "a CasADi function or JSON.",
             title="Not expressible in URDF",
         )
     [(other, ratio)] = tie.ratios.items()
-    return Element(
-        "mimic", {"joint": other, "multiplier": number_text(ratio), "offset": number_text(tie.offset)}, 0
-    )
+    return Element("mimic", {"joint": other, "multiplier": number_text(ratio), "offset": number_text(tie.offset)}, 0)
 
 
 def inertial_element(inertial: FloatArray, link: str) -> Element:

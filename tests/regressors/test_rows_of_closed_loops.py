@@ -31,7 +31,7 @@ def test_the_torque_is_that_of_mujoco_with_its_constraints(name: str) -> None:
     assert np.abs(found - expected).max() < 1e-8 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("name", ["five_bar", "palletiser", "delta"])
+@pytest.mark.parametrize("name", ["five_bar", "delta"])
 def test_pinocchios_constrained_dynamics_gives_the_accelerations_back(name: str) -> None:
     robot = machine(name)
     q, dq, ddq = states(robot, 20)
@@ -98,7 +98,7 @@ def test_a_parallelogram_groups_as_the_same_machine_with_tied_joints() -> None:
         signals = Signals(robot)
         bases.append(base_parameters(robot, columns_of(LINKS, signals), signals))
     assert bases[0].kept_names == bases[1].kept_names
-    assert bases[0].groupings == bases[1].groupings
+    np.testing.assert_allclose(bases[0].grouping, bases[1].grouping, atol=1e-6)
 
 
 def test_a_five_bar_has_the_torque_of_a_model_derived_by_hand() -> None:
@@ -137,10 +137,7 @@ def test_a_five_bar_has_the_torque_of_a_model_derived_by_hand() -> None:
     def by_hand(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         h, d = 1e-3, np.eye(2) * 1e-3
         momentum = [
-            [
-                (lagrangian(p, w + d[j]) - lagrangian(p, w - d[j])) / (2 * d[j, j])
-                for j in range(2)
-            ]
+            [(lagrangian(p, w + d[j]) - lagrangian(p, w - d[j])) / (2 * d[j, j]) for j in range(2)]
             for p, w in ((q + t * v + 0.5 * t**2 * a, v + t * a) for t in (h, -h))
         ]
         force = [(lagrangian(q + d[j], v) - lagrangian(q - d[j], v)) / (2 * d[j, j]) for j in range(2)]

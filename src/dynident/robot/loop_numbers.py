@@ -1,0 +1,30 @@
+"""Numbers of closed loops: how near a posture is to singular, and the terms of polynomials."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray
+
+
+def condition_of(slopes: FloatArray) -> FloatArray:
+    """(m,): condition of matrices (m, p, p); infinite where one is no number."""
+    finite: BoolArray = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
+    known: FloatArray = np.where(finite[:, None, None], slopes, 0.0)
+    singular = np.asarray(np.linalg.svd(known, compute_uv=False), dtype=np.float64)
+    smallest = singular[:, -1]
+    return np.where(smallest > 0, singular[:, 0] / np.where(smallest > 0, smallest, 1.0), np.inf)
+
+
+def products(factors: Sequence[Any], degree: int) -> list[Any]:
+    """All products of up to `degree` factors, arrays or expressions, each made of one before."""
+    made: dict[tuple[int, ...], Any] = {}
+    for count in range(1, degree + 1):
+        for places in combinations_with_replacement(range(len(factors)), count):
+            last = factors[places[-1]]
+            made[places] = last if count == 1 else made[places[:-1]] * last
+    return list(made.values())

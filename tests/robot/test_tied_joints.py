@@ -1,0 +1,161 @@
+"""Machines with joints that follow others, and closed loops, as they are read."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from machines import delta, five_bar, machine, palletiser, six_axis
+from texts import joint, link
+from texts import machine as urdf
+
+from dynident.errors import DynidentError
+from dynident.robot import robot_from_urdf, urdf_from_robot
+from dynident.robot.document import robot_document, robot_from_document
+from dynident.robot.kinematics import joint_frames
+from dynident.robot.modified_dh import robot_from_modified_dh
+
+AXIS_Z = '<axis xyz="0 0 1"/>'
+
+
+def gripper(mimic: str = '<mimic joint="left" multiplier="-0.5" offset="0.1"/>') -> str:
+    return urdf(
+        link("base"), link("hand"), link("l"), link("r"),
+        joint("wrist", "base", "hand", inside=AXIS_Z),
+        joint("left", "hand", "l", "prismatic", inside=AXIS_Z),
+        joint("right", "hand", "r", "prismatic", inside=AXIS_Z + mimic),
+    )  # fmt: skip
+
+
+def test_data_and_limits_are_of_the_driven_joints_and_the_links_are_all_there() -> None:
+    robot = robot_from_urdf("gripper", gripper())
+    assert robot.joint_names == ("left", "wrist") or robot.joint_names == ("wrist", "left")
+    assert robot.tree.n == 3
+    assert robot.inertias.shape == (3, 10)
+    q = np.array([[0.3, 0.3]])
+    at = dict(zip(robot.tree.joint_names, robot.linkage.positions(q)[0], strict=True))
+    assert at["right"] == pytest.approx(-0.5 * at["left"] + 0.1, abs=1e-15)
+
+
+def test_a_robot_with_ties_comes_back_from_its_document_and_from_its_urdf() -> None:
+    robot = robot_from_urdf("gripper", gripper())
+    for again in (
+        robot_from_document(json.loads(json.dumps(robot_document(robot)))),
+        robot_from_urdf("gripper", urdf_from_robot(robot)),
+    ):
+        assert again.joint_names == robot.joint_names
+        np.testing.assert_allclose(again.linkage.ratios, robot.linkage.ratios)
+        np.testing.assert_allclose(again.linkage.offsets, robot.linkage.offsets)
+        np.testing.assert_allclose(again.inertias, robot.inertias, atol=1e-14)
+
+
+def test_a_joint_whose_leader_is_locked_stands_where_that_puts_it() -> None:
+    robot = robot_from_urdf("gripper", gripper(), locked_joints={"left": 0.2})
+    assert robot.joint_names == ("wrist",)
+    assert robot.linkage is None
+    expected = robot_from_urdf("gripper", gripper(""), locked_joints={"left": 0.2, "right": 0.0})
+    np.testing.assert_allclose(robot.inertias, expected.inertias)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "palletiser", "delta", "six_axis"])
+def test_the_cut_frames_of_a_loop_coincide_at_all_driven_positions(name: str) -> None:
+    robot = machine(name)
+    closure = robot.linkage.closure
+    q = closure.postures(np.random.default_rng(1), 100)
+    gaps, conditions = closure.conditions(q)
+    assert gaps.max() < 1e-10
+    assert conditions.max() < 1e3
+    frames = joint_frames(robot, q)
+    for loop in closure.loops:
+        first, second = (frames[:, end.joint] @ end.frame for end in loop.ends)
+        assert np.abs(first[:, :3, 3] - second[:, :3, 3]).max() < 1e-10
+
+
+def test_the_passive_joints_stay_on_the_branch_of_the_start() -> None:
+    other = five_bar()
+    other["joints"][1]["start"], other["joints"][3]["start"] = -2.9, 2.6
+    robots = [machine("five_bar"), robot_from_modified_dh("below", other)]
+    q = np.array([[2.1, 1.0], [2.3, 0.8]])
+    tips = [(joint_frames(robot, q)[:, 1] @ np.array([0.4, 0, 0, 1]))[:, 1] for robot in robots]
+    assert np.all(tips[0] > 0.3)
+    assert np.all(tips[1] < 0.3)
+
+
+def table(change: str) -> dict[str, Any]:
+    made = palletiser()
+    rows = {row["name"]: row for row in made["joints"]}
+    if change == "itself":
+        rows["flange"]["tie"] = {"flange": 2}
+    elif change == "each other":
+        rows["flange"]["tie"], rows["yaw"]["tie"] = {"yaw": 2}, {"flange": 1}
+    elif change == "nobody":
+        rows["flange"]["tie"] = {"elbow": 1}
+    elif change == "none":
+        rows["flange"]["tie"] = {"yaw": 0}
+    elif change == "both":
+        rows["rod"]["tie"] = {"arm": 1}
+    elif change == "too short":
+        made = palletiser(rod=2.8)
+    elif change == "redundant":
+        made["loops"][0]["kind"] = "point"
+    elif change == "free":
+        rows["flange"]["passive"] = True
+    elif change == "undriven":
+        for name in ("arm", "lever"):
+            rows[name]["passive"] = True
+    elif change == "same body":
+        made["loops"][0]["between"][1]["joint"] = "rod"
+    elif change == "unknown body":
+        made["loops"][0]["between"][1]["joint"] = "elbow"
+    elif change == "kind":
+        made["loops"][0]["kind"] = "weld"
+    elif change == "singular":
+        made = five_bar()
+        made["joints"][0] |= {"start": np.pi, "limits": {"position": [3.0, 3.3]}}
+        made["joints"][2] |= {"start": 0.0, "d": 0.2, "limits": {"position": [-0.2, 0.2]}}
+        made["joints"][1]["start"], made["joints"][3]["start"] = -np.pi, np.pi
+    return made
+
+
+BAD = {
+    "itself": ("/joints/5/tie", "'flange' follows 'flange': a joint cannot follow itself"),
+    "each other": ("/tie", "'yaw' follows 'flange' follows 'yaw': a joint cannot follow itself"),
+    "nobody": ("/joints/5/tie", "follows 'elbow', which is no moving joint; moving joints: yaw, arm"),
+    "none": ("/joints/5/tie", "by 0.0; expected a number other than 0"),
+    "both": ("/joints/4/passive", "state either passive or tie"),
+    "too short": (
+        "/loops/0",
+        r"'parallelogram' does not close: .* its frames are [\d.]+ m apart, and [\d.]+ m at best",
+    ),
+    "redundant": ("/loops/0", "'parallelogram' has redundant constraints: 3 equations for 2 passive"),
+    "free": ("/loops", "No loop holds the passive joints flange"),
+    "undriven": ("/loops/0", "No driven joint moves loop 'parallelogram'|4 passive joints .* for 2 equations"),
+    "same body": ("/loops/0/between", "on the same body"),
+    "unknown body": ("/loops/0/between/1/joint", "There is no moving joint 'elbow'; expected base or one of yaw"),
+    "kind": ("/loops/0/kind", "Expected planar, point, full"),
+    "singular": ("/loops/0", r"singular at the start \(condition"),
+}
+
+
+@pytest.mark.parametrize("change", BAD)
+def test_what_cannot_be_closed_or_followed_is_said_with_its_place(change: str) -> None:
+    where, what = BAD[change]
+    with pytest.raises(DynidentError, match=what) as caught:
+        robot_from_modified_dh("bad", table(change))
+    assert caught.value.pointer.endswith(where)
+
+
+def test_a_passive_joint_has_no_drive() -> None:
+    from dynident.robot import Drive
+
+    with pytest.raises(DynidentError, match="'rod' follows other joints, so it has no drive; driven joints: yaw, arm"):
+        robot_from_modified_dh("bad", palletiser(), drives={"rod": Drive(drive_gain=2.0)})
+
+
+def test_every_kind_of_machine_has_its_driven_joints() -> None:
+    assert machine("delta").joint_names == ("arm0", "arm1", "arm2")
+    assert robot_from_modified_dh("d", delta()).tree.n == 12
+    assert len(six_axis()["joints"]) == 10
+    assert machine("six_axis").joint_names == ("yaw", "arm", "lever", "roll", "pitch", "turn", "finger")
