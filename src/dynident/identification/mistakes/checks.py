@@ -50,8 +50,8 @@ def checks_against(robot: Robot) -> ModelChecks:
 
 
 def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Check:
-    told = _told(one.mistake, recording, q, tau)
-    twins = "; or ".join(_told(twin, recording, q, tau) for twin in one.alike[:2])
+    told = told_of(one.mistake, recording, q, tau)
+    twins = "; or ".join(told_of(twin, recording, q, tau) for twin in one.alike[:2])
     doubt = f" (Or, which this data cannot tell from it, {twins}.)" if twins else ""
     known, otherwise = ("It seems that", "") if one.certain else ("It may be that", _ELSE)
     why = (
@@ -81,7 +81,8 @@ def revision_of(one: Mistake, n: int) -> Revision:
     return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
 
 
-def _told(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+def told_of(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+    """A mistake in words, with the user's names of position and torque columns."""
     names = [recording.joint_names[j] for j in one.joints]
     if len(names) == 2:
         first, second = names
