@@ -8,6 +8,9 @@ turned round. `harm` is the mean over the joints of the logarithm by which the s
 robot's dynamics leave: what harms nothing (a joint about whose sign the data say nothing) cannot be noticed. `cured`:
 what was named, or the first thing that cannot be told from it, undoes it.
 
+Delays and gains: by how much the torque of each is said to be late as it is, and moved by 20 ms ("!": a mistake); on
+how many joints a gain ten times too large is noticed by the description's masses.
+
 Other faults: gravity in another direction, a joint's zero off by 90 degrees, a gain ten times too large, in recordings
 whose columns are right. What is named then is wrong; `refused` counts findings that are certain, `at most` is the
 largest of the same logarithm by which columns seemed better explained in another order.
@@ -35,12 +38,14 @@ from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
 from placebos.subjects import REAL_ARMS, imported
 
-from dynident.identification.mistakes.search import kinds_alike, left_of, mistakes_of, motion_of
+from dynident.identification.mistakes.scales import scales_of
+from dynident.identification.mistakes.search import delay_in, kinds_alike, left_of, mistakes_of, motion_of
 from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot
 
 FAULTY, FAULTS = ("ur5", "ur10", "franka_panda"), 6
+LATE = 0.02
 HARMLESS = 0.1
 """Growth of the same logarithm that is no gross mistake."""
 
@@ -53,11 +58,13 @@ def main() -> None:
     rng = np.random.default_rng(seed)
     untouched: list[tuple[str, int, float]] = []
     planted: list[tuple[str, float, bool, bool, bool]] = []
+    amounts = [("recording", "late as it is", "20 ms later", "20 ms earlier", "gains x 10 noticed")]
     with tempfile.TemporaryDirectory() as folder:
         for name, robot, recording in _recordings(seed, options.cases, Path(folder)):
             motion = motion_of(recording)
             if motion is None:
                 continue
+            amounts.append((name, *_delays(robot, recording), _gains(robot, motion)))
             told = mistakes_of(robot, motion)
             if told is None:
                 continue
@@ -70,6 +77,7 @@ def main() -> None:
         [("recording", "mistakes named", "left"), *((n, str(c), f"{left:.1%}") for n, c, left in untouched)],
     )
     show("Other faults", _other_faults(seed))
+    show("Delays and gains", amounts)
     rows = [("mistake", "planted", "harmful", "noticed", "cured", "refused")]
     for kind in dict.fromkeys(one[0] for one in planted):
         own = [one for one in planted if one[0] == kind]
@@ -91,6 +99,37 @@ def _tried(robot: Robot, motion: Motion, mistake: Mistake) -> tuple[float, bool,
     named = bool(found) and mistake in (found[0].mistake, *found[0].alike)
     cured = named or (bool(found) and left_of(robot, mended) <= usual * 1.05)
     return float(np.log(bad / usual)), bool(found), cured, any(one.certain for one in found)
+
+
+def _delays(robot: Robot, recording: Recording) -> tuple[str, ...]:
+    """What is said of the delay: as it is, and with torques moved; a mistake is marked."""
+    told = []
+    for seconds in (0.0, LATE, -LATE):
+        found = delay_in(robot, recording if seconds == 0.0 else _moved_torque(recording, seconds))
+        told.append("-" if found is None else f"{1e3 * found.seconds:.1f} ms{' !' if found.is_mistake else ''}")
+    return tuple(told)
+
+
+def _moved_torque(recording: Recording, seconds: float) -> Recording:
+    segment = max(recording.segments, key=lambda one: one.length)
+    rows = list(recording.source.rows(segment.first_row, segment.length, 65_536))
+    q, tau = (np.concatenate([getattr(one, kind) for one in rows]) for kind in ("q", "tau"))
+    t = segment.start_time + np.arange(len(q)) * recording.period
+    late = np.stack([np.interp(t - seconds, t, column) for column in tau.T], axis=1)
+    return recording_from_arrays(t, q, late, joint_names=recording.joint_names, windows=recording.windows)
+
+
+def _gains(robot: Robot, motion: Motion) -> str:
+    """On how many joints a gain ten times too large is noticed, alone and with the right power; and false alarms."""
+    usual = scales_of(robot, motion)
+    if usual is None:
+        return "no masses"
+    right = 0
+    for joint in range(robot.n):
+        times = np.where(np.arange(robot.n) == joint, 10.0, 1.0)
+        found = scales_of(robot, replace(motion, tau=motion.tau * times)) or ()
+        right += [(one.joint, one.power) for one in found] == [(joint, 10.0)]
+    return f"{right} of {robot.n}" + (f", untouched {len(usual)}" if usual else "")
 
 
 def _other_faults(seed: int) -> list[tuple[str, str, str, str, str]]:

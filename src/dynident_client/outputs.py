@@ -67,6 +67,10 @@ class Identifications(Labelled[Identification]):
         """Read the correlation of the estimates, and what the motion determines only together, in words."""
         return dict(self._transport.get(f"{self.path}/{id_of(identification)}/correlation"))
 
+    def verdict(self, identification: Record | str) -> dict[str, Any]:
+        """Read for which uses the model is fit and why or why not, and whether to stop: uses, held_out, stop, …."""
+        return dict(self._transport.get(f"{self.path}/{id_of(identification)}/verdict"))
+
     def lineage(self, identification: Record | str) -> list[dict[str, Any]]:
         """Read the ladder of models that led to this one, the first one first.
 
@@ -86,14 +90,15 @@ class Identifications(Labelled[Identification]):
         format: Literal["json", "urdf", "mjcf", "c", "casadi"] = "json",
         *,
         nearest: bool | None = None,
+        anyway: bool | None = None,
     ) -> bytes:
         """Read the model in a format that other programs read; what the format leaves out stands in the file.
 
         `nearest`: as "urdf" or "mjcf", where no bodies that can exist have the identified parameters, take the nearest
-        that have.
+        that have. `anyway`: also a model whose error says that it is not to be used, which is refused otherwise.
         """
         path = f"{self.path}/{id_of(identification)}/export"
-        return self._transport.get_bytes(path, format=format, nearest=nearest)
+        return self._transport.get_bytes(path, format=format, nearest=nearest, anyway=anyway)
 
 
 class Comparisons(Collection[Comparison]):

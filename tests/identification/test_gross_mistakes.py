@@ -125,6 +125,7 @@ def test_every_kind_of_finding_says_what_is_wrong_and_what_would_be_right() -> N
         assert wrong.name == name
         assert cure in wrong.detail
         assert {one.name for one in told} == {"torque_order", "joint_order", "torque_sign", "joint_sign"}
+        assert wrong.apply is not None
     assert {one.status for one in check(recorded(), Q, TAU) or ()} == {"ok"}
 
 
@@ -157,3 +158,43 @@ def test_a_file_with_torques_in_another_order_is_refused_unless_its_user_knows_b
     assert refused.value.pointer == "tau1"
     assert brought_in(wrong, "torque_order").n == 6
     assert brought_in(written(tmp_path / "right.csv", [0, 1, 2, 3, 4, 5])).n == 6
+
+
+def moved(seconds: float) -> Recording:
+    """The recording with its torque late by so much."""
+    motion, tau = measured()
+    late = np.stack([np.interp(motion.t - seconds, motion.t, column) for column in tau.T], axis=1)
+    return record(ROBOT, motion, late)
+
+
+@pytest.mark.parametrize("seconds", [0.02, 0.035, -0.02])
+def test_a_delay_that_no_right_log_has_is_told_with_its_cure(seconds: float) -> None:
+    told = {one.name: one for one in checks_against(ROBOT)(moved(seconds), Q, TAU) or ()}
+    delay = told["torque_delay"]
+    assert delay.status == "warning"
+    assert ("late" if seconds > 0 else "early") in delay.detail
+    assert delay.apply is not None
+    assert delay.apply.torque_delay == pytest.approx(seconds, abs=0.003)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.008])
+def test_delays_that_drives_have_are_no_mistake(seconds: float) -> None:
+    told = {one.name: one for one in checks_against(ROBOT)(moved(seconds), Q, TAU) or ()}
+    assert told["torque_delay"].status == "ok"
+
+
+@pytest.mark.parametrize("factor", [10.0, 1000.0, 0.1])
+def test_a_torque_in_another_unit_is_told_by_the_masses_of_the_description(factor: float) -> None:
+    assert ROBOT.inertias is not None
+    motion, tau = measured()
+    scaled = record(ROBOT, motion, tau * np.where(np.arange(6) == 2, factor, 1.0))
+    told = {one.name: one for one in checks_against(ROBOT)(scaled, Q, TAU) or ()}
+    assert told["torque_scale"].status == "warning"
+    assert told["torque_scale"].apply is not None
+    assert told["torque_scale"].apply.scale == {"tau3": pytest.approx(1.0 / factor)}
+    assert {one.name: one.status for one in checks_against(ROBOT)(recorded(), Q, TAU) or ()}["torque_scale"] == "ok"
+
+
+def test_a_description_without_masses_tells_nothing_of_units() -> None:
+    bare = replace(ROBOT, inertias=None)
+    assert "torque_scale" not in {one.name for one in checks_against(bare)(recorded(), Q, TAU) or ()}

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from written_commands import run_commands
 
+from dynident.identification import thresholds
 from dynident.robot import robot_from_library, urdf_from_robot
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,6 +31,27 @@ def test_the_table_of_effects_is_that_of_the_catalogue() -> None:
 def test_the_page_of_effects_is_that_of_the_catalogue() -> None:
     page = runpy.run_path(str(ROOT / "docs" / "effects_table.py"))["page"]()
     assert page == (ROOT / "docs" / "effects.md").read_text(encoding="utf-8"), "run `python docs/effects_table.py`"
+
+
+def test_the_thresholds_are_those_of_the_program() -> None:
+    text = re.sub(r"\s+", " ", README[README.index("## Is my result any good?") : README.index("## In Python")])
+    low, high = (f"{100 * share:.0f}" for share in thresholds.USUAL)
+    least, most = (f"{100 * share:.0f}" for share in thresholds.USUAL_IN_FULL)
+    for sentence in (
+        f"up to {thresholds.LARGEST_ERROR:.0%} will do for feed-forward and simulation where no joint is above "
+        f"{thresholds.LARGEST_OF_JOINT:.0%} while it moves",
+        f"up to {thresholds.LARGEST_TO_DETECT:.0%}, and {thresholds.LARGEST_OF_JOINT_TO_DETECT:.0%}, for collision",
+        f"Above {thresholds.STOP:.0%} it is a stop",
+        f"{low}-{high}% is usual",
+        f"{least}-{most}% once the missing effects are in",
+        f"below {thresholds.FIRST_CONDITION_NUMBER:.0f} is good",
+        f"per parameter** ({thresholds.EQUATIONS_PER_PARAMETER:.0f} and more)",
+    ):
+        assert sentence.replace("%", " %") in text, sentence
+    assert thresholds.DETERMINED == 0.1
+    assert "above a tenth of their value" in text
+    assert thresholds.OVERFIT == 1.5
+    assert "far above the error of the fit (half as much again)" in text
 
 
 def test_the_two_commands_are_those_that_the_check_of_everything_runs() -> None:

@@ -125,3 +125,21 @@ def test_all_available_methods_agree_on_a_robot_that_fits_the_model(identified, 
     for row in solved:
         if row.method.model in ("dynamic", "filtered") and row.method.prior is None:
             assert row.held_out.relative_total < 1.3 * identified.held_out.relative_total, row.method.words
+
+
+def test_other_equations_that_predict_worse_do_not_fail_a_good_model(identified, training, unseen):
+    table = validate_methods(
+        identified, [training], [unseen], [Method(), Method(estimator="ols"), Method(model="energy")]
+    )
+    *own, energy = table.results
+    squares = 9.0 * energy.held_out.squares
+    worse = replace(
+        energy,
+        held_out=replace(energy.held_out, squares=squares),
+        torque_distance=0.5,
+        torque_deviation=0.01,
+        distance=energy.distance + 9.0,
+    )
+    judged = judge_methods(identified, [*own, worse], held_out=True)
+    assert judged.verdict == "pass"
+    assert "energy" in judged.reason

@@ -74,3 +74,14 @@ def test_a_limit_that_is_no_error_is_refused(identified, unseen, limit):
 def test_no_recording_is_refused(identified):
     with pytest.raises(DynidentError, match="measurement"):
         validate_direct(identified, [])
+
+
+def test_a_joint_that_is_mostly_unexplained_fails_even_within_the_limit(identified, unseen):
+    values = identified.values.copy()
+    of_last = [k for k, column in enumerate(identified.model.kept) if column.link == "wrist_3_joint"]
+    values[of_last] *= 0.3
+    spoilt = replace(identified, solution=replace(identified.solution, values=values))
+    found = validate_cross(spoilt, [unseen], limit=0.9)
+    assert 0.5 < found.total_moving.relative[5] < 1.0
+    assert found.judged.verdict == "fail"
+    assert "wrist_3_joint" in found.judged.reason

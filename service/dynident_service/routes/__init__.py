@@ -22,6 +22,7 @@ from dynident_service.routes import (
     system,
     uncertainty,
     validations,
+    verdicts,
 )
 
 ROUTERS = (
@@ -36,6 +37,7 @@ ROUTERS = (
     labels.router,
     identifications.router,
     uncertainty.router,
+    verdicts.router,
     comparisons.router,
     diagnoses.router,
     series.router,

@@ -21,6 +21,7 @@ from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, comput
 from dynident_service.routes.diagnosed import as_diagnosed
 from dynident_service.routes.needs import needed, needed_measurements, needed_robot
 from dynident_service.routes.uncertainty import AWAITED, model_file
+from dynident_service.routes.verdicts import refuse_stopped
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry
 
@@ -160,12 +161,17 @@ async def export_identification(
             "that have, which changes the torque"
         ),
     ] = False,
+    anyway: Annotated[
+        bool, Query(description="Export a model whose error says that it is not to be used, too")
+    ] = False,
 ) -> Response:
     """Give the identified model in a format that other programs read."""
     from dynident_service.adapters.exports import file_response
 
     def find() -> dict[str, Any]:
         found = succeeded(services.resources.get("identification", identification_id))
+        if not anyway:
+            refuse_stopped(found)
         return {"robot": services.resources.get("robot", found.one("robot")).request, **plain(show(found))}
 
     model = await model_file(services, identification_id)

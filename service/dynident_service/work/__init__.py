@@ -10,6 +10,7 @@ from dynident_service.work import (
     series,
     simulations,
     validations,
+    verdicts,
 )
 
 __all__ = [
@@ -22,4 +23,5 @@ __all__ = [
     "series",
     "simulations",
     "validations",
+    "verdicts",
 ]

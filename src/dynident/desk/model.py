@@ -23,6 +23,7 @@ from dynident.progress import Progress, silent
 from dynident.reports.numbers import counted, number, percent
 from dynident.reports.words import place_text, rung_mark, shape_text, title_of
 from dynident.robot import Robot
+from dynident.verdict import ModelVerdict, verdict
 
 NO_DATA = Recordings(())
 _LONGEST = 90
@@ -96,6 +97,14 @@ class Model:
             sentences.append(f"There {'is' if len(found.warnings) == 1 else 'are'} "
                              f"{counted(len(found.warnings), 'warning')}.")  # fmt: skip
         return " ".join(sentences)
+
+    def verdict(self) -> ModelVerdict:
+        """What the model is fit for (simulation, feed-forward, collision detection, payload), why not, what to do next.
+
+        Without the recordings (see `with_data`) neither what the held-out data share with those of the fit nor the
+        cause of a gross mistake is looked for.
+        """
+        return verdict(self.identification, self.recordings.recordings, self.validation.recordings)
 
     def extend(self, *what: Addition, progress: Progress = silent) -> Model:
         """Add effects, one rung of the ladder each, on the data that the model was identified from.

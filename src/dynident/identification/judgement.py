@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-ParameterJudgement = Literal["determined", "uncertain", "zero_in_interval"]
+from dynident.identification.thresholds import DETERMINED
 
-DETERMINED = 0.1
-"""Relative standard deviation of a determined parameter, at most: its first digit is sure, its 95 % interval within
-about a fifth of the value."""
+ParameterJudgement = Literal["determined", "uncertain", "zero_in_interval"]
 
 
 def judged(value: float, deviation: float, half_width: float, owed: bool) -> ParameterJudgement:

@@ -8,17 +8,18 @@ import numpy as np
 
 from dynident.effects import DEFAULT_EFFECTS, OFFSETS, role_of
 from dynident.estimation import EquationFactors, Information, Reduction, equilibrated_condition_number, weighted_factor
-from dynident.identification.judgement import DETERMINED
+from dynident.identification.thresholds import (
+    DETERMINED,
+    EQUATIONS_PER_PARAMETER,
+    LARGEST_CONDITION_NUMBER,
+    OVERFIT,
+)
 from dynident.regressors.model import Model
 
 if TYPE_CHECKING:
     from dynident.identification.result import Identification
 
-# With columns of the same size. Real arms on exciting motions: 12 to 24; where the motion was too poor: above 1,000.
-_HIGH_CONDITION = 200.0
-_EQUATIONS_PER_PARAMETER = 500.0
 _TINY = 1e-9
-_OVERFIT = 1.5
 _MISFIT = 0.2
 _NAMED = 12
 
@@ -114,17 +115,17 @@ def _other_equations(identification: Identification) -> list[str]:
 def _excitation(identification: Identification) -> list[str]:
     found = []
     condition = equilibrated_condition_number(identification.equations, identification.solution.noise)
-    if condition > _HIGH_CONDITION:
+    if condition > LARGEST_CONDITION_NUMBER:
         help_is = "Record an exciting trajectory (a design)"
         help_is += "." if identification.choices.prior else ' or use a prior (prior: "description").'
         found.append(
             f"The condition number of W with columns of equal size is {condition:.0f}: the motion alone does not "
             f"determine the model well. {help_is}"
         )
-    if identification.equations_per_parameter < _EQUATIONS_PER_PARAMETER:
+    if identification.equations_per_parameter < EQUATIONS_PER_PARAMETER:
         found.append(
             f"There are {identification.equations_per_parameter:.0f} equations per parameter after decimation; "
-            f"{_EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."
+            f"{EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."
         )
     return found + _doubtful(identification)
 
@@ -147,7 +148,7 @@ def _doubtful(identification: Identification) -> list[str]:
 def _overfit(identification: Identification) -> list[str]:
     if identification.held_out is None:
         return ["No validation data was given: the errors are those of the fit itself and flatter the model."]
-    if identification.held_out.relative_total > _OVERFIT * identification.fit.relative_total:
+    if identification.held_out.relative_total > OVERFIT * identification.fit.relative_total:
         return [
             f"The error on validation data is {identification.held_out.relative_total:.1%} against "
             f"{identification.fit.relative_total:.1%} in the fit: the data do not determine the model, or the "

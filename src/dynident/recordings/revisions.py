@@ -63,14 +63,15 @@ def cured(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Seq
 
     A check sees the recording as it was read, and knows neither the order nor the signs nor the delay that were said.
     """
-    before = Rearrangement(metadata, joint_names)
     return tuple(
-        check if check.apply is None else replace(check, apply=_after(check.apply, metadata, before))
+        check if check.apply is None else replace(check, apply=after(check.apply, metadata, joint_names))
         for check in checks
     )
 
 
-def _after(found: Revision, metadata: RecordingMetadata, before: Rearrangement) -> Revision:
+def after(found: Revision, metadata: RecordingMetadata, joint_names: Sequence[str]) -> Revision:
+    """A revision that was found on the recording as it was read, as one of its file."""
+    before = Rearrangement(metadata, joint_names)
     n = before.n
     permutation = {
         kind: tuple(before.read(kind, column - 1) + 1 for column in order) for kind, order in found.permutation.items()

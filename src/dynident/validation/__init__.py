@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from dynident.lazy import lazily
 
 if TYPE_CHECKING:
+    from dynident.identification.thresholds import LARGEST_ERROR
     from dynident.validation.bootstrap import BootstrapValidation, DrawnParameter, validate_bootstrap
     from dynident.validation.filters import FiltersBySimulation, FilterTrial, filters_by_simulation
     from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from dynident.validation.on_recordings import RecordingErrors, TorqueValidation, validate_cross, validate_direct
     from dynident.validation.payload import PayloadValidation, validate_payload
     from dynident.validation.simulation import SimulationValidation, validate_simulation
-    from dynident.validation.verdict import LARGEST_ERROR, Judged, Verdict, together
+    from dynident.validation.verdict import Judged, Verdict, together
 
 __all__ = [
     "LARGEST_ERROR",

@@ -11,13 +11,11 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors, errors, moving_errors
 from dynident.identification import Identification
 from dynident.identification.data import torque_of
+from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.threads import single_threaded
-from dynident.validation.verdict import LARGEST_ERROR, Judged
-
-# A cross validation that is worse than the fit by more than this factor says that the data do not determine the model.
-_OVERFIT = 1.5
+from dynident.validation.verdict import Judged
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +62,9 @@ def validate_direct(
     """
     each = _tried(identification, recordings, limit, progress)
     total = _together([one.errors for one in each])
-    judged = _judged(identification, total, limit, "the identification's own data")
-    return TorqueValidation(each, total, _together([one.moving for one in each]), limit, judged)
+    moving = _together([one.moving for one in each])
+    judged = _judged(identification, total, moving, limit, "the identification's own data")
+    return TorqueValidation(each, total, moving, limit, judged)
 
 
 @single_threaded
@@ -91,15 +90,16 @@ def validate_cross(
     """
     each = _tried(identification, recordings, limit, progress)
     total = _together([one.errors for one in each])
-    judged = _judged(identification, total, limit, "data that no parameter saw")
+    moving = _together([one.moving for one in each])
+    judged = _judged(identification, total, moving, limit, "data that no parameter saw")
     own = identification.fit.relative_total
-    if judged.verdict == "pass" and total.relative_total > _OVERFIT * own and _clearly_worse(identification, total):
+    if judged.verdict == "pass" and total.relative_total > OVERFIT * own and _clearly_worse(identification, total):
         judged = Judged(
             "fail",
             f"The error is {total.relative_total:.1%} on data that no parameter saw, against {own:.1%} in the fit: the "
             "identification's motion does not determine the model, or this motion shows what that one did not.",
         )
-    return TorqueValidation(each, total, _together([one.moving for one in each]), limit, judged)
+    return TorqueValidation(each, total, moving, limit, judged)
 
 
 def check_limit(limit: float) -> None:
@@ -132,12 +132,13 @@ def _together(each: Sequence[Errors]) -> Errors:
 _SUMMED = ("squares", "measured", "counts")
 
 
-def _judged(identification: Identification, total: Errors, limit: float, on_what: str) -> Judged:
+def _judged(identification: Identification, total: Errors, moving: Errors, limit: float, on_what: str) -> Judged:
     names = identification.model.robot.joint_names
     if not total.counts.any():
         return Judged("not_evaluated", "No sample is left inside the windows and clear of the segments' ends.")
     relative = total.relative
-    useless = [f"{name} ({relative[j]:.0%})" for j, name in enumerate(names) if relative[j] >= 1.0]
+    where_moving = np.where(moving.counts > 0, moving.relative, relative)
+    useless = [f"{name} ({where_moving[j]:.0%})" for j, name in enumerate(names) if where_moving[j] > LARGEST_OF_JOINT]
     worst = int(np.argmax(relative))
     error = f"The torque error on {on_what} is {total.relative_total:.1%}"
     if total.relative_total > limit:
@@ -145,7 +146,7 @@ def _judged(identification: Identification, total: Errors, limit: float, on_what
             "fail", f"{error}, above the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
         )
     if useless:
-        return Judged("fail", f"{error}, but on {', '.join(useless)} predicting nothing would be as good.")
+        return Judged("fail", f"{error}, but above {LARGEST_OF_JOINT:.0%} where it moves on {', '.join(useless)}.")
     return Judged(
         "pass", f"{error}, within the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
     )
@@ -154,4 +155,4 @@ def _judged(identification: Identification, total: Errors, limit: float, on_what
 def _clearly_worse(identification: Identification, total: Errors) -> bool:
     """Whether the residual itself grew, not only its share in a smaller torque."""
     own = identification.fit
-    return bool(np.any(total.rms > _OVERFIT * own.rms))
+    return bool(np.any(total.rms > OVERFIT * own.rms))

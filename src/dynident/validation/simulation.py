@@ -14,12 +14,13 @@ from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.recorded_motion import RecordedMotion, longest_stretch
 from dynident.identification.simulator import simulator_of
+from dynident.identification.thresholds import LARGEST_ERROR
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, low_pass
 from dynident.simulation.truth import may_be_negative
 from dynident.threads import single_threaded
 from dynident.validation.on_recordings import check_limit
-from dynident.validation.verdict import LARGEST_ERROR, Judged
+from dynident.validation.verdict import Judged
 
 LONGEST = 20.0
 """Seconds of a recording that are simulated at most."""

@@ -8,9 +8,6 @@ from typing import Literal
 
 Verdict = Literal["pass", "fail", "not_evaluated"]
 
-LARGEST_ERROR = 0.15
-"""Relative torque error up to which a model passes where the user states no other: real arms reach 4 to 15 %."""
-
 
 @dataclass(frozen=True)
 class Judged:

@@ -29,11 +29,16 @@ def export(
             "have.",
         ),
     ] = False,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Write a model whose error says that it is not to be used, too.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Write a model for other programs: URDF, MJCF, C, CasADi, JSON."""
     from dynident.errors import DynidentError
     from dynident.export import export_model
+    from dynident.identification.thresholds import STOP
+    from dynident.verdict import is_stopped
     from dynident_service.cli import inputs, terminal
 
     chosen = format or FORMAT_OF.get(out.suffix.lower() if out is not None else "", "")
@@ -41,6 +46,12 @@ def export(
         detail = f"say the format: --format, or --out with one of the endings {', '.join(FORMAT_OF)}"
         raise DynidentError(detail, pointer="--format", title="No such format")
     identification = inputs.model_of(model)
+    if is_stopped(identification) and not anyway:
+        detail = (
+            f"the error of this model is above {STOP:.0%}: something else is wrong than a missing effect, and "
+            "`dynident identify` says what it may be. To write it all the same: --anyway"
+        )
+        raise DynidentError(detail, pointer=str(model), title="Not fit for use")
     try:
         file = export_model(identification, chosen, nearest=nearest)
     except DynidentError as error:

@@ -55,9 +55,11 @@ def identify(
     from dynident.identification import to_bytes
     from dynident.progress import part
     from dynident.recordings import preprocessing_from_request
+    from dynident.verdict import verdict
     from dynident_service.adapters.identifications import describe_identification
     from dynident_service.adapters.measurements import show_checks
-    from dynident_service.cli import inputs, parsing, shown, terminal
+    from dynident_service.adapters.verdicts import show_verdict
+    from dynident_service.cli import inputs, parsing, shown, shown_verdicts, terminal
     from dynident_service.models.common import plain
 
     machine = inputs.robot_of(robot, reading.drive_gains)
@@ -77,19 +79,25 @@ def identify(
         recordings = inputs.recordings_of(training)
         filters = None if wanted == "auto" else preprocessing_from_request(wanted, recordings)
         choices = replace(unfiltered, preprocessing=filters)
-        found = identify_model(machine, recordings, inputs.recordings_of(held_out), choices, part(progress, 0.5, 1.0))
+        tried = inputs.recordings_of(held_out)
+        found = identify_model(machine, recordings, tried, choices, part(progress, 0.5, 1.0))
+        judged = verdict(found, recordings, tried)
     if result.out is not None:
         inputs.write_whole(result.out, to_bytes(found))
     if result.as_json:
         document = plain(describe_identification(found, None))
+        document["verdict"] = plain(show_verdict(judged))
         document["measurements"] = [
             {"name": item.recording.name, "checks": [plain(check) for check in show_checks(item.checks)]}
             for item in [*training, *held_out]
         ]
         terminal.print_json(document)
-        return
-    console = terminal.out()
-    shown.show_measurements(console, training, held_out)
-    shown.show_identification(console, found)
-    if result.out is not None:
-        console.print(f"model written to {result.out}", markup=False)
+    else:
+        console = terminal.out()
+        shown.show_measurements(console, training, held_out)
+        shown.show_identification(console, found)
+        shown_verdicts.show_verdict(console, judged)
+        if result.out is not None:
+            console.print(f"model written to {result.out}", markup=False)
+    if judged.stop is not None:
+        raise typer.Exit(shown_verdicts.STOPPED)

@@ -134,6 +134,19 @@ def own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
     )
 
 
+def repeats_between(tried: Sequence[Track], learnt: Sequence[Track]) -> tuple[Repeat, ...]:
+    """Stretches of a motion that another motion has as well, at the lag at which most of them is alike."""
+    if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:
+        return ()
+    tolerance = _tolerance(learnt)
+    return tuple(
+        repeat
+        for k, track in enumerate(tried[:_MOST_RUNS])
+        for number, other in enumerate(learnt[:_MOST_RUNS])
+        for repeat in _best(track, other, k, number, tolerance)
+    )
+
+
 def share_repeated(tried: Sequence[Track], learnt: Sequence[Track]) -> float:
     """Which share of a motion, of the time that it moves, is a repetition of another motion (0 to 1)."""
     if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:

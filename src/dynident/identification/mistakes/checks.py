@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dynident.identification.mistakes.search import Finding, mistakes_in
+from dynident.identification.mistakes.scales import scales_of
+from dynident.identification.mistakes.search import Finding, delay_in, mistakes_in, motion_of
 from dynident.identification.mistakes.swaps import Kind, Mistake
 from dynident.recordings.revisions import Revision
 from dynident.recordings.types import Check, ModelChecks, Recording
@@ -44,14 +45,15 @@ def checks_against(robot: Robot) -> ModelChecks:
         wrong = {_CHECK[one.mistake.kind] for one in mistakes}
         fine = f"No other order or sign of the columns explains the torque better; on average {left:.0%} are left."
         passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong]
-        return (*passed, *(_check(one, recording, q, tau) for one in mistakes))
+        amounts = () if mistakes else (_delay(robot, recording, tau), *_scales(robot, recording, tau))
+        return (*passed, *(_check(one, recording, q, tau) for one in mistakes), *amounts)
 
     return looked_at
 
 
 def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Check:
-    told = _told(one.mistake, recording, q, tau)
-    twins = "; or ".join(_told(twin, recording, q, tau) for twin in one.alike[:2])
+    told = told_of(one.mistake, recording, q, tau)
+    twins = "; or ".join(told_of(twin, recording, q, tau) for twin in one.alike[:2])
     doubt = f" (Or, which this data cannot tell from it, {twins}.)" if twins else ""
     known, otherwise = ("It seems that", "") if one.certain else ("It may be that", _ELSE)
     why = (
@@ -70,6 +72,43 @@ def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[s
     )
 
 
+def _delay(robot: Robot, recording: Recording, tau: Sequence[str]) -> Check:
+    found = delay_in(robot, recording)
+    if found is None or not found.is_mistake:
+        return Check("torque_delay", "ok", "The robot's dynamics find no delay of the torque that a right log has not.")
+    word = "late" if found.seconds > 0 else "early"
+    seconds = float(f"{found.seconds:.2g}")
+    return Check(
+        "torque_delay",
+        "warning",
+        f"Torque comes about {1e3 * abs(found.seconds):.0f} ms {word} against position: {found.left_with:.1%} of an "
+        f"average joint's torque cannot be explained by the robot's dynamics, with that taken out "
+        f'{found.left_without:.1%}. Log both at the same instant, or mend it by "torque_delay": {seconds} (in s).',
+        tau[0],
+        apply=Revision(torque_delay=seconds),
+    )
+
+
+def _scales(robot: Robot, recording: Recording, tau: Sequence[str]) -> tuple[Check, ...]:
+    motion = motion_of(recording)
+    found = None if motion is None else scales_of(robot, motion)
+    if found is None:
+        return ()
+    if not found:
+        return (Check("torque_scale", "ok", "No torque is many times what the masses of the description need."),)
+    told = ", ".join(f"{tau[one.joint]} ({recording.joint_names[one.joint]}) {one.times:.3g} times" for one in found)
+    return (
+        Check(
+            "torque_scale",
+            "warning",
+            f"Torques are far from what the masses of the description need: {told}. It may be another unit (permille, "
+            "N mm), a gear ratio or a drive gain: mend it by units, by the robot's drives or by scale.",
+            tau[found[0].joint],
+            apply=Revision(scale={f"tau{one.joint + 1}": 1.0 / one.power for one in found}),
+        ),
+    )
+
+
 def revision_of(one: Mistake, n: int) -> Revision:
     """What has to be said of a file in which a mistake was made."""
     kinds = [kind for kind, told in (("q", one.is_of_positions), ("tau", one.is_of_torques)) if told]
@@ -81,7 +120,8 @@ def revision_of(one: Mistake, n: int) -> Revision:
     return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
 
 
-def _told(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+def told_of(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+    """A mistake in words, with the user's names of position and torque columns."""
     names = [recording.joint_names[j] for j in one.joints]
     if len(names) == 2:
         first, second = names

@@ -9,6 +9,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.effects import DEFAULT_EFFECTS, Signals, columns_of, effect_by_id, role_of
 from dynident.errors import DynidentError
+from dynident.identification.mistakes.delays import Delay, delay_of
 from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.evidence import shortened
@@ -198,6 +199,18 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
     return tuple(found), now.usual
 
 
+def delay_in(robot: Robot, recording: Recording) -> Delay | None:
+    """By how much a recording's torque is late; None where it is too short, or the robot too long, to tell."""
+    found = _filtered(recording) if robot.n <= MOST_JOINTS else None
+    if found is None:
+        return None
+    motion, period = found
+    judge = _Judge(robot)
+    if len(_thinned(motion).q) * int(_moving(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
+        return None
+    return delay_of(motion, period, lambda tried: judge.left(_thinned(tried)).blocks)
+
+
 def left_of(robot: Robot, motion: Motion) -> float:
     """Share of an average joint's torque that the robot's dynamics leave."""
     return _Judge(robot).left(motion).usual
@@ -215,6 +228,19 @@ def _moving(motion: Motion) -> BoolArray:
 
 def motion_of(recording: Recording) -> Motion | None:
     """Filtered rows from all over a recording; None where it is too short to be filtered."""
+    found = _filtered(recording)
+    return None if found is None else _thinned(found[0])
+
+
+def _thinned(motion: Motion) -> Motion:
+    step = max(1, len(motion.q) // _ROWS)
+    q, dq, ddq, tau = (np.ascontiguousarray(one[::step]) for one in (motion.q, motion.dq, motion.ddq, motion.tau))
+    block: IntArray = np.arange(len(q)) * _BLOCKS // len(q)
+    return Motion(q, dq, ddq, tau, block)
+
+
+def _filtered(recording: Recording) -> tuple[Motion, float] | None:
+    """Filtered rows in their order, and the seconds between them; None where it is too short to be filtered."""
     try:
         choice = choose_preprocessing([recording])
     except DynidentError:
@@ -224,11 +250,11 @@ def motion_of(recording: Recording) -> Motion | None:
     def values(block: SampleBlock) -> FloatArray:
         return np.concatenate([block.q, block.dq, block.ddq, block.tau], axis=1)
 
-    rows = [part for _, _, part in parallel_filtered(shortened(recording, choice.decimation), choice, values)]
+    short = shortened(recording, choice.decimation)
+    rows = [part for _, _, part in parallel_filtered(short, choice, values)]
     whole = np.concatenate(rows) if rows else np.zeros((0, 4 * n))
     if not len(whole):
         return None
-    whole = whole[:: max(1, len(whole) // _ROWS)]
     block: IntArray = np.arange(len(whole)) * _BLOCKS // len(whole)
     q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(whole, 4, axis=1))
-    return Motion(q, dq, ddq, tau, block)
+    return Motion(q, dq, ddq, tau, block), short.period * choice.decimation

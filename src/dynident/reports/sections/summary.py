@@ -10,6 +10,7 @@ from dynident.identification import Identification
 from dynident.reports.numbers import counted, number, percent
 from dynident.reports.run import ReportedRun
 from dynident.reports.section import Section
+from dynident.verdict import ModelVerdict, verdict
 
 
 @dataclass(frozen=True)
@@ -23,13 +24,14 @@ class Figure:
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures, the verdict of the diagnosis, warnings of the identification, and of the checks of its data."""
+    """Figures, the verdicts of model and diagnosis, warnings of the identification and of the checks of its data."""
 
     figures: tuple[Figure, ...]
     diagnosis: Diagnosis | None
     recommended_added: bool
     warnings: tuple[str, ...]
     data_warnings: tuple[str, ...]
+    verdict: ModelVerdict
 
 
 def summary_section(
@@ -46,6 +48,11 @@ def summary_section(
             for run in runs
             for check in run.checks
             if check.status != "ok"
+        ),
+        verdict(
+            identification,
+            [run.recording for run in runs if not run.held_out],
+            [run.recording for run in runs if run.held_out],
         ),
     )
     return Section("summary", "Summary", "summary", content)

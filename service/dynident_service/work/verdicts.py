@@ -1,0 +1,31 @@
+"""Verdicts of models, for requests that wait for them: plain values in, plain values out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from dynident.identification import from_bytes
+from dynident.recordings import open_recording
+from dynident.verdict import verdict
+from dynident_service.adapters.verdicts import Judged, show_verdict
+from dynident_service.models.common import plain
+from dynident_service.models.measurements import MeasurementMetadata
+
+
+def judge(model: str, fitted: Sequence[Mapping[str, Any]], held_out: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Say what the model in a file is fit for; measurements are given by `id`, `recording` (a path) and `request`."""
+    names: set[str] = set()
+    seen = [_opened(one, names) for one in fitted], [_opened(one, names) for one in held_out]
+    found = verdict(from_bytes(Path(model).read_bytes()), *([one.recording for one in group] for group in seen))
+    return plain(show_verdict(found, [*seen[0], *seen[1]]))
+
+
+def _opened(one: Mapping[str, Any], names: set[str]) -> Judged:
+    recording = open_recording(Path(one["recording"]))
+    # The verdict tells of recordings by name, and measurements may share one.
+    name = recording.name if recording.name not in names else f"{recording.name} ({one['id']})"
+    names.add(name)
+    return Judged(one["id"], replace(recording, name=name), MeasurementMetadata.model_validate(one["request"]))

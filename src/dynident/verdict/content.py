@@ -1,0 +1,112 @@
+"""What the held-out data have in common with those of the fit: the same samples, or the same motion once more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.diagnosis.comparing.repetition import Repeat, repeats_between, share_repeated, tracks_of
+from dynident.recordings import Recording
+from dynident.recordings.spectra import used_runs
+
+COPIED = 0.996
+"""Correlation of what is fast in the torques of two stretches with one motion, from which on they are one recording.
+Noise is in it: that of a copy comes again, that of another run is its own. Copies that were cut or shifted have 1.000
+where the motion has no periods; those sampled down by a third 0.99, by two thirds 0.89: these are told as repetitions,
+which they are as well. Other runs of one motion have up to 0.963, periods of a filtered log up to 0.994."""
+
+MOSTLY = 0.5
+"""Share of the moving time of held-out data from which on what they have in common decides what they show."""
+
+_FAST, _SLOW = 0.04, 0.3
+_STEP = 0.01
+_LONGEST = 30.0
+_FEW = 50
+
+
+@dataclass(frozen=True)
+class Common:
+    """What a held-out recording shares with one of the fit: `share` of its moving time, `copied` or `repeated`."""
+
+    held_out: str
+    fitted: str
+    kind: Literal["copied", "repeated"]
+    share: float
+
+    def __str__(self) -> str:
+        if self.kind == "copied":
+            return (
+                f"{self.held_out} holds the same samples as {self.fitted}, which the model was fitted to "
+                f"({self.share:.0%} of its motion): the held-out error is that of the fit. "
+                "Give a recording that was made apart."
+            )
+        return (
+            f"{self.held_out} repeats the motion of {self.fitted} ({self.share:.0%}): the held-out error is that of "
+            "the same motion, and says nothing of others."
+        )
+
+
+def common_content(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> tuple[Common, ...]:
+    """What each held-out recording has in common with those of the fit, as far as it decides what they show.
+
+    Only what lies inside the windows counts: another part of the same file is another recording.
+    """
+    known = [(other, tracks_of(other)) for other in fitted]
+    found = []
+    for recording in held_out:
+        own = tracks_of(recording)
+        for other, learnt in known:
+            share = share_repeated(own, learnt)
+            if share < MOSTLY:
+                continue
+            kind: Literal["copied", "repeated"] = "repeated"
+            if likeness(recording, other, repeats_between(own, learnt)) > COPIED:
+                kind = "copied"
+            found.append(Common(recording.name, other.name, kind, share))
+    return tuple(found)
+
+
+def likeness(tried: Recording, learnt: Recording, repeats: Sequence[Repeat]) -> float:
+    """Correlation of what is fast in the torques of stretches with the same motion; 0 where there is too little."""
+    if not repeats:
+        return 0.0
+    longest = max(repeats, key=lambda one: one.duration)
+    start, end = longest.start + _SLOW, min(longest.end, longest.start + _LONGEST) - _SLOW
+    t = np.arange(start, end, _STEP)
+    if len(t) < _FEW:
+        return 0.0
+    own, other = _fast(tried, t), _fast(learnt, t + longest.lag)
+    if own is None or other is None:
+        return 0.0
+    sizes = np.sqrt((own**2).sum(axis=0) * (other**2).sum(axis=0))
+    moving = sizes > 0
+    return float(np.median((own * other).sum(axis=0)[moving] / sizes[moving])) if moving.any() else 0.0
+
+
+def _fast(recording: Recording, t: FloatArray) -> FloatArray | None:
+    """(m, n): torques at times t without what is slow; None where the recording does not span them."""
+    for first, length in used_runs(recording):
+        segment = next(s for s in recording.segments if s.first_row <= first < s.first_row + s.length)
+        begin = segment.start_time + (first - segment.first_row) * recording.period
+        times: FloatArray = begin + np.arange(length + 1, dtype=np.float64) * recording.period
+        if times[0] > t[0] - 0.5 * _SLOW or times[-1] < t[-1] + 0.5 * _SLOW:
+            continue
+        tau = np.concatenate([rows.tau for rows in recording.source.rows(first, length, 65_536)])
+        integral = np.concatenate([np.zeros((1, recording.n)), np.cumsum(tau, axis=0) * recording.period])
+        return _mean(times, integral, t, _FAST) - _mean(times, integral, t, _SLOW)
+    return None
+
+
+def _mean(times: FloatArray, integral: FloatArray, t: FloatArray, width: float) -> FloatArray:
+    """(m, n): mean over `width` s about each of t, from integrals from the beginning."""
+    return np.stack(
+        [
+            (np.interp(t + 0.5 * width, times, column) - np.interp(t - 0.5 * width, times, column)) / width
+            for column in integral.T
+        ],
+        axis=1,
+    )

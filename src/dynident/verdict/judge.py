@@ -1,0 +1,107 @@
+"""The verdict of a model and its data: fit for what, why not, whether to stop, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dynident.estimation import Errors
+from dynident.identification import Identification
+from dynident.identification.thresholds import OVERFIT, STOP, USUAL, USUAL_IN_FULL
+from dynident.recordings import Recording
+from dynident.threads import single_threaded
+from dynident.verdict.content import Common, common_content
+from dynident.verdict.stopping import Stop, stop_of, tells_stop
+from dynident.verdict.uses import Use, uses_of
+
+
+@dataclass(frozen=True, eq=False)
+class ModelVerdict:
+    """What a model is fit for.
+
+    `held_out` and `held_out_moving` are the errors that it was judged by (None where there are none); `stop` says why
+    it is not to be used at all, None where it may; `common` what held-out data share with those of the fit;
+    `next_steps` what to do about the error, in the order of what it usually costs.
+    """
+
+    uses: tuple[Use, ...]
+    held_out: Errors | None
+    held_out_moving: Errors | None
+    stop: Stop | None
+    common: tuple[Common, ...]
+    next_steps: tuple[str, ...]
+
+    @property
+    def summary(self) -> str:
+        """The verdict in a sentence."""
+        if self.stop is not None:
+            return f"Stop: {self.stop.cause}"
+        good = [one.use.replace("_", " ") for one in self.uses if one.fit]
+        bad = [one.use.replace("_", " ") for one in self.uses if not one.fit]
+        told = [f"Fit for {', '.join(good)}"] if good else []
+        told += [f"{'not' if good else 'Not'} fit for {', '.join(bad)}"] if bad else []
+        return f"{'; '.join(told)}."
+
+
+@single_threaded
+def verdict(
+    identification: Identification, recordings: Sequence[Recording] = (), validation: Sequence[Recording] = ()
+) -> ModelVerdict:
+    """Say what a model is fit for.
+
+    Parameters
+    ----------
+    recordings, validation : sequence of Recording
+        What the model was identified from, and the held-out data; without them neither their content nor the cause of
+        a gross mistake is looked for.
+    """
+    common = common_content(recordings, validation)
+    stop = stop_of(identification, recordings, validation, common)
+    copied = [one for one in common if one.kind == "copied"]
+    nothing = " ".join(map(str, copied))
+    if not copied and stop is not None:
+        worst = max(one.relative_total for one in (identification.fit, identification.held_out) if one is not None)
+        nothing = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
+    reservations = [str(one) for one in common if one.kind == "repeated"]
+    uses = uses_of(identification, nothing, reservations)
+    return ModelVerdict(
+        uses,
+        identification.held_out,
+        identification.held_out_moving,
+        stop,
+        common,
+        tuple(_next_steps(identification, stop, common)),
+    )
+
+
+def is_stopped(identification: Identification) -> bool:
+    """Whether a model is not to be used, by its errors alone."""
+    return tells_stop(identification.held_out) or tells_stop(identification.fit)
+
+
+def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Common]) -> list[str]:
+    if stop is not None and stop.apply is not None:
+        return [f"Read {stop.recording} again with: {stop.apply}.", "Identify again, and look at the verdict again."]
+    if stop is not None and any(one.kind == "copied" for one in common):
+        return ["Hold out a recording of another motion."]
+    if stop is not None:
+        return [
+            "Look at the checks of the recordings, one by one.",
+            "Compare the description with the robot: axes, gravity.",
+        ]
+    if found.held_out is None:
+        return ["Record another motion, and hold it out."]
+    steps, error = [], found.held_out.relative_total
+    if any(one.kind == "repeated" for one in common):
+        steps.append("Hold out another motion: this one is that of the fit.")
+    if error > OVERFIT * found.fit.relative_total:
+        steps.append(
+            f"The held-out error is {error / max(found.fit.relative_total, 1e-12):.1f} times that of the fit: record a "
+            "designed motion."
+        )
+    if error > USUAL_IN_FULL[0]:
+        usual = (
+            f"{USUAL[0]:.0%} to {USUAL[1]:.0%} are usual with friction alone, {USUAL_IN_FULL[1]:.0%} with all effects"
+        )
+        steps.append(f"Diagnose what is missing and add it: {usual}.")
+    return steps

@@ -1,0 +1,53 @@
+"""`dynident identify` ends with a verdict; what is grossly wrong has an exit code of its own and is not exported."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pytest
+from running_commands import ROBOT, dynident, write_run
+
+from dynident.robot import urdf_from_robot
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("verdicts")
+    (folder / "arm.urdf").write_text(urdf_from_robot(ROBOT), encoding="utf-8")
+    write_run(folder / "run1.csv", 1)
+    table = pacsv.read_csv(write_run(folder / "run2.csv", 2))
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    pacsv.write_csv(pa.table(columns | {"tau1": columns["tau1"] * 10}), folder / "scaled.csv")
+    return folder
+
+
+def test_a_model_of_good_data_says_what_it_is_fit_for(desk: Path) -> None:
+    answer = dynident("identify", desk / "arm.urdf", desk / "run1.csv", "-v", desk / "run2.csv")
+    assert answer.code == 0
+    assert "feed forward:" in answer.out
+    assert "held-out error is" in answer.out
+
+
+def test_an_error_above_the_stop_has_an_exit_code_of_its_own_and_no_export(desk: Path, tmp_path: Path) -> None:
+    model = tmp_path / "model.npz"
+    accept = ["--accept", "torque_order", "--accept", "torque_sign"]
+    answer = dynident(
+        "identify", desk / "arm.urdf", desk / "run1.csv", "-v", desk / "scaled.csv", "-o", model, "--json", *accept
+    )
+    assert answer.code == 3, answer.err
+    told = answer.document["verdict"]
+    assert ROBOT.joint_names[0] in told["stop"]["cause"]
+    assert not any(one["fit"] for one in told["uses"])
+    refused = dynident("export", model, "-f", "json", "-o", tmp_path / "model.json")
+    assert refused.code == 2
+    assert "--anyway" in refused.err
+    assert not (tmp_path / "model.json").exists()
+    assert dynident("export", model, "-f", "json", "-o", tmp_path / "model.json", "--anyway").code == 0
+
+
+def test_the_same_file_held_out_is_a_stop(desk: Path) -> None:
+    answer = dynident("identify", desk / "arm.urdf", desk / "run1.csv", "-v", desk / "run1.csv")
+    assert answer.code == 3
+    assert "same samples" in " ".join(answer.out.split())

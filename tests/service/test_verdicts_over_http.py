@@ -1,0 +1,85 @@
+"""The verdict of a model over HTTP: uses with reasons, a stop with its cure, and no export of what is stopped."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from fastapi.testclient import TestClient
+from service_helpers import wait_for
+from test_uploads import as_csv, sound, upload
+
+
+def identified(client: TestClient, robot: dict[str, Any], fitted: str, held_out: list[str]) -> str:
+    body = {"robot_id": robot["id"], "measurement_ids": [fitted], "validation_ids": held_out}
+    made = client.post("/v1/identifications", json=body).json()["id"]
+
+    def ended() -> Any:
+        found = client.get(f"/v1/identifications/{made}").json()
+        return found if found["status"] in ("succeeded", "failed") else None
+
+    assert wait_for(ended, 120.0)["status"] == "succeeded"
+    return str(made)
+
+
+def other(n_rows: int = 2000) -> dict[str, np.ndarray]:
+    """The same robot along another motion."""
+    t = np.arange(n_rows) / 200.0
+    columns = {"t": t}
+    for joint, (frequency, inertia) in enumerate(((0.23, 8.0), (0.61, 3.0)), start=1):
+        w = 2 * np.pi * frequency
+        q, dq, ddq = np.zeros(n_rows), np.zeros(n_rows), np.zeros(n_rows)
+        for k, size in ((1, 0.7), (2, 0.2), (3, 0.1)):
+            q += size * np.sin(k * w * t + 2 * k + joint)
+            dq += size * k * w * np.cos(k * w * t + 2 * k + joint)
+            ddq -= size * (k * w) ** 2 * np.sin(k * w * t + 2 * k + joint)
+        noise = np.random.default_rng(5 + joint).normal(0, 0.1, n_rows)
+        columns |= {f"q{joint}": q, f"tau{joint}": inertia * ddq + 4.0 * np.sign(dq) + 3.0 * dq + noise}
+    return columns
+
+
+def test_a_verdict_tells_each_use_with_its_reason(client: TestClient, robot: dict[str, Any]) -> None:
+    fitted = upload(client, robot, as_csv(sound())).json()["id"]
+    model = identified(client, robot, fitted, [upload(client, robot, as_csv(other())).json()["id"]])
+    answer = client.get(f"/v1/identifications/{model}/verdict")
+    assert answer.status_code == 200, answer.text
+    found = answer.json()
+    assert {one["use"] for one in found["uses"]} == {"simulation", "feed_forward", "collision_detection", "payload"}
+    assert next(one for one in found["uses"] if one["use"] == "feed_forward")["fit"]
+    assert all(one["reason"] for one in found["uses"])
+    result = client.get(f"/v1/identifications/{model}").json()["result"]
+    assert found["held_out"]["relative_total"] == result["validation"]["relative_total"]
+    assert found["stop"] is None
+    assert client.get(f"/v1/identifications/{model}/export").status_code == 200
+
+
+def test_a_stop_names_the_measurement_and_its_cure(client: TestClient, robot: dict[str, Any]) -> None:
+    fitted = upload(client, robot, as_csv(sound())).json()["id"]
+    columns = other()
+    columns["tau1"], columns["tau2"] = columns["tau2"], columns["tau1"]
+    accept = ["torque_order", "torque_sign", "joint_order", "joint_sign"]
+    wrong = upload(client, robot, as_csv(columns), accept=accept).json()["id"]
+    model = identified(client, robot, fitted, [wrong])
+    stop = client.get(f"/v1/identifications/{model}/verdict").json()["stop"]
+    assert stop["measurement_id"] == wrong
+    assert stop["apply"] == {"permutation": {"tau": [2, 1]}}
+    right = client.post(f"/v1/measurements/{wrong}/revisions", json=stop["apply"]).json()["id"]
+    refused = client.get(f"/v1/identifications/{model}/export")
+    assert refused.status_code == 409
+    assert "anyway=true" in refused.json()["detail"]
+    assert client.get(f"/v1/identifications/{model}/export", params={"anyway": True}).status_code == 200
+    again = client.get(f"/v1/identifications/{identified(client, robot, fitted, [right])}/verdict").json()
+    assert again["stop"] is None
+
+
+def test_the_same_content_uploaded_twice_is_noticed(client: TestClient, robot: dict[str, Any]) -> None:
+    ids = [upload(client, robot, as_csv(sound()), name=name).json()["id"] for name in ("run", "run")]
+    found = client.get(f"/v1/identifications/{identified(client, robot, ids[0], ids[1:])}/verdict").json()
+    (common,) = found["common"]
+    assert (common["kind"], common["held_out_id"], common["fitted_id"]) == ("copied", ids[1], ids[0])
+    assert found["stop"]["measurement_id"] == ids[1]
+    assert not any(one["fit"] for one in found["uses"])
+
+
+def test_a_model_that_is_not_there_has_no_verdict(client: TestClient) -> None:
+    assert client.get("/v1/identifications/ide_none/verdict").status_code == 404

@@ -1,0 +1,126 @@
+"""A verdict in words: fit for what, why not, and a stop with its cause where something is grossly wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+
+from dynident.identification import Identification, identify
+from dynident.recordings import Recording, Revision, recording_from_arrays
+from dynident.verdict import common_content, is_stopped, verdict
+
+ROBOT = arm("ur10")
+EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
+
+
+def measured(seed: int, noise: float = 0.005, draw: int = 0, seconds: float = 20.0) -> tuple[Motion, np.ndarray]:
+    motion = fourier_motion(ROBOT, seconds, 200.0, seed)
+    friction = 0.04 * EFFORT * np.sign(motion.dq) + 0.03 * EFFORT * motion.dq
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + friction
+    return motion, tau + noise * EFFORT * np.random.default_rng([seed, draw]).normal(size=tau.shape)
+
+
+def run(name: str, motion: Motion, tau: np.ndarray) -> Recording:
+    return replace(record(ROBOT, motion, tau), name=name)
+
+
+FITTED = run("fitted", *measured(3))
+OTHER = run("other", *measured(4))
+
+
+@pytest.fixture(scope="module")
+def model() -> Identification:
+    return identify(ROBOT, [FITTED], [OTHER])
+
+
+def test_a_good_model_is_fit_for_prediction_and_says_so(model: Identification) -> None:
+    found = verdict(model, [FITTED], [OTHER])
+    fit = {one.use: one.fit for one in found.uses}
+    assert fit["feed_forward"]
+    assert fit["collision_detection"]
+    assert found.stop is None
+    assert found.common == ()
+    assert not is_stopped(model)
+    assert all(f"{model.held_out.relative_total:.1%}" in one.reason for one in found.uses if one.fit)
+
+
+def test_without_held_out_data_nothing_is_promised() -> None:
+    found = verdict(identify(ROBOT, [FITTED]), [FITTED])
+    assert not any(one.fit for one in found.uses)
+    assert found.next_steps == ("Record another motion, and hold it out.",)
+
+
+def test_an_error_between_the_limits_is_fit_for_some_uses_alone(model: Identification) -> None:
+    held_out = model.held_out
+    scale = (0.12 / held_out.relative_total) ** 2
+    worse = replace(model, held_out=replace(held_out, squares=held_out.squares * scale))
+    fit = {one.use: one.fit for one in verdict(worse).uses}
+    assert fit["feed_forward"]
+    assert not fit["collision_detection"]
+    assert not fit["payload"]
+
+
+def test_columns_in_another_order_are_the_cause_of_a_stop(model: Identification) -> None:
+    motion, tau = measured(4)
+    wrong = run("wrong", motion, tau[:, [1, 0, 2, 3, 4, 5]])
+    stopped = identify(ROBOT, [FITTED], [wrong])
+    assert is_stopped(stopped)
+    found = verdict(stopped, [FITTED], [wrong])
+    assert found.stop is not None
+    assert found.stop.recording == "wrong"
+    assert found.stop.apply == Revision(permutation={"tau": (2, 1, 3, 4, 5, 6)})
+    assert not any(one.fit for one in found.uses)
+    assert found.summary.startswith("Stop: In wrong")
+
+
+def test_a_joint_alone_that_is_not_explained_is_named(model: Identification) -> None:
+    motion, tau = measured(4)
+    off = run("off", motion, tau * np.where(np.arange(6) == 1, 10.0, 1.0))
+    found = verdict(identify(ROBOT, [FITTED], [off]), [FITTED], [off])
+    assert found.stop is not None
+    assert ROBOT.joint_names[1] in found.stop.cause
+    assert "gain" in found.stop.cause
+
+
+def test_the_data_of_the_fit_held_out_are_told_and_judge_nothing() -> None:
+    same = replace(FITTED, name="same")
+    found = verdict(identify(ROBOT, [FITTED], [same]), [FITTED], [same])
+    assert found.stop is not None
+    assert "same samples" in found.stop.cause
+    assert not any(one.fit for one in found.uses)
+
+
+def test_a_shifted_part_and_one_sampled_anew_are_copies_and_another_run_is_none() -> None:
+    motion, tau = measured(3)
+    part = slice(1000, 3000)
+    cut = recording_from_arrays(motion.t[part] + 70.0, motion.q[part], tau[part], joint_names=ROBOT.joint_names)
+    t = np.arange(motion.t[0], motion.t[-1], 0.004) + 0.0011
+    t = t[t < motion.t[-1]]
+    q, torque = (np.stack([np.interp(t, motion.t, c) for c in x.T], axis=1) for x in (motion.q, tau))
+    anew = recording_from_arrays(t, q, torque, joint_names=ROBOT.joint_names)
+    repeated = run("repeated", *measured(3, draw=1))
+    kinds = [[one.kind for one in common_content([FITTED], [other])] for other in (cut, anew, repeated, OTHER)]
+    assert kinds[0] == ["copied"]
+    assert kinds[1] in (["copied"], ["repeated"])
+    assert kinds[2:] == [["repeated"], []]
+
+
+def test_another_part_of_the_same_file_is_no_copy() -> None:
+    motion, tau = measured(3, seconds=40.0)
+    whole = run("whole", motion, tau)
+    halves = whole.with_windows(((0.0, 15.0),)), whole.with_windows(((25.0, 40.0),))
+    # The motion has a period of 10 s.
+    assert [one.kind for one in common_content([halves[0]], [halves[1]])] == ["repeated"]
+
+
+def test_a_repeated_motion_is_said_to_be_one() -> None:
+    repeated = run("repeated", *measured(3, draw=1))
+    found = verdict(identify(ROBOT, [FITTED], [repeated]), [FITTED], [repeated])
+    assert found.stop is None
+    good = [one for one in found.uses if one.fit]
+    assert good
+    assert all("same motion" in one.reason for one in good)
+    assert "Hold out another motion" in found.next_steps[0]
