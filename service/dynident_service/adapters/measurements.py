@@ -39,6 +39,7 @@ def import_file(
             payload=metadata.payload,
             torque_delay=metadata.torque_delay,
             accept=tuple(metadata.accept),
+            effort_kind=metadata.effort_kind,
         ),
     )
 

@@ -28,6 +28,7 @@ from dynident.robot import Robot
 from dynident_service.adapters.identifications import check_effects
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
+from dynident_service.cli.metadata import Said, as_proposed, read_metadata
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
@@ -54,6 +55,8 @@ class FileOptions:
     windows: Sequence[str] = ()
     accept: Sequence[str] = ()
     roles: Mapping[Path, str] = field(default_factory=dict)
+    metadata: Sequence[str] = ()
+    as_proposed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,20 +92,32 @@ def loaded(
     names = unique_names(everything)
     windows = parsing.windows_of(options.windows, names)
     columns, units = parsing.pairs(options.columns, "--columns"), parsing.pairs(options.units, "--units")
+    told = read_metadata(options.metadata, names)
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
         found = []
         for index, (path, name) in enumerate(zip(everything, names, strict=True)):
+            said = told.get(name, Said())
+            if options.as_proposed and name not in told:
+                said = _proposed(path, robot)
             metadata = RecordingMetadata(
                 name=name,
-                columns=columns,
-                units=units,
+                columns={**said.columns, **columns},
+                units={**said.units, **units},
                 role=options.roles.get(path),
-                windows=windows.get(name, ()),
+                windows=windows.get(name, said.windows),
                 accept=tuple(options.accept),
             )
             share = part(progress, index / len(everything), (index + 1) / len(everything))
             found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share))
         yield found[: len(paths)], found[len(paths) :]
+
+
+def _proposed(path: Path, robot: Robot) -> Said:
+    from dynident.identification.imports import inspect_file
+
+    check_readable(path)
+    has_gains = all(drive.gain is not None for drive in robot.drives)
+    return as_proposed(path, inspect_file(path, robot), has_gains=has_gains)
 
 
 def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress) -> Loaded:

@@ -28,7 +28,8 @@ Measurements = Annotated[
     list[Path],
     typer.Argument(
         metavar="MEASUREMENT",
-        help="CSV or Parquet files with the columns t, q1… and tau1… or current1… (or q_<joint>…).",
+        help="Files with the columns t, q1… and tau1… or current1… (or q_<joint>…): CSV, Parquet, NumPy, MAT, HDF5, "
+        "bags, MCAP.",
         show_default=False,
     ),
     TO_READ,
@@ -74,6 +75,20 @@ Windows = Annotated[
         default_factory=list,
         show_default=False,
     ),
+]
+Metadata = Annotated[
+    list[str],
+    typer.Option(
+        "--metadata",
+        metavar="[NAME=]FILE",
+        help="What `dynident inspect --out` wrote, of all files or of the one with that name; may be repeated.",
+        default_factory=list,
+        show_default=False,
+    ),
+]
+AsProposed = Annotated[
+    bool,
+    typer.Option("--as-proposed", help="Take the columns as `dynident inspect` proposes them, where nothing is asked."),
 ]
 Accept = Annotated[
     list[str],

@@ -9,6 +9,9 @@ from pydantic import Field
 
 from dynident_service.models.common import Asked, Identifier, Name, Shown
 
+EffortKind = Literal[
+    "motor_current", "motor_torque", "joint_torque", "gravity_compensated", "external", "commanded", "unknown"
+]
 Role = Literal["identification", "validation", "friction", "payload"]
 
 
@@ -17,7 +20,9 @@ class MeasurementMetadata(Asked):
 
     robot_id: Identifier
     name: Name
-    format: Literal["csv", "parquet"] | None = Field(default=None, description="Told from the file where not given.")
+    format: Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap"] | None = Field(
+        default=None, description="Told from the file where not given."
+    )
     columns: dict[str, str] = Field(default={}, description='Our name to the file\'s: {"q1": "shoulder_angle"}')
     units: dict[str, str] = Field(default={}, description='By kind of signal or by column: {"q": "deg"}; SI elsewhere')
     role: Role | None = None
@@ -25,6 +30,9 @@ class MeasurementMetadata(Asked):
     payload: dict[str, Any] | None = None
     torque_delay: float = Field(default=0.0, description="Seconds by which the file's torque is late")
     accept: list[str] = Field(default=[], description="Names of checks whose errors are to count as warnings.")
+    effort_kind: EffortKind | None = Field(
+        default=None, description="What the torque or current columns hold; those that are no measurement are refused"
+    )
 
 
 class CheckView(Shown):

@@ -11,12 +11,14 @@ import typer
 from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import (
     Accept,
+    AsProposed,
     Columns,
     DriveGains,
     Effects,
     Estimator,
     Json,
     Measurements,
+    Metadata,
     Model,
     Out,
     Prior,
@@ -38,6 +40,7 @@ def identify(
     windows: Windows,
     accept: Accept,
     effects: Effects,
+    metadata: Metadata,
     friction: Annotated[
         list[Path],
         typer.Option(
@@ -50,6 +53,7 @@ def identify(
         TO_READ,
     ],
     drive_gains: DriveGains = "",
+    as_proposed: AsProposed = False,
     model: Model = "dynamic",
     strategy: Strategy = "global",
     steps: Steps = "link_by_link",
@@ -98,7 +102,9 @@ def identify(
     from dynident_service.models.common import plain
 
     machine = inputs.robot_of(robot, drive_gains)
-    options = inputs.FileOptions(columns, units, windows, accept, dict.fromkeys(friction, "friction"))
+    options = inputs.FileOptions(
+        columns, units, windows, accept, dict.fromkeys(friction, "friction"), metadata, as_proposed
+    )
     chosen = inputs.effects_of(effects, machine) or DEFAULT_EFFECTS
     method = methods.method_of(model, strategy, steps, estimator, prior)
     unfiltered = replace(

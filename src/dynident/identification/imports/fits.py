@@ -23,7 +23,7 @@ class Fits:
         self._segment = None if segment is None else segment.astype(np.int64)
 
     def motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
-        """Filtered rows of positions (m, n) in rad or m and torques (m, n) in any unit; None where there are too few."""
+        """Filtered rows of positions (m, n) in rad or m, torques (m, n) in any unit; None where there are too few."""
         if len(self._t) < FEWEST_ROWS:
             return None
         good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
