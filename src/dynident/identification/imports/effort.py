@@ -19,7 +19,12 @@ _LOST = 0.75
 """Share of the residual with gravity that the one without must stay below to call it compensated."""
 _NEAR = (0.45, 2.1)
 """Between these a described torque and a measured one agree: descriptions are not better."""
+_POOR = (0.15, 6.0)
+"""Beyond these no description is: it is another torque, or another unit."""
+_SAME = 1.1
+"""Times what is left with gravity, below which the motion does not show whether there is any."""
 _TOLD, _STATES = 0.3, 400
+_LOADED = 0.02
 _NOTHING = 0.9
 """Share left from which on the motion explains nothing of a torque."""
 
@@ -54,13 +59,22 @@ def classify_effort(
         return EffortGuess(
             "external", 0.6, f"motion and gravity explain next to nothing of it ({with_gravity:.0%} left)"
         )
+    told_apart = 1.0
     if _has_gravity(fits.robot):
         without = left_of(_floating(fits.robot), motion)
+        told_apart = without / max(with_gravity, 1e-9)
         if without < _LOST * with_gravity:
             reason = f"without gravity the robot's dynamics leave {without:.0%} of it, with gravity {with_gravity:.0%}"
             return EffortGuess("gravity_compensated", 0.9, reason)
+    if signal == "tau":
+        scales = scales_of(fits.robot, motion)
+        if scales is not None and not scales.plausible(torque_factor):
+            size = scales.usual * torque_factor
+            return EffortGuess("unknown", 0.3, f"it is {size:.2g} times what the inertias of the description say")
     if signal in ("tau", "current") or unit is not None:
         return _by_word(signal, unit, 0.9, "by its name; gravity and motion of the robot explain it")
+    if told_apart < _SAME and _has_load(fits.robot, motion):
+        return EffortGuess("unknown", 0.3, "the motion does not tell whether the load of gravity is in it")
     return by_size(fits.robot, motion, torque_factor, current_factor)
 
 
@@ -80,7 +94,7 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
         return EffortGuess("joint_torque", 0.9, "it is as large as the inertias of the description say")
     if is_current and not is_torque:
         return EffortGuess("motor_current", 0.9, "with the drive gains it is what the inertias of the description say")
-    size = float(np.median(np.abs(scales.values[scales.trusted]))) * torque_factor
+    size = scales.usual * torque_factor
     return EffortGuess("unknown", 0.3, f"taken for torque it is {size:.2g} times what the description says")
 
 
@@ -90,6 +104,15 @@ class Scales:
 
     values: FloatArray
     trusted: BoolArray
+
+    @property
+    def usual(self) -> float:
+        """The middle one of the believed, without its sign."""
+        return float(np.median(np.abs(self.values[self.trusted])))
+
+    def plausible(self, factor: float) -> bool:
+        """Whether they could be torques of the joints, once multiplied by a factor, if the description is poor."""
+        return _POOR[0] < self.usual * factor < _POOR[1]
 
     def near_one(self, factors: FloatArray) -> bool:
         """Whether the believed ones, times factors (n,), are what the description says, as far as descriptions go."""
@@ -134,6 +157,17 @@ def _by_word(signal: str | None, unit: str | None, confidence: float, reason: st
 
 def _has_gravity(robot: Robot) -> bool:
     return bool(np.linalg.norm(robot.gravity) > 1.0)
+
+
+def _has_load(robot: Robot, motion: Motion) -> bool:
+    """Whether gravity loads a joint, as far as the description says."""
+    if robot.inertias is None:
+        return True
+    model = to_pinocchio(robot)
+    data = model.createData()
+    every = max(1, len(motion.q) // 50)
+    loads = np.array([pin.computeGeneralizedGravity(model, data, q) for q in motion.q[::every]])
+    return bool((np.abs(loads).max(axis=0) > _LOADED * np.abs(motion.tau).max(axis=0)).any())
 
 
 def _floating(robot: Robot) -> Robot:

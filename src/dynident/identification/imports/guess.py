@@ -319,6 +319,12 @@ class _Guesser:
             signal = "current" if kind == "motor_current" else "tau"
             self._map(signal, effort)
         else:
+            if kind == "unknown" and signal == "tau":
+                detail = (
+                    f"What are {self._shown(effort)}? They are called torques, but {by_data.reason}: torques of the "
+                    "joints, with such inertias, or of the motors before the gears?"
+                )
+                self._ask("effort_kind", detail, ("joint_torque", "motor_torque"))
             self._map("tau" if signal == "tau" else "current", effort)
         if effort.unit not in ("permille", "percent"):
             self._effort_unit(signal or "tau", tau, effort, gains, reach)
