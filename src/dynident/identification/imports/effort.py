@@ -25,6 +25,7 @@ _SAME = 1.1
 """Times what is left with gravity, below which the motion does not show whether there is any."""
 _TOLD, _STATES = 0.3, 400
 _LOADED = 0.02
+_HEAVY, _ABSENT = 0.5, 0.2
 _NOTHING = 0.9
 """Share left from which on the motion explains nothing of a torque."""
 
@@ -66,6 +67,9 @@ def classify_effort(
         if without < _LOST * with_gravity:
             reason = f"without gravity the robot's dynamics leave {without:.0%} of it, with gravity {with_gravity:.0%}"
             return EffortGuess("gravity_compensated", 0.9, reason)
+    if signal == "tau" and told_apart < _SAME and _lacks_load(fits.robot, motion, torque_factor):
+        reason = "the load of gravity that the description says is not in it"
+        return EffortGuess("gravity_compensated", 0.7, reason)
     if signal == "tau":
         scales = scales_of(fits.robot, motion)
         if scales is not None and not scales.plausible(torque_factor):
@@ -157,6 +161,26 @@ def _by_word(signal: str | None, unit: str | None, confidence: float, reason: st
 
 def _has_gravity(robot: Robot) -> bool:
     return bool(np.linalg.norm(robot.gravity) > 1.0)
+
+
+def _lacks_load(robot: Robot, motion: Motion, factor: float) -> bool:
+    """Whether the load of gravity on every joint that has much of it, as the description says, is not there."""
+    if robot.inertias is None:
+        return False
+    model = to_pinocchio(robot)
+    data = model.createData()
+    every = max(1, len(motion.q) // _STATES)
+    q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
+    load = np.array([pin.computeGeneralizedGravity(model, data, state) for state in q])
+    rest = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)]) - load
+    shares = []
+    for joint in range(robot.n):
+        if (load[:, joint] ** 2).mean() > _HEAVY**2 * (tau[:, joint] ** 2).mean():
+            speed = dq[:, joint]
+            rows = np.column_stack([load[:, joint], rest[:, joint], speed, np.sign(speed)])
+            size = np.sqrt((rows**2).sum(axis=0)) + 1e-30
+            shares.append(np.linalg.lstsq(rows / size, tau[:, joint], rcond=1e-10)[0][0] / size[0])
+    return bool(shares and np.max(np.abs(shares)) < _ABSENT)
 
 
 def _has_load(robot: Robot, motion: Motion) -> bool:

@@ -46,11 +46,12 @@ class Fits:
         found = left_of(self.robot, motion)
         return found if np.isfinite(found) else None
 
-    def mistakes(self, q: FloatArray, tau: FloatArray) -> tuple[tuple[Finding, ...], float] | None:
+    def mistakes(self, positions: FloatArray, torques: FloatArray) -> tuple[tuple[Finding, ...], float] | None:
         """Gross mistakes in order and signs, and what is left without them."""
-        motion = self.motion(q, tau)
+        motion = self.motion(positions, torques)
         if motion is None:
             return None
         every = max(1, len(motion.q) // _ROWS)
-        thin = Motion(*(part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau, motion.block)))
+        q, dq, ddq, tau = (part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau))
+        thin = Motion(q, dq, ddq, tau, motion.block[::every])
         return mistakes_of(self.robot, thin)
