@@ -50,6 +50,7 @@ def test_a_foreign_file_is_proposed_and_becomes_a_measurement_in_one_call(client
     assert used.status_code == 201, used.text
     measurement = used.json()
     assert measurement["sha256"] == found["sha256"]
+    assert measurement["effort_kind"] == "joint_torque"
     assert measurement["sampling_rate"] == pytest.approx(200.0)
     content = client.get(f"/v1/measurements/{measurement['id']}/content").content
     assert content == foreign()

@@ -90,4 +90,5 @@ class MeasurementView(MeasurementResult):
     robot_id: str
     role: Role | None
     windows: list[tuple[float, float]]
+    effort_kind: EffortKind = Field(default="unknown", description="What its torque or current was said to be")
     request: MeasurementMetadata

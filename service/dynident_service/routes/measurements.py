@@ -176,6 +176,7 @@ def show(resource: Resource) -> MeasurementView:
             "robot_id": said.robot_id,
             "role": said.role,
             "windows": said.windows,
+            "effort_kind": said.effort_kind or "unknown",
             "request": said,
         }
     )
