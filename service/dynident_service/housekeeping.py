@@ -13,6 +13,7 @@ from pathlib import Path
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.doctor import CURABLE, examine
+from dynident_service.storage.imports import KEPT, forget_imports
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.retention import forget
 from dynident_service.storage.tombstones import sweep
@@ -51,6 +52,7 @@ class Housekeeping:
     def round(self) -> None:
         """Do once all that is due."""
         sweep_uploads(self._settings.uploads_dir)
+        forget_imports(self._database, timedelta(seconds=KEPT))
         swept = sweep(self._database, self._objects, timedelta(seconds=self._settings.deleted_kept_seconds))
         if swept:
             log.info("%d files that nobody owned were deleted", swept)

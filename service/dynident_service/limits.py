@@ -14,7 +14,7 @@ from dynident_service.problem_responses import respond
 from dynident_service.problems import make_problem
 from dynident_service.settings import Settings
 
-UPLOADS = frozenset({"/v1/measurements"})
+UPLOADS = frozenset({"/v1/measurements", "/v1/imports"})
 TRAJECTORIES = frozenset({"/v1/simulations"})
 MOST_VALUES = 200_000
 MOST_SAMPLES = 4_000_000

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from dynident.desk.figure import Figure
     from dynident.desk.following import FollowedRobot, series
     from dynident.desk.identifying import identify, load_model
+    from dynident.desk.inspecting import InspectedFile, inspect
     from dynident.desk.model import Ladder, Model
     from dynident.desk.parameters import ErrorTable, JointError, Parameters
     from dynident.desk.reading import read_recordings, revise
@@ -58,6 +59,7 @@ __all__ = [
     "Figure",
     "FollowedRobot",
     "IdentificationChoices",
+    "InspectedFile",
     "JointError",
     "Ladder",
     "Limits",
@@ -77,6 +79,7 @@ __all__ = [
     "design",
     "diagnose",
     "identify",
+    "inspect",
     "load_model",
     "load_robot",
     "read_recordings",
@@ -94,6 +97,7 @@ _HOMES = {
     "dynident.desk.figure": ("Figure",),
     "dynident.desk.following": ("FollowedRobot", "series"),
     "dynident.desk.identifying": ("identify", "load_model"),
+    "dynident.desk.inspecting": ("InspectedFile", "inspect"),
     "dynident.desk.model": ("Ladder", "Model"),
     "dynident.desk.parameters": ("ErrorTable", "JointError", "Parameters"),
     "dynident.desk.reading": ("read_recordings", "revise"),

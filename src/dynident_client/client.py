@@ -7,7 +7,7 @@ from typing import Any, Self
 
 import httpx2
 
-from dynident_client.inputs import Designs, Measurements, Robots, Simulations
+from dynident_client.inputs import Designs, Imports, Measurements, Robots, Simulations
 from dynident_client.jobs import Jobs
 from dynident_client.outputs import (
     Comparisons,
@@ -45,6 +45,7 @@ class Client:
     ) -> None:
         self._transport = Transport(base_url, api_key, timeout, transport)
         self.robots = Robots(self._transport)
+        self.imports = Imports(self._transport)
         self.measurements = Measurements(self._transport)
         self.designs = Designs(self._transport)
         self.simulations = Simulations(self._transport)

@@ -9,7 +9,7 @@ from typing import Any, Literal, Unpack
 
 from dynident_client.collection import Collection
 from dynident_client.labels import Labelled
-from dynident_client.records import Design, Measurement, Record, Robot, Simulation, id_of
+from dynident_client.records import Design, Import, Measurement, Record, Robot, Simulation, id_of
 from dynident_client.requests import DesignOptions, SimulationOptions
 
 
@@ -36,6 +36,24 @@ class Robots(Labelled[Robot]):
             content: Any = urdf.read_text() if isinstance(urdf, Path) else urdf
             return self._post({"name": name, "description": {"format": "urdf", "content": content}, **more})
         return self._post({"name": name, "description": {"format": "modified_dh", "content": modified_dh}, **more})
+
+
+class Imports(Collection[Import]):
+    """Files that were looked at before they are used."""
+
+    kind = Import
+
+    def upload(self, robot: Record | str, file: Path | str, **more: Any) -> Import:
+        """Upload a file in any format that is read, to have its columns told.
+
+        `more`: name, role, windows, columns, units, as far as they are known.
+        """
+        path = Path(file)
+        metadata = {"robot_id": id_of(robot), "name": path.stem, **more}
+        with path.open("rb") as opened:
+            return self._record(
+                self._transport.upload(self.path, path.name, opened, {"metadata": json.dumps(metadata)})
+            )
 
 
 class Measurements(Labelled[Measurement]):
@@ -79,6 +97,10 @@ class Measurements(Labelled[Measurement]):
         path = f"{self.path}/{id_of(measurement)}/raw"
         narrow = {"signals": ",".join(signals) or None, "from": start, "to": end, "points": points}
         return dict(self._transport.get(path, **narrow))
+
+    def of_import(self, looked_at: Import, metadata: Mapping[str, Any] | None = None) -> Measurement:
+        """Store a file that was imported, with these metadata or as they are proposed."""
+        return self._post({"import_id": looked_at.id, "metadata": dict(metadata or looked_at.proposed)})
 
     def content(self, measurement: Record | str) -> Iterator[bytes]:
         """Read the file back as it was uploaded, in pieces."""

@@ -106,6 +106,22 @@ class Robot(Record):
         return list(self.data["joints"])
 
 
+class Import(Record):
+    """A file that was looked at, and is kept for a day."""
+
+    path = "/v1/imports"
+
+    @property
+    def proposed(self) -> dict[str, Any]:
+        """Metadata that are proposed for the file."""
+        return dict(self.data["proposed"])
+
+    @property
+    def questions(self) -> list[dict[str, Any]]:
+        """What has to be answered before it can be used."""
+        return list(self.data["questions"])
+
+
 class Measurement(Record):
     """A recording."""
 

@@ -18,6 +18,7 @@ CONTRACT = json.loads((Path(__file__).parents[2] / "openapi" / "openapi.json").r
 ANSWER = {"id": "x1", "job_id": "job_1", "status": "queued", "items": [], "cursor": None, "state": "queued"}
 COLLECTIONS = (
     "robots",
+    "imports",
     "measurements",
     "designs",
     "simulations",
@@ -54,6 +55,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.metrics(),
         lambda c: c.effects(),
         lambda c: c.robots.create("a", urdf="<robot/>"),
+        lambda c: c.imports.upload("r1", file),
         lambda c: c.measurements.upload("r1", file),
         lambda c: list(c.measurements.content("x1")),
         lambda c: c.measurements.raw("x1", ["q1"], points=100),

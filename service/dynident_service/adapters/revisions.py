@@ -26,6 +26,7 @@ def metadata_of(said: wire.MeasurementMetadata) -> RecordingMetadata:
         signs=said.signs,
         scale=said.scale,
         exclude=tuple(said.exclude),
+        effort_kind=said.effort_kind,
     )
 
 

@@ -29,6 +29,7 @@ from dynident_service.adapters.identifications import check_effects
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
 from dynident_service.cli.options import Reading
+from dynident_service.cli.metadata import Said, as_proposed, read_metadata
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
@@ -58,11 +59,22 @@ class FileOptions:
     accept: Sequence[str] = ()
     roles: Mapping[Path, str] = field(default_factory=dict)
     cure: bool = False
+    metadata: Sequence[str] = ()
+    as_proposed: bool = False
 
 
 def file_options(reading: Reading, roles: Mapping[Path, str] | None = None) -> FileOptions:
     """What the options of reading say, with the roles of files that are not for the identification as usual."""
-    return FileOptions(reading.columns, reading.units, reading.windows, reading.accept, roles or {}, reading.cure)
+    return FileOptions(
+        reading.columns,
+        reading.units,
+        reading.windows,
+        reading.accept,
+        roles or {},
+        reading.cure,
+        reading.metadata,
+        reading.as_proposed,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,15 +110,19 @@ def loaded(
     names = unique_names(everything)
     windows = parsing.windows_of(options.windows, names, _neighbours(everything))
     columns, units = parsing.pairs(options.columns, "--columns"), parsing.pairs(options.units, "--units")
+    told = read_metadata(options.metadata, names)
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
         found = []
         for index, (path, name) in enumerate(zip(everything, names, strict=True)):
+            said = told.get(name, Said())
+            if options.as_proposed and name not in told:
+                said = _proposed(path, robot)
             metadata = RecordingMetadata(
                 name=name,
-                columns=columns,
-                units=units,
+                columns={**said.columns, **columns},
+                units={**said.units, **units},
                 role=options.roles.get(path),
-                windows=windows.get(name, ()),
+                windows=windows.get(name, said.windows),
                 accept=tuple(options.accept),
             )
             share = part(progress, index / len(everything), (index + 1) / len(everything))
@@ -118,6 +134,14 @@ def _neighbours(paths: Sequence[Path]) -> set[str]:
     """Names of the files that lie beside those of this call: other commands of the same study may be about them."""
     folders = {path.parent for path in paths if path.parent.is_dir()}
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
+
+
+def _proposed(path: Path, robot: Robot) -> Said:
+    from dynident.identification.imports import inspect_file
+
+    check_readable(path)
+    has_gains = all(drive.gain is not None for drive in robot.drives)
+    return as_proposed(path, inspect_file(path, robot), has_gains=has_gains)
 
 
 def _load(

@@ -29,7 +29,8 @@ Measurements = Annotated[
     list[Path],
     typer.Argument(
         metavar="MEASUREMENT",
-        help="CSV or Parquet files with the columns t, q1… and tau1… or current1… (or q_<joint>…).",
+        help="Files with the columns t, q1… and tau1… or current1… (or q_<joint>…): CSV, Parquet, NumPy, MAT, HDF5, "
+        "bags, MCAP.",
         show_default=False,
     ),
     TO_READ,
@@ -76,6 +77,20 @@ Windows = Annotated[
         show_default=False,
     ),
 ]
+Metadata = Annotated[
+    list[str],
+    typer.Option(
+        "--metadata",
+        metavar="[NAME=]FILE",
+        help="What `dynident inspect --out` wrote, of all files or of the one with that name; may be repeated.",
+        default_factory=list,
+        show_default=False,
+    ),
+]
+AsProposed = Annotated[
+    bool,
+    typer.Option("--as-proposed", help="Take the columns as `dynident inspect` proposes them, where nothing is asked."),
+]
 Accept = Annotated[
     list[str],
     typer.Option(
@@ -108,7 +123,9 @@ class Reading:
     units: Units
     windows: Windows
     accept: Accept
+    metadata: Metadata
     drive_gains: DriveGains = ""
+    as_proposed: AsProposed = False
     cure: Cure = False
 
 

@@ -11,6 +11,9 @@ from dynident_service.models.common import Asked, Identifier, Name, Shown
 from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import EXCLUDE, ORDER, SCALE, SIGNS, Axis, RevisionRequest
 
+EffortKind = Literal[
+    "motor_current", "motor_torque", "joint_torque", "gravity_compensated", "external", "commanded", "unknown"
+]
 Role = Literal["identification", "validation", "friction", "payload"]
 
 
@@ -19,7 +22,9 @@ class MeasurementMetadata(Asked):
 
     robot_id: Identifier
     name: Name
-    format: Literal["csv", "parquet"] | None = Field(default=None, description="Told from the file where not given.")
+    format: Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap"] | None = Field(
+        default=None, description="Told from the file where not given."
+    )
     columns: dict[str, str] = Field(default={}, description='Our name to the file\'s: {"q1": "shoulder_angle"}')
     units: dict[str, str] = Field(default={}, description='By kind of signal or by column: {"q": "deg"}; SI elsewhere')
     role: Role | None = None
@@ -31,6 +36,9 @@ class MeasurementMetadata(Asked):
     signs: dict[str, float] = Field(default={}, description=SIGNS)
     scale: dict[str, float] = Field(default={}, description=SCALE)
     exclude: list[tuple[float, float]] = Field(default=[], description=EXCLUDE)
+    effort_kind: EffortKind | None = Field(
+        default=None, description="What the torque or current columns hold; those that are no measurement are refused"
+    )
 
 
 class CheckView(Shown):
@@ -98,4 +106,5 @@ class MeasurementView(MeasurementResult, Labelled):
     windows: list[tuple[float, float]]
     parent_id: str | None = Field(default=None, description="The measurement that this one is a revision of")
     revision: int = Field(default=0, description="How many edits lie between the upload and this measurement")
+    effort_kind: EffortKind = Field(default="unknown", description="What its torque or current was said to be")
     request: MeasurementMetadata

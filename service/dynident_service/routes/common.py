@@ -30,6 +30,7 @@ PATHS: dict[str, str] = {
     "simulation": "simulations",
     "report": "reports",
     "series": "series",
+    "import": "imports",
 }
 
 

@@ -16,8 +16,9 @@ from fastapi.responses import StreamingResponse
 from pydantic import ValidationError
 
 from dynident_service.models.common import Page, plain
+from dynident_service.models.imports import MeasurementOfImport
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
-from dynident_service.problems import ProblemError, fields_of, not_found, unusable, validation_problem
+from dynident_service.problems import ProblemError, ProblemField, fields_of, not_found, unusable, validation_problem
 from dynident_service.routes.common import LabelledQueryDep, RetryKey, RetryKeyDep, again, make, page_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.objects import digest
@@ -27,22 +28,49 @@ from dynident_service.storage.tombstones import ObjectGone
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
 
 MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}
+JSON_BODY = {
+    "requestBody": {
+        "content": {
+            "application/json": {
+                "schema": {
+                    "type": "object",
+                    "title": "MeasurementOfImport",
+                    "required": ["import_id", "metadata"],
+                    "properties": {
+                        "import_id": {"type": "string", "description": "A file that was imported before"},
+                        "metadata": {"$ref": "#/components/schemas/MeasurementMetadata"},
+                    },
+                }
+            }
+        },
+        "required": True,
+    }
+}
 
 
 IMPORT = "dynident_service.work.awaited:import_measurement"
 LONGEST_IMPORT = 3600.0
 
 
-@router.post("", status_code=201)
+@router.post("", status_code=201, openapi_extra=JSON_BODY)
 async def upload_measurement(
     request: Request,
     services: ServicesDep,
     retry: RetryKeyDep,
     response: Response,
-    file: Annotated[UploadFile, File(description="CSV or Parquet: t, q…, tau… or current…, …")],
-    metadata: Annotated[str, Form(description="A JSON object: see MeasurementMetadata")],
+    file: Annotated[UploadFile | None, File(description="t, q…, tau… or current…, …, in any format")] = None,
+    metadata: Annotated[str | None, Form(description="A JSON object: see MeasurementMetadata")] = None,
 ) -> MeasurementView:
-    """Store a recording, checked; one that cannot be used is refused with the column and the row or time."""
+    """Store a recording, checked; one that cannot be used is refused with the column and the row or time.
+
+    Either a form with the file and its metadata, or a JSON body that names an import: see MeasurementOfImport.
+    """
+    if request.headers.get("content-type", "").lower().startswith("application/json"):
+        return await _of_import(request, services, retry, response)
+    if file is None or metadata is None:
+        lacking = [name for name, value in (("file", file), ("metadata", metadata)) if value is None]
+        fields = [ProblemField(pointer=f"/{name}", detail="Field required") for name in lacking]
+        raise ProblemError.of(validation_problem(fields))
     folder = services.settings.uploads_dir
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as name:
@@ -51,6 +79,58 @@ async def upload_measurement(
             return show(again(received.known, response))
         result = await services.awaited.call(request, IMPORT, received.to_import(), LONGEST_IMPORT)
         return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
+
+
+async def _of_import(request: Request, services: Services, retry: RetryKey, response: Response) -> MeasurementView:
+    """Store a recording of a file that was imported before."""
+    asked = _asked(await request.body())
+    folder = services.settings.uploads_dir
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        received = await to_thread.run_sync(_imported, services, asked, Path(name), retry)
+        if received.known is not None:
+            return show(again(received.known, response))
+        result = await services.awaited.call(request, IMPORT, received.to_import(), LONGEST_IMPORT)
+        return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
+
+
+def _asked(body: bytes) -> MeasurementOfImport:
+    try:
+        said = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise unusable(f"the body is not JSON: {error}", "") from error
+    try:
+        return MeasurementOfImport.model_validate_json(body)
+    except ValidationError as error:
+        errors = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
+        raise ProblemError.of(validation_problem(fields_of(errors, said))) from error
+
+
+def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key: RetryKey) -> _Received:
+    retry = key.of(asked)
+    source = folder / "source"
+    said = asked.metadata
+    if (known := services.resources.known(retry)) is not None:
+        return _Received(said, source, "", retry, {}, known)
+    found = services.resources.find(asked.import_id)
+    if found is None or found.kind != "import":
+        detail = f"there is no import {asked.import_id!r}; they are kept for a day: upload the file again"
+        raise unusable(detail, "/import_id", title="Unknown resource")
+    original = found.objects["original"]
+    if shutil.disk_usage(folder).free < 2 * original.size + services.settings.reserved_bytes:
+        raise ProblemError(507, "The disk of the service is nearly full, so nothing was stored.", title="Disk full")
+    with source.open("wb") as target:
+        for part in services.objects.stream(original.key):
+            target.write(part)
+    robot = _robot(services, said.robot_id)
+    return _Received(said, source, original.key, retry, robot, import_id=found.id)
+
+
+def _robot(services: Services, identifier: str) -> Mapping[str, Any]:
+    robot = services.resources.find(identifier)
+    if robot is None or robot.kind != "robot":
+        raise unusable(f"there is no robot {identifier!r}", "/metadata/robot_id", title="Unknown resource")
+    return robot.request
 
 
 @router.get("")
@@ -98,6 +178,7 @@ def show(resource: Resource) -> MeasurementView:
             "windows": said.windows,
             "parent_id": next(iter(resource.all("parent")), None),
             "revision": len((resource.result or {}).get("edits", [])),
+            "effort_kind": said.effort_kind or "unknown",
             "request": said,
             "tags": resource.tags,
             "archived": resource.archived,
@@ -128,6 +209,8 @@ class _Received:
     robot: Mapping[str, Any]
     known: Resource | None = None
     """What an earlier try of the same upload made."""
+    import_id: str | None = None
+    """The import that the file comes from."""
 
     @property
     def recording(self) -> Path:
@@ -146,7 +229,7 @@ class _Received:
 
 
 def _receive(services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey) -> _Received:
-    _require_room(services, folder, file)
+    require_room(services, folder, file)
     source = folder / "source"
     with source.open("wb") as target:
         shutil.copyfileobj(file.file, target, 1 << 20)
@@ -155,10 +238,7 @@ def _receive(services: Services, said: MeasurementMetadata, file: UploadFile, fo
     retry = key.of(said, sha256)
     if (known := services.resources.known(retry)) is not None:
         return _Received(said, source, sha256, retry, {}, known)
-    robot = services.resources.find(said.robot_id)
-    if robot is None or robot.kind != "robot":
-        raise unusable(f"there is no robot {said.robot_id!r}", "/metadata/robot_id", title="Unknown resource")
-    return _Received(said, source, sha256, retry, robot.request)
+    return _Received(said, source, sha256, retry, _robot(services, said.robot_id))
 
 
 def _store(services: Services, received: _Received, result: Mapping[str, Any], response: Response) -> Resource:
@@ -168,7 +248,10 @@ def _store(services: Services, received: _Received, result: Mapping[str, Any], r
         plain(said),
         name=said.name,
         result=result,
-        rests_on=(RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),),
+        rests_on=(
+            RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),
+            *([RestsOn(received.import_id, "import", "import", "/import_id")] if received.import_id else []),
+        ),
         objects=_keep(services, received),
         retry=received.retry,
     )
@@ -178,7 +261,7 @@ def _store(services: Services, received: _Received, result: Mapping[str, Any], r
         return make(services, replace(new, objects=_keep(services, received)), response)
 
 
-def _require_room(services: Services, folder: Path, file: UploadFile) -> None:
+def require_room(services: Services, folder: Path, file: UploadFile) -> None:
     """Refuse what would fill the disk to the brim: the database needs room too, even to delete something."""
     needed = 2 * (file.size or 0) + services.settings.reserved_bytes  # the file and its recording
     if shutil.disk_usage(folder).free < needed:
@@ -186,10 +269,19 @@ def _require_room(services: Services, folder: Path, file: UploadFile) -> None:
         raise ProblemError(507, detail, title="Disk full")
 
 
+def media_type_of(source: Path) -> str:
+    """What a file is, for whoever fetches it."""
+    with source.open("rb") as opened:
+        start = opened.read(16)
+    if start.startswith(b"PAR1"):
+        return MEDIA_TYPES["parquet"]
+    foreign = (b"\x93NUMPY", b"PK\x03\x04", b"MATLAB", b"\x89HDF", b"#ROSBAG", b"SQLite", b"\x89MCAP")
+    return "application/octet-stream" if start.startswith(foreign) else MEDIA_TYPES["csv"]
+
+
 def _keep(services: Services, received: _Received) -> tuple[Owned, ...]:
     source, canonical = received.source, received.recording
-    with source.open("rb") as opened:
-        media_type = MEDIA_TYPES["parquet" if opened.read(4) == b"PAR1" else "csv"]
+    media_type = media_type_of(source)
     kept = []
     for role, path, kind in (("original", source, media_type), ("recording", canonical, MEDIA_TYPES["parquet"])):
         stored = services.resources.put(path)

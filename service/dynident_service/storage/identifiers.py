@@ -18,6 +18,7 @@ PREFIXES = {
     "simulation": "sim",
     "report": "rep",
     "series": "ser",
+    "import": "imp",
     "job": "job",
 }
 

@@ -19,6 +19,7 @@ Kind = Literal[
     "simulation",
     "report",
     "series",
+    "import",
 ]
 JobKind = Literal[
     "design",

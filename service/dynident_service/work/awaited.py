@@ -13,9 +13,11 @@ from dynident.identification.essential import essential_parameters
 from dynident.recordings import RecordingError
 from dynident_service.adapters.exports import exported_file
 from dynident_service.adapters.identifications import describe_correlation, describe_essential
+from dynident_service.adapters.imports import look_at
 from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
 from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request, robot_of
 from dynident_service.models.common import plain
+from dynident_service.models.imports import ImportMetadata
 from dynident_service.models.measurements import MeasurementMetadata
 from dynident_service.models.robots import RobotRequest
 from dynident_service.problems import ProblemError
@@ -38,6 +40,14 @@ def import_measurement(
     except RecordingError as error:
         raise ProblemError.of(problem_with_file(error)) from error
     return plain(describe_recording(recording, checks, sha256))
+
+
+def look_at_file(source: str, robot: Mapping[str, Any], metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Look at a file: what its columns most probably are."""
+    try:
+        return plain(look_at(Path(source), robot_of(robot), ImportMetadata.model_validate(metadata)))
+    except RecordingError as error:
+        raise ProblemError.of(problem_with_file(error)) from error
 
 
 def essential(model: str, ratio: float) -> dict[str, Any]:

@@ -23,6 +23,14 @@ JointKind = Literal["revolute", "prismatic"]
 _LARGEST_READING = 1e30
 
 
+NO_MEASUREMENT = {
+    "gravity_compensated": "the load of gravity was taken out of it, and the links' masses with it",
+    "external": "what the robot's own dynamics need was taken out of it",
+    "commanded": "it is what a controller computed, and not what the robot needed",
+}
+"""Kinds of torque that nothing can be identified from, and why."""
+
+
 @dataclass(frozen=True)
 class JointLimits:
     """What the checks know of a joint: its kind and, where known, its limits (rad or m, rad/s or m/s, N m or N)."""
@@ -96,7 +104,7 @@ class RecordingMetadata:
     Parameters
     ----------
     name : str
-    format : "csv", "parquet" or None
+    format : one of `dynident.recordings.formats.FORMATS`, or None
         None: told from the file's first bytes.
     columns : mapping
         Our column name to the file's: {"q1": "shoulder_angle"}.
@@ -123,10 +131,12 @@ class RecordingMetadata:
         {"tau2": 0.1}: positive factors of the same.
     exclude : pairs (from, to)
         Seconds of t to leave out, of the windows or of all.
+    effort_kind : str or None
+        What the columns of torque or current hold, such as motor_current; those of `NO_MEASUREMENT` are refused.
     """
 
     name: str = "recording"
-    format: Literal["csv", "parquet"] | None = None
+    format: str | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     role: str | None = None
@@ -138,8 +148,16 @@ class RecordingMetadata:
     signs: Mapping[str, float] = field(default_factory=dict)
     scale: Mapping[str, float] = field(default_factory=dict)
     exclude: Windows = ()
+    effort_kind: str | None = None
 
     def __post_init__(self) -> None:
+        if self.effort_kind in NO_MEASUREMENT:
+            raise RecordingError(
+                f"The torque is said to be {self.effort_kind.replace('_', '-')}: {NO_MEASUREMENT[self.effort_kind]}. "
+                "Give columns with the torque, or the current, that the motors were measured to make.",
+                pointer="/effort_kind",
+                title="No measured torque",
+            )
         if not abs(self.torque_delay) <= 1.0:
             raise RecordingError(
                 f"torque_delay is {self.torque_delay} s; give a number of seconds between -1 and 1.",

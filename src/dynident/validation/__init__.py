@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from dynident.identification.thresholds import LARGEST_ERROR
 from dynident.lazy import lazily
 
 if TYPE_CHECKING:
-    from dynident.identification.thresholds import LARGEST_ERROR
     from dynident.validation.bootstrap import BootstrapValidation, DrawnParameter, validate_bootstrap
     from dynident.validation.filters import FiltersBySimulation, FilterTrial, filters_by_simulation
     from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
@@ -98,7 +98,6 @@ if not TYPE_CHECKING:
                 "validate_simulation",
             ),
             "verdict": (
-                "LARGEST_ERROR",
                 "Judged",
                 "Verdict",
                 "together",

@@ -5,15 +5,27 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 
-from dynident.arrays import FloatArray
+from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports.fits import Fits
 from dynident.identification.imports.proposal import EffortKind
 from dynident.identification.mistakes.search import left_of
+from dynident.identification.mistakes.swaps import Motion
 from dynident.robot import Robot
+from dynident.robot.pinocchio_model import to_pinocchio
 
 _LOST = 0.75
 """Share of the residual with gravity that the one without must stay below to call it compensated."""
+_NEAR = (0.45, 2.1)
+"""Between these a described torque and a measured one agree: descriptions are not better."""
+_POOR = (0.15, 6.0)
+"""Beyond these no description is: it is another torque, or another unit."""
+_SAME = 1.1
+"""Times what is left with gravity, below which the motion does not show whether there is any."""
+_TOLD, _STATES = 0.3, 400
+_LOADED = 0.02
+_HEAVY, _ABSENT = 0.5, 0.2
 _NOTHING = 0.9
 """Share left from which on the motion explains nothing of a torque."""
 
@@ -27,20 +39,114 @@ class EffortGuess:
     reason: str
 
 
-def classify_effort(fits: Fits, q: FloatArray, tau: FloatArray, signal: str | None, unit: str | None) -> EffortGuess:
-    """Tell what torques (m, n) are, with positions (m, n) in rad or m; "unknown" where the data do not say."""
+def classify_effort(
+    fits: Fits,
+    q: FloatArray,
+    tau: FloatArray,
+    signal: str | None,
+    unit: str | None,
+    torque_factor: float = 1.0,
+    current_factor: float | None = None,
+) -> EffortGuess:
+    """Tell what torques (m, n) are, with positions (m, n) in rad or m; "unknown" where the data do not say.
+
+    `torque_factor` and `current_factor` make N m and A of the numbers.
+    """
     motion = fits.motion(q, tau)
     if motion is None or not len(motion.q) or not np.isfinite(motion.tau).all():
         return _by_word(signal, unit, 0.6, "by its name; the sample is too short to be held against the robot")
     with_gravity = left_of(fits.robot, motion)
     if with_gravity > _NOTHING:
-        return EffortGuess("external", 0.6, f"motion and gravity explain next to nothing of it ({with_gravity:.0%} left)")
+        return EffortGuess(
+            "external", 0.6, f"motion and gravity explain next to nothing of it ({with_gravity:.0%} left)"
+        )
+    told_apart = 1.0
     if _has_gravity(fits.robot):
         without = left_of(_floating(fits.robot), motion)
+        told_apart = without / max(with_gravity, 1e-9)
         if without < _LOST * with_gravity:
             reason = f"without gravity the robot's dynamics leave {without:.0%} of it, with gravity {with_gravity:.0%}"
             return EffortGuess("gravity_compensated", 0.9, reason)
-    return _by_word(signal, unit, 0.9, "by its name; gravity and motion of the robot explain it")
+    if signal == "tau" and told_apart < _SAME and _lacks_load(fits.robot, motion, torque_factor):
+        reason = "the load of gravity that the description says is not in it"
+        return EffortGuess("gravity_compensated", 0.7, reason)
+    if signal == "tau":
+        scales = scales_of(fits.robot, motion)
+        if scales is not None and not scales.plausible(torque_factor):
+            size = scales.usual * torque_factor
+            return EffortGuess("unknown", 0.3, f"it is {size:.2g} times what the inertias of the description say")
+    if signal in ("tau", "current") or unit is not None:
+        return _by_word(signal, unit, 0.9, "by its name; gravity and motion of the robot explain it")
+    if told_apart < _SAME and _has_load(fits.robot, motion):
+        return EffortGuess("unknown", 0.3, "the motion does not tell whether the load of gravity is in it")
+    return by_size(fits.robot, motion, torque_factor, current_factor)
+
+
+def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: float | None) -> EffortGuess:
+    """Tell torque from current by the inertias of the description, and drive gains where there are any.
+
+    `torque_factor` and `current_factor` make N m and A of the numbers; None where the currents' unit is not known.
+    """
+    scales = scales_of(robot, motion)
+    if scales is None:
+        return EffortGuess("unknown", 0.3, "neither name nor description tell torque from current")
+    is_torque = scales.near_one(np.full(robot.n, torque_factor))
+    gains = np.array([np.nan if drive.gain is None else drive.gain for drive in robot.drives])
+    is_current = current_factor is not None and bool(np.isfinite(gains).all())
+    is_current = is_current and scales.near_one(gains * (current_factor or 1.0))
+    if is_torque and not is_current:
+        return EffortGuess("joint_torque", 0.9, "it is as large as the inertias of the description say")
+    if is_current and not is_torque:
+        return EffortGuess("motor_current", 0.9, "with the drive gains it is what the inertias of the description say")
+    size = scales.usual * torque_factor
+    return EffortGuess("unknown", 0.3, f"taken for torque it is {size:.2g} times what the description says")
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Measured over described torque of every joint (n,), and which joints' are to be believed."""
+
+    values: FloatArray
+    trusted: BoolArray
+
+    @property
+    def usual(self) -> float:
+        """The middle one of the believed, without its sign."""
+        return float(np.median(np.abs(self.values[self.trusted])))
+
+    def plausible(self, factor: float) -> bool:
+        """Whether they could be torques of the joints, once multiplied by a factor, if the description is poor."""
+        return _POOR[0] < self.usual * factor < _POOR[1]
+
+    def near_one(self, factors: FloatArray) -> bool:
+        """Whether the believed ones, times factors (n,), are what the description says, as far as descriptions go."""
+        told = float(np.median(np.abs(self.values * factors)[self.trusted]))
+        return _NEAR[0] < told < _NEAR[1]
+
+
+def scales_of(robot: Robot, motion: Motion) -> Scales | None:
+    """Compare torques with those of the description's inertias; None where it gives none, or the joints disagree."""
+    if robot.inertias is None:
+        return None
+    model = to_pinocchio(robot)
+    data = model.createData()
+    every = max(1, len(motion.q) // _STATES)
+    q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau))
+    told = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])
+    values, trusted = np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
+    for joint in range(robot.n):
+        speed = dq[:, joint]
+        friction = np.column_stack(
+            [speed, np.tanh(speed / (0.05 * speed.std() + 1e-12)), ddq[:, joint], np.ones(len(q))]
+        )
+        rows = np.column_stack([told[:, joint], friction])
+        size = np.sqrt((rows**2).sum(axis=0)) + 1e-30
+        solution, *_ = np.linalg.lstsq(rows / size, tau[:, joint], rcond=1e-10)
+        other = tau[:, joint] - friction @ np.linalg.lstsq(friction, tau[:, joint], rcond=1e-10)[0]
+        left = tau[:, joint] - rows / size @ solution
+        values[joint] = solution[0] / size[0]
+        trusted[joint] = left.var() < _TOLD * other.var() and left.var() < 0.1 * tau[:, joint].var()
+    return Scales(values, trusted) if trusted.any() else None
 
 
 def _by_word(signal: str | None, unit: str | None, confidence: float, reason: str) -> EffortGuess:
@@ -55,6 +161,37 @@ def _by_word(signal: str | None, unit: str | None, confidence: float, reason: st
 
 def _has_gravity(robot: Robot) -> bool:
     return bool(np.linalg.norm(robot.gravity) > 1.0)
+
+
+def _lacks_load(robot: Robot, motion: Motion, factor: float) -> bool:
+    """Whether the load of gravity on every joint that has much of it, as the description says, is not there."""
+    if robot.inertias is None:
+        return False
+    model = to_pinocchio(robot)
+    data = model.createData()
+    every = max(1, len(motion.q) // _STATES)
+    q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
+    load = np.array([pin.computeGeneralizedGravity(model, data, state) for state in q])
+    rest = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)]) - load
+    shares = []
+    for joint in range(robot.n):
+        if (load[:, joint] ** 2).mean() > _HEAVY**2 * (tau[:, joint] ** 2).mean():
+            speed = dq[:, joint]
+            rows = np.column_stack([load[:, joint], rest[:, joint], speed, np.sign(speed)])
+            size = np.sqrt((rows**2).sum(axis=0)) + 1e-30
+            shares.append(np.linalg.lstsq(rows / size, tau[:, joint], rcond=1e-10)[0][0] / size[0])
+    return bool(shares and np.max(np.abs(shares)) < _ABSENT)
+
+
+def _has_load(robot: Robot, motion: Motion) -> bool:
+    """Whether gravity loads a joint, as far as the description says."""
+    if robot.inertias is None:
+        return True
+    model = to_pinocchio(robot)
+    data = model.createData()
+    every = max(1, len(motion.q) // 50)
+    loads = np.array([pin.computeGeneralizedGravity(model, data, q) for q in motion.q[::every]])
+    return bool((np.abs(loads).max(axis=0) > _LOADED * np.abs(motion.tau).max(axis=0)).any())
 
 
 def _floating(robot: Robot) -> Robot:

@@ -1,4 +1,4 @@
-"""What the columns of a sample are by themselves: which is a clock, which never changes, which is the slope of which."""
+"""What the columns of a sample are by themselves: which is a clock, which changes, which is the slope of which."""
 
 from __future__ import annotations
 
@@ -74,7 +74,9 @@ def clock_of(values: FloatArray, column: int, unit: str | None) -> Clock | None:
     if unit in _FACTORS:
         rate = 1.0 / (mean * _FACTORS[unit])
         sure = _SLOWEST / 4 <= rate <= 4 * _FASTEST
-        return Clock(column, unit, _FACTORS[unit], rate, jitter, sure, f"its name says {unit}; that gives {rate:.4g} Hz")
+        return Clock(
+            column, unit, _FACTORS[unit], rate, jitter, sure, f"its name says {unit}; that gives {rate:.4g} Hz"
+        )
     if len(fits) != 1:
         return None
     (found,) = fits

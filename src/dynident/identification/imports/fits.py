@@ -12,6 +12,8 @@ from dynident.recordings import recording_from_arrays
 from dynident.robot import Robot
 
 FEWEST_ROWS = 200
+_ROWS = 1200
+"""Rows that exchanges of columns are looked for in: somebody waits for it."""
 
 
 class Fits:
@@ -23,7 +25,7 @@ class Fits:
         self._segment = None if segment is None else segment.astype(np.int64)
 
     def motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
-        """Filtered rows of positions (m, n) in rad or m and torques (m, n) in any unit; None where there are too few."""
+        """Filtered rows of positions (m, n) in rad or m, torques (m, n) in any unit; None where there are too few."""
         if len(self._t) < FEWEST_ROWS:
             return None
         good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
@@ -44,7 +46,12 @@ class Fits:
         found = left_of(self.robot, motion)
         return found if np.isfinite(found) else None
 
-    def mistakes(self, q: FloatArray, tau: FloatArray) -> tuple[tuple[Finding, ...], float] | None:
+    def mistakes(self, positions: FloatArray, torques: FloatArray) -> tuple[tuple[Finding, ...], float] | None:
         """Gross mistakes in order and signs, and what is left without them."""
-        motion = self.motion(q, tau)
-        return None if motion is None else mistakes_of(self.robot, motion)
+        motion = self.motion(positions, torques)
+        if motion is None:
+            return None
+        every = max(1, len(motion.q) // _ROWS)
+        q, dq, ddq, tau = (part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau))
+        thin = Motion(q, dq, ddq, tau, motion.block[::every])
+        return mistakes_of(self.robot, thin)

@@ -56,7 +56,8 @@ def groups_of(named: Sequence[Named], joint_names: Sequence[str]) -> tuple[list[
 def _group(columns: tuple[int, ...], named: Sequence[Named], reason: str) -> Group:
     members = [named[index] for index in columns]
     units = {one.unit for one in members}
-    unit = units.pop() if len(units) == 1 else None
+    # Of a robot that turns and slides the units differ; that of the first joint tells the signal.
+    unit = units.pop() if len(units) == 1 else members[0].unit
     signals = {one.signal for one in members}
     signal = signals.pop() if len(signals) == 1 else None
     return Group(columns, signal or signal_of_unit(unit), unit, max(one.rank for one in members), members[0], reason)
@@ -100,7 +101,7 @@ def _by_number(
             continue
         for place, word in enumerate(one.words):
             if word.isdigit():
-                stem = (*one.words[:place], "#", *one.words[place + 1 :], one.unit or "")
+                stem = (*one.words[:place], "#", *one.words[place + 1 :])
                 stems.setdefault(stem, {}).setdefault(int(word), index)
     found: dict[tuple[str, ...], dict[int, int]] = {}
     reasons: dict[tuple[str, ...], str] = {}
@@ -127,7 +128,7 @@ def _by_pendant(
         for joint, words in enumerate(_PENDANT):
             place = _place(one.words, words)
             if place is not None:
-                stem = (*one.words[:place], "*", *one.words[place + len(words) :], one.unit or "")
+                stem = (*one.words[:place], "*", *one.words[place + len(words) :])
                 stems.setdefault(stem, {}).setdefault(joint, index)
     whole = {stem: group for stem, group in stems.items() if len(group) == n}
     return whole, dict.fromkeys(whole, "the joints are called base, shoulder, elbow and wrist 1 to 3")

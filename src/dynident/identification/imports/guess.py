@@ -1,4 +1,4 @@
-"""From a sample of a file's columns and a robot to proposed metadata: what is told by names is held against the data."""
+"""From a sample of a file's columns and a robot to proposed metadata: names are held against the data."""
 
 from __future__ import annotations
 
@@ -110,11 +110,12 @@ class _Guesser:
     def _segment(self) -> FloatArray | None:
         for index, one in enumerate(self.named):
             values = self.sample.values[:, index]
-            if one.signal == "segment" and np.isfinite(values).all() and (values == np.rint(values)).all():
-                if len(np.unique(values)) < max(2, len(values) // 20):
-                    self.columns["segment"] = one.name
-                    self._say("columns/segment", one.name, 0.9, "whole numbers that stay for long: runs")
-                    return np.asarray(values)
+            if one.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
+                continue
+            if len(np.unique(values)) < max(2, len(values) // 20):
+                self.columns["segment"] = one.name
+                self._say("columns/segment", one.name, 0.9, "whole numbers that stay for long: runs")
+                return np.asarray(values)
         return None
 
     def _unnamed(self, groups: list[Group], rest: list[int], n: int) -> list[Group]:
@@ -126,7 +127,7 @@ class _Guesser:
         pool = sorted({*(index for index in rest if self.named[index].signal is None), *silent})
         pool = [index for index in pool if self.alive[index]]
         whole = [group for group in groups if group.signal is None]
-        kinds = kinds_of(self.t, self.values, pool, n) if pool else None
+        kinds = kinds_of(self.t, self.values, pool, n, self._explains) if pool else None
         if kinds is None:
             return self._by_elimination(groups, whole)
         groups[:] = [group for group in groups if group.signal is not None]
@@ -138,6 +139,12 @@ class _Guesser:
         if {group.signal for group in groups} >= {"q", "tau"}:
             return []
         return self._ordered(kinds)
+
+    def _explains(self, positions: tuple[int, ...], efforts: tuple[int, ...]) -> float:
+        """Share of the torque that is left if these columns are it, whichever unit the positions are in."""
+        q, tau = self.values[:, list(positions)], self.values[:, list(efforts)]
+        left = [self.fits.left(q * factor, tau) for factor in (1.0, np.pi / 180.0)]
+        return min((one for one in left if one is not None), default=1.0)
 
     def _by_elimination(self, groups: list[Group], whole: list[Group]) -> list[Group]:
         """One group without a signal beside positions is the torque, or the other way round."""
@@ -154,7 +161,9 @@ class _Guesser:
         regular = is_in_order(positions) and is_in_order(efforts)
         reason = f"{kinds.reason}; the joints in the order of the file"
         if not regular:
-            self._ask("columns", "The names of the columns do not say which joint they are of, and their order neither.")
+            self._ask(
+                "columns", "The names of the columns do not say which joint they are of, and their order neither."
+            )
             q, tau = self.values[:, positions], self.values[:, efforts]
             order, _ = own_torques(self.t, q, tau)
             efforts = [efforts[index] for index in order]
@@ -186,7 +195,9 @@ class _Guesser:
         # Torque goes before current: it needs no gains.
         found.sort(key=lambda group: (group.rank, group.signal != "tau"))
         if not found:
-            self._ask("columns/tau", "No columns were recognised as torques or currents of all joints.", self.sample.names)
+            self._ask(
+                "columns/tau", "No columns were recognised as torques or currents of all joints.", self.sample.names
+            )
             return None, "unknown"
         best = found[0]
         equal = [group for group in found[1:] if group.rank == best.rank and group.signal == best.signal]
@@ -272,7 +283,17 @@ class _Guesser:
         gains = [drive.gain for drive in self.robot.drives]
         signal = effort.signal
         reach = of_units.reach_of(self.robot)
-        by_data = classify_effort(self.fits, q, tau, signal, effort.unit)
+        torque = of_units.torque_unit(self.robot, tau, effort.unit if signal == "tau" else None, reach)
+        current = of_units.current_unit(tau, gains, self.robot, effort.unit if signal == "current" else None)
+        by_data = classify_effort(
+            self.fits,
+            q,
+            tau,
+            signal,
+            effort.unit,
+            of_units.factor_of("tau", "revolute", torque.unit) if " m" in torque.unit else 1.0,
+            {"A": 1.0, "mA": 1e-3}[current.unit] if current.confidence >= of_units.SURE else None,
+        )
         if kind == "unknown":
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
@@ -282,9 +303,14 @@ class _Guesser:
             signal = "current"
             self._map("current", effort)
             unit = f"{effort.unit} of the rated torque"
-            self._say("units/current", unit, 0.9, f"its name says {effort.unit}; drive gains are then N m per {effort.unit}")
+            self._say(
+                "units/current", unit, 0.9, f"its name says {effort.unit}; drive gains are then N m per {effort.unit}"
+            )
             if any(gain is None for gain in gains):
-                self._ask("drives", f"{self._shown(effort)} are in {effort.unit}: give the drive gains in N m per {effort.unit}.")
+                self._ask(
+                    "drives",
+                    f"{self._shown(effort)} are in {effort.unit}: give the drive gains in N m per {effort.unit}.",
+                )
             kind = "motor_torque" if kind == "unknown" else kind
         elif signal == "effort":
             if kind == "unknown":
@@ -293,6 +319,12 @@ class _Guesser:
             signal = "current" if kind == "motor_current" else "tau"
             self._map(signal, effort)
         else:
+            if kind == "unknown" and signal == "tau":
+                detail = (
+                    f"What are {self._shown(effort)}? They are called torques, but {by_data.reason}: torques of the "
+                    "joints, with such inertias, or of the motors before the gears?"
+                )
+                self._ask("effort_kind", detail, ("joint_torque", "motor_torque"))
             self._map("tau" if signal == "tau" else "current", effort)
         if effort.unit not in ("permille", "percent"):
             self._effort_unit(signal or "tau", tau, effort, gains, reach)
@@ -331,7 +363,9 @@ class _Guesser:
                     f"explained as the columns are, and {one.left_without:.0%} otherwise. Is the mapping right?"
                 )
                 self._ask("columns", detail)
-        self._say("check", f"{left:.0%} left", 0.9 if left < _SOUND else 0.4, "what the robot's dynamics do not explain")
+        self._say(
+            "check", f"{left:.0%} left", 0.9 if left < _SOUND else 0.4, "what the robot's dynamics do not explain"
+        )
 
     def _map(self, signal: str, group: Group) -> None:
         for joint, column in enumerate(group.columns):

@@ -15,7 +15,7 @@ EffortKind = Literal[
     "commanded",
     "unknown",
 ]
-"""What a column of "effort" is: a motor's current or torque, a joint's, or one of those that are no measurement of it."""
+"""What "effort" is: a motor's current or torque, a joint's torque, or one of those that are no measurement of it."""
 
 
 @dataclass(frozen=True)

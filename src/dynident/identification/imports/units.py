@@ -1,4 +1,4 @@
-"""Which unit the numbers of a signal are in: by its name, by what a robot of this size can do, by its slope, by a fit."""
+"""Which unit a signal is in: by its name, by what a robot of this size can do, by its slope, by a fit."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.identification.imports.fits import Fits
+from dynident.recordings.types import JointKind
 from dynident.recordings.units import FACTORS
 from dynident.robot import Robot
 
@@ -63,7 +64,9 @@ def position_unit(
         clear = len(ranked) == 1 or left[ranked[1]] > _CLEARLY * left[best]
         if clear and len(left) == len(likely) and best in usual:
             others = ", ".join(f"{left[unit]:.0%} as {unit}" for unit in ranked[1:])
-            return UnitGuess(best, 0.97, f"as {best} the robot's dynamics leave {left[best]:.0%} of the torque, {others}")
+            return UnitGuess(
+                best, 0.97, f"as {best} the robot's dynamics leave {left[best]:.0%} of the torque, {others}"
+            )
         if clear and len(left) == len(likely):
             return UnitGuess(best, 0.6, f"as {best} the robot's dynamics explain the torque best")
     if len(usual) == 1:
@@ -88,9 +91,7 @@ def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: Float
     return True
 
 
-def _left(
-    robot: Robot, q: FloatArray, tau: FloatArray | None, fits: Fits, units: Sequence[str]
-) -> dict[str, float]:
+def _left(robot: Robot, q: FloatArray, tau: FloatArray | None, fits: Fits, units: Sequence[str]) -> dict[str, float]:
     if tau is None:
         return {}
     found = {}
@@ -122,7 +123,9 @@ def stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated: str |
         fits = [unit for unit, factor in (("m", 1.0), ("mm", 1e-3)) if factor * reach <= 1.1 * (limits[1] - limits[0])]
         fits = [unit for unit in fits if (1.0 if unit == "m" else 1e-3) * reach > 1e-3 * (limits[1] - limits[0])]
         if len(fits) == 1:
-            return UnitGuess(fits[0], 0.95, f"its stroke is {reach:.3g}, and the joint's limits allow that in {fits[0]}")
+            return UnitGuess(
+                fits[0], 0.95, f"its stroke is {reach:.3g}, and the joint's limits allow that in {fits[0]}"
+            )
     if most < _STROKE[1] and reach < 2.0:
         return UnitGuess("m", 0.9, f"its stroke is {reach:.3g}: in mm that would be hardly any motion")
     if reach > 8.0:
@@ -153,7 +156,7 @@ def reach_of(robot: Robot) -> float:
 
 def torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float) -> UnitGuess:
     """The unit of torques (m, n) by what a robot of this reach (m) needs, and by its limits of effort."""
-    kind = next((joint.kind for joint in robot.joints if joint.kind == "revolute"), "prismatic")
+    kind: JointKind = "revolute" if any(joint.kind == "revolute" for joint in robot.joints) else "prismatic"
     known: dict[str, float] = FACTORS["tau", kind]
     of_kind = [index for index, joint in enumerate(robot.joints) if joint.kind == kind]
     most = float(np.nanmax(np.abs(tau[:, of_kind])))
@@ -179,7 +182,9 @@ def torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float)
         return UnitGuess(stated, 0.82, f"its name says {stated}, though {most:.3g} {stated} is strange for this robot")
     found = [unit for unit in (base, small, large) if fits(unit)]
     if len(found) == 1:
-        return UnitGuess(found[0], 0.92, f"its largest value, {most:.4g}, is what a robot of this size needs in {found[0]}")
+        return UnitGuess(
+            found[0], 0.92, f"its largest value, {most:.4g}, is what a robot of this size needs in {found[0]}"
+        )
     return UnitGuess(base, 0.4, f"its largest value is {most:.4g}; {' or '.join(found) or 'no unit'} would be possible")
 
 

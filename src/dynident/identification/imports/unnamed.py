@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from dynident.arrays import FloatArray, IntArray
 from dynident.identification.imports.facts import SLOPE, roughness, slopes
 
+_EXPLAINED, _CLEARLY = 0.3, 1.5
 _GAP = 3.0
 """Times that the smoothest torque is rougher than the roughest position."""
 
@@ -24,38 +25,27 @@ class Kinds:
     reason: str
 
 
-def kinds_of(t: FloatArray, values: FloatArray, columns: Sequence[int], n: int) -> Kinds | None:
+def kinds_of(
+    t: FloatArray,
+    values: FloatArray,
+    columns: Sequence[int],
+    n: int,
+    left: Callable[[tuple[int, ...], tuple[int, ...]], float],
+) -> Kinds | None:
     """Tell positions, velocities and torques of n joints apart.
 
-    None where there are not as many columns as that needs, or they do not differ clearly.
+    `left` says what share of torques is not explained by the motion of positions, given the columns of both. None where
+    there are not as many columns as that needs, or they do not differ clearly.
     """
     part = values[:, list(columns)]
     if len(columns) == 3 * n:
-        correlation, _ = slopes(t, part)
-        np.fill_diagonal(correlation, 0.0)
-        follower = correlation.argmax(axis=1)
-        led = [
-            index
-            for index in range(len(columns))
-            if correlation[index, follower[index]] > SLOPE and correlation[:, follower[index]].argmax() == index
-        ]
-        pairs = [(index, int(follower[index])) for index in led if follower[index] not in led]
-        if len(pairs) == n:
-            taken = {index for pair in pairs for index in pair}
-            rest = [index for index in range(len(columns)) if index not in taken]
-            return Kinds(
-                tuple(columns[first] for first, _ in pairs),
-                tuple(columns[second] for _, second in pairs),
-                tuple(columns[index] for index in rest),
-                "some columns are the slopes of others, and the rest of neither",
-            )
-        return None
+        return _by_slopes(t, part, columns, n) or _three_blocks(t, part, columns, n)
     if len(columns) != 2 * n:
         return None
     rough = roughness(t, part)
     order = np.argsort(rough)
     if rough[order[n]] < _GAP * rough[order[n - 1]]:
-        return None
+        return _two_blocks(columns, n, left)
     smooth = set(order[:n].tolist())
     return Kinds(
         tuple(columns[index] for index in range(2 * n) if index in smooth),
@@ -63,6 +53,71 @@ def kinds_of(t: FloatArray, values: FloatArray, columns: Sequence[int], n: int) 
         tuple(columns[index] for index in range(2 * n) if index not in smooth),
         f"half of the columns are smooth as positions are, the others at least {_GAP:.0f} times rougher",
     )
+
+
+def _by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> Kinds | None:
+    correlation, _ = slopes(t, part)
+    np.fill_diagonal(correlation, 0.0)
+    follower = correlation.argmax(axis=1)
+    led = [
+        index
+        for index in range(len(columns))
+        if correlation[index, follower[index]] > SLOPE and correlation[:, follower[index]].argmax() == index
+    ]
+    pairs = [(index, int(follower[index])) for index in led if follower[index] not in led]
+    if len(pairs) != n:
+        return None
+    taken = {index for pair in pairs for index in pair}
+    rest = [index for index in range(len(columns)) if index not in taken]
+    return Kinds(
+        tuple(columns[first] for first, _ in pairs),
+        tuple(columns[second] for _, second in pairs),
+        tuple(columns[index] for index in rest),
+        "some columns are the slopes of others, and the rest of neither",
+    )
+
+
+def _three_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> Kinds | None:
+    """Three signals of all joints side by side, some of which stand still: told by the joints that move."""
+    correlation, _ = slopes(t, part)
+    best: tuple[float, tuple[list[int], ...]] | None = None
+    for blocks in _layouts(n, 3):
+        for first in range(3):
+            for second in range(3):
+                if first == second:
+                    continue
+                pairs = [correlation[a, b] for a, b in zip(blocks[first], blocks[second], strict=True)]
+                told = float(np.max(pairs))
+                if told > SLOPE and (best is None or told > best[0]):
+                    rest = blocks[3 - first - second]
+                    best = told, (blocks[first], blocks[second], rest)
+    if best is None:
+        return None
+    q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
+    return Kinds(q, dq, tau, "of the joints that move one block of columns is the slope of another")
+
+
+def _two_blocks(
+    columns: Sequence[int], n: int, left: Callable[[tuple[int, ...], tuple[int, ...]], float]
+) -> Kinds | None:
+    """Two signals of all joints side by side: as which of them the robot's dynamics explain the torque."""
+    tried = []
+    for blocks in _layouts(n, 2):
+        for first in (0, 1):
+            q, tau = (tuple(columns[index] for index in blocks[place]) for place in (first, 1 - first))
+            tried.append((left(q, tau), q, tau))
+    tried.sort(key=lambda one: one[0])
+    if tried[0][0] > _EXPLAINED or tried[1][0] < _CLEARLY * tried[0][0]:
+        return None
+    share, q, tau = tried[0]
+    return Kinds(q, (), tau, f"taken so, the robot's dynamics leave {share:.0%} of the torque; otherwise far more")
+
+
+def _layouts(n: int, signals: int) -> list[list[list[int]]]:
+    """Places of the signals' columns: signal by signal, or joint by joint."""
+    by_signal = [list(range(k * n, (k + 1) * n)) for k in range(signals)]
+    by_joint = [list(range(k, n * signals, signals)) for k in range(signals)]
+    return [by_signal, by_joint]
 
 
 def is_in_order(columns: Sequence[int]) -> bool:

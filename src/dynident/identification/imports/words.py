@@ -8,33 +8,36 @@ from typing import Literal
 
 Signal = Literal["t", "q", "dq", "ddq", "tau", "current", "effort", "temperature", "segment", "other"]
 
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
 _WORDS: dict[Signal, frozenset[str]] = {
-    "t": frozenset("t time timestamp stamp zeit clock temps tiempo".split()),
-    "q": frozenset(
-        "q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos".split()
+    "t": _words("t time timestamp stamp zeit clock temps tiempo"),
+    "q": _words("q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos"),
+    "dq": _words(
+        "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd"
     ),
-    "dq": frozenset(
-        "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd".split()
-    ),
-    "ddq": frozenset("ddq qdd acc accel acceleration accelerations qddot beschleunigung".split()),
-    "tau": frozenset("tau torque torques trq moment moments drehmoment mom tq jtrq".split()),
-    "current": frozenset("current currents cur curr amp amps ampere strom iq i".split()),
-    "effort": frozenset("effort efforts eff load".split()),
-    "temperature": frozenset("temp temperature temperatur temperatures".split()),
-    "segment": frozenset("segment run episode".split()),
+    "ddq": _words("ddq qdd acc accel acceleration accelerations qddot beschleunigung"),
+    "tau": _words("tau torque torques trq moment moments drehmoment mom tq jtrq"),
+    "current": _words("current currents cur curr amp amps ampere strom iq i"),
+    "effort": _words("effort efforts eff load"),
+    "temperature": _words("temp temperature temperatur temperatures"),
+    "segment": _words("segment run episode"),
 }
-_OTHER = frozenset(
+_OTHER = _words(
     "tcp cartesian cart force fx fy fz quaternion quat digital analog io status mode state_id safety voltage volt "
-    "power payload gripper error err residual bits".split()
+    "power payload gripper error err residual bits"
 )
-_COMMANDED = frozenset(
-    "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned".split()
+_COMMANDED = _words(
+    "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned"
 )
-_MEASURED = frozenset("act actual meas measured ist real feedback fb fbk msr".split())
-_EXTERNAL = frozenset("ext external contact extern".split())
-_COMPENSATED = frozenset("gravity grav compensated gravcomp comp".split())
-_MOTOR = frozenset("motor mot rotor".split())
-_LINK = frozenset("link".split())
+_MEASURED = _words("act actual meas measured ist real feedback fb fbk msr")
+_EXTERNAL = _words("ext external contact extern")
+_COMPENSATED = _words("gravity grav compensated gravcomp comp")
+_MOTOR = _words("motor mot rotor")
+_LINK = _words("link")
 
 _UNITS = {
     "rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "grad": "deg", "mrad": "mrad",
@@ -47,8 +50,8 @@ _UNITS = {
     "‰": "permille", "promille": "permille", "%": "percent", "percent": "percent", "degc": "degC", "°c": "degC",
     "k": "K",
 }  # fmt: skip
-_SUFFIXES = frozenset(
-    "rad deg degrees mrad rev mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille promille percent degc".split()
+_SUFFIXES = _words(
+    "rad deg degrees mrad rev mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille promille percent degc"
 )
 _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
           ("degs", ""): "deg/s", ("rads", ""): "rad/s", ("mn", "m"): "mN m", ("n", "m"): "N m"}  # fmt: skip
@@ -79,15 +82,23 @@ class Named:
     @property
     def rank(self) -> int:
         """The lower, the more it is the measured signal of a joint."""
-        return 8 * self.external + 8 * self.compensated + 4 * self.commanded + 2 * self.motor + 2 * self.link - self.measured
+        return (
+            8 * self.external
+            + 8 * self.compensated
+            + 4 * self.commanded
+            + 2 * self.motor
+            + 2 * self.link
+            - self.measured
+        )
 
 
 def read_name(name: str, unit: str = "") -> Named:
     """Take a column's name apart; `unit` is what the file states elsewhere."""
     bracket = _BRACKET.search(name)
     inner = bracket.group(1) if bracket else ""
-    stated = _UNITS.get((unit or inner).casefold())
-    text = name if bracket is None or stated is None else name[: bracket.start()]
+    stated = _UNITS.get(_plain(unit or inner))
+    # A number in brackets is an index, anything else a unit, if one that is not known.
+    text = name if bracket is None or (stated is None and inner.isdigit()) else name[: bracket.start()]
     ending = _ENDING.search(text)
     if stated is None and ending is not None:
         stated, text = _UNITS[ending.group(1).casefold()], text[: ending.start()]
@@ -108,6 +119,11 @@ def read_name(name: str, unit: str = "") -> Named:
         motor=any(word in _MOTOR for word in plain),
         link=any(word in _LINK for word in plain) and not any(word == "joint" for word in plain),
     )
+
+
+def _plain(unit: str) -> str:
+    unit = unit.strip().casefold().replace("²", "^2").replace("**2", "^2").replace("-", "")
+    return unit if unit in _UNITS else re.sub(r"[ *·⋅._]", "", unit)
 
 
 def signal_of_unit(unit: str | None) -> Signal | None:

@@ -1,0 +1,54 @@
+"""Files that are looked at, between the contract and the science."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from dynident.identification.imports import Inspection, inspect_file
+from dynident.robot import Robot
+from dynident_service.models import imports as wire
+from dynident_service.models.common import plain
+from dynident_service.models.measurements import MeasurementMetadata
+
+
+def look_at(source: Path, robot: Robot, said: wire.ImportMetadata) -> wire.ImportResult:
+    """Look at a user's file; what is said of it goes before what is guessed."""
+    found = inspect_file(source, robot)
+    assert found.proposal is not None
+    proposed = MeasurementMetadata(
+        robot_id=said.robot_id,
+        name=said.name or "recording",
+        columns={**found.proposal.columns, **said.columns},
+        units={**found.proposal.units, **said.units},
+        role=said.role,
+        windows=said.windows,
+        effort_kind=found.proposal.effort_kind,
+    )
+    answered = {key.rstrip("0123456789") for key in (*said.columns, *said.units)}
+    view = describe_inspection(found)
+    questions = [one for one in view.questions if one.field.rpartition("/")[2].rstrip("0123456789") not in answered]
+    document = plain(proposed)
+    return wire.ImportResult(**{**view.model_dump(), "questions": questions, "proposed": document})
+
+
+def describe_inspection(found: Inspection) -> wire.InspectionView:
+    """Describe what was found in a file for the wire."""
+    proposal = found.proposal
+    return wire.InspectionView(
+        sha256=found.sha256,
+        format=found.format,
+        guesses=[
+            wire.GuessView(field=one.field, value=one.value, confidence=one.confidence, reason=one.reason)
+            for one in (proposal.guesses if proposal else ())
+        ],
+        questions=[
+            wire.QuestionView(field=one.field, detail=one.detail, choices=list(one.choices) or None)
+            for one in (proposal.questions if proposal else ())
+        ],
+        effort_kind=proposal.effort_kind if proposal else "unknown",
+        preview=wire.PreviewView(
+            columns=list(found.columns),
+            rows=[[value if math.isfinite(value) else None for value in row] for row in found.rows.tolist()],
+        ),
+    )

@@ -1,0 +1,83 @@
+"""`dynident inspect`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dynident_service.cli.files import A_ROBOT, TO_READ
+from dynident_service.cli.options import DriveGains, Json, Out
+
+if TYPE_CHECKING:
+    from dynident.identification.imports import Inspection
+
+
+def inspect(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A recording, as a robot or a logger wrote it.", show_default=False),
+        TO_READ,
+    ],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            "--robot", "-r", metavar="ROBOT", help="Whose recording it is: without it columns are only listed."
+        ),
+        A_ROBOT,
+    ] = None,
+    drive_gains: DriveGains = "",
+    out: Out = None,
+    as_proposed: Annotated[
+        bool, typer.Option("--as-proposed", help="Fail where anything is to be answered, and write nothing then.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Look at a file: what its columns most probably are, why, and what has to be answered before it can be used.
+
+    --out writes the proposal as JSON; `dynident identify --metadata` takes it.
+    """
+    from dynident.identification.imports import inspect_file
+    from dynident_service.cli import inputs, metadata, terminal
+
+    machine = None if robot is None else inputs.robot_of(robot, drive_gains)
+    found = inspect_file(file, machine)
+    if found.proposal is not None:
+        if as_proposed:
+            metadata.as_proposed(file, found, has_gains=True)
+        if out is not None:
+            document = json.dumps(metadata.proposed(found), indent=2, ensure_ascii=False)
+            inputs.write_whole(out, f"{document}\n".encode())
+    if as_json:
+        terminal.print_json(_document(found))
+        return
+    _show(found, out)
+
+
+def _document(found: Inspection) -> dict[str, Any]:
+    from dynident_service.adapters.imports import describe_inspection
+
+    return describe_inspection(found).model_dump(mode="json")
+
+
+def _show(found: Inspection, out: Path | None) -> None:
+    from dynident_service.cli import terminal
+
+    console = terminal.out()
+    console.print(f"{found.format}, {len(found.columns)} columns, {found.n_rows_seen} rows looked at", markup=False)
+    if found.proposal is None:
+        console.print(", ".join(found.columns), markup=False, soft_wrap=True)
+        console.print("Say whose recording it is, --robot ROBOT, to have the columns told.", markup=False)
+        return
+    rows = [[one.field, one.value, f"{one.confidence:.0%}", one.reason] for one in found.proposal.guesses]
+    table = terminal.table("", ("field", "guess", "sure", "why"), rows, right_from=4)
+    console.print(table)
+    for one in found.proposal.questions:
+        choices = f" ({', '.join(one.choices[:8])})" if one.choices else ""
+        console.print(f"? {one.field}: {one.detail}{choices}", markup=False, soft_wrap=True)
+    if not found.proposal.questions:
+        console.print("Nothing is to be answered: identify with --as-proposed.", markup=False)
+    if out is not None:
+        console.print(f"proposal written to {out}", markup=False)

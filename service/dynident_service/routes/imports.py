@@ -1,0 +1,126 @@
+"""Imports: a file is looked at and kept for a day, so that it need not be uploaded again to be used."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from datetime import timedelta
+from pathlib import Path
+from typing import Annotated
+
+from anyio import to_thread
+from fastapi import APIRouter, File, Form, Request, Response, UploadFile
+from pydantic import ValidationError
+
+from dynident_service.models.common import Page, plain
+from dynident_service.models.imports import ImportMetadata, ImportView
+from dynident_service.problems import ProblemError, fields_of, unusable, validation_problem
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, again, make, page_of
+from dynident_service.routes.measurements import media_type_of, require_room
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.imports import KEPT
+from dynident_service.storage.objects import digest
+from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
+
+router = APIRouter(prefix="/v1/imports", tags=["imports"])
+
+LOOK = "dynident_service.work.awaited:look_at_file"
+LONGEST_LOOK = 120.0
+
+
+@router.post("", status_code=201)
+async def import_file(
+    request: Request,
+    services: ServicesDep,
+    retry: RetryKeyDep,
+    response: Response,
+    file: Annotated[UploadFile, File(description="A recording as a robot or a logger wrote it")],
+    metadata: Annotated[str, Form(description="A JSON object: see ImportMetadata")],
+) -> ImportView:
+    """Look at a file: metadata that are proposed for it, why, and what has to be answered before it can be used."""
+    said = _metadata(metadata)
+    if said.name is None and file.filename:
+        said = said.model_copy(update={"name": Path(file.filename).stem[:200] or None})
+    folder = services.settings.uploads_dir
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        source = Path(name) / "source"
+        sha256 = await to_thread.run_sync(_receive, services, file, source)
+        key = retry.of(said, sha256)
+        known = await to_thread.run_sync(services.resources.known, key)
+        if known is not None:
+            return show(again(known, response))
+        robot = await to_thread.run_sync(services.resources.find, said.robot_id)
+        if robot is None or robot.kind != "robot":
+            raise unusable(f"there is no robot {said.robot_id!r}", "/metadata/robot_id", title="Unknown resource")
+        arguments = {"source": str(source), "robot": dict(robot.request), "metadata": plain(said)}
+        result = await services.awaited.call(request, LOOK, arguments, LONGEST_LOOK)
+        return await to_thread.run_sync(lambda: show(_store(services, said, source, result, key, response)))
+
+
+@router.get("")
+def list_imports(services: ServicesDep, query: ListQueryDep) -> Page[ImportView]:
+    """List the imports that are still kept, newest first."""
+    return page_of(services, "import", query, show)
+
+
+@router.get("/{import_id}")
+def get_import(import_id: str, services: ServicesDep) -> ImportView:
+    """Show an import."""
+    return show(services.resources.get("import", import_id))
+
+
+@router.delete("/{import_id}", status_code=204)
+def delete_import(import_id: str, services: ServicesDep) -> None:
+    """Delete an import; 409 while a measurement rests on it."""
+    services.resources.delete("import", import_id)
+
+
+def show(resource: Resource) -> ImportView:
+    """Show a stored import."""
+    expires_at = resource.created_at + timedelta(seconds=KEPT)
+    return ImportView.model_validate(
+        {**(resource.result or {}), "id": resource.id, "created_at": resource.created_at, "expires_at": expires_at}
+    )
+
+
+def _metadata(text: str) -> ImportMetadata:
+    try:
+        said = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise unusable(f"the metadata is not JSON: {error}", "/metadata") from error
+    try:
+        return ImportMetadata.model_validate_json(text)
+    except ValidationError as error:
+        errors = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
+        raise ProblemError.of(validation_problem(fields_of(errors, said, "/metadata"))) from error
+
+
+def _receive(services: Services, file: UploadFile, source: Path) -> str:
+    require_room(services, source.parent, file)
+    with source.open("wb") as target:
+        shutil.copyfileobj(file.file, target, 1 << 20)
+    with source.open("rb") as opened:
+        return digest(opened)[0]
+
+
+def _store(
+    services: Services,
+    said: ImportMetadata,
+    source: Path,
+    result: dict[str, object],
+    retry: Retry | None,
+    response: Response,
+) -> Resource:
+    stored = services.resources.put(source)
+    new = NewResource(
+        "import",
+        plain(said),
+        name=said.name,
+        result=result,
+        rests_on=(RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),),
+        objects=(Owned("original", stored.key, stored.size, media_type_of(source)),),
+        retry=retry,
+    )
+    return make(services, new, response)

@@ -1,0 +1,68 @@
+"""From a file that calls things otherwise to a model, by command line."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow.csv as pacsv
+import pytest
+from running_commands import dynident, write_run
+
+
+@pytest.fixture
+def foreign(tmp_path):
+    """Two runs of the small arm with other names, in degrees and ms."""
+    paths = []
+    for seed in (1, 2):
+        table = pacsv.read_csv(write_run(tmp_path / f"run{seed}.csv", seed))
+        columns = {"Time (ms)": table["t"].to_numpy() * 1e3}
+        for j in range(1, sum(name.startswith("q") for name in table.column_names) + 1):
+            sliding = j == 3  # of the SCARA
+            columns[f"act_pos_{j}"] = table[f"q{j}"].to_numpy() * (1.0 if sliding else 180 / np.pi)
+            columns[f"act_trq_{j}"] = table[f"tau{j}"].to_numpy()
+        path = tmp_path / f"foreign{seed}.csv"
+        np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+        paths.append(path)
+    return paths
+
+
+def test_a_foreign_file_is_identified_as_proposed(foreign, tmp_path):
+    fit, other = foreign
+    looked = dynident("inspect", fit, "--robot", "scara")
+    assert looked.code == 0, looked.err
+    assert "act_pos_1" in looked.out
+    assert "?" not in looked.out.replace("why", "")
+    known = dynident("identify", "scara", tmp_path / "run1.csv", "-v", tmp_path / "run2.csv", "--json").document
+    found = dynident("identify", "scara", fit, "-v", other, "--as-proposed", "--json").document
+    for kind in ("residual", "validation"):
+        assert found[kind]["relative_total"] == pytest.approx(known[kind]["relative_total"], rel=0.02)
+
+
+def test_a_proposal_is_written_and_taken_as_metadata(foreign, tmp_path):
+    fit, _ = foreign
+    target = tmp_path / "fit.json"
+    assert dynident("inspect", fit, "--robot", "scara", "--out", target).code == 0
+    assert json.loads(target.read_text())["columns"]["q1"] == "act_pos_1"
+    assert dynident("identify", "scara", fit, "--metadata", target).code == 0
+    told = json.loads(target.read_text())
+    told["questions"] = [{"field": "units/q", "detail": "In which unit is q?"}]
+    target.write_text(json.dumps(told))
+    refused = dynident("identify", "scara", fit, "--metadata", target)
+    assert (refused.code != 0, "open question" in refused.err) == (True, True)
+
+
+def test_what_has_to_be_answered_is_not_taken_as_proposed(foreign, tmp_path):
+    bare = tmp_path / "bare.csv"
+    lines = foreign[0].read_text().splitlines()
+    names = lines[0].lstrip("# ").replace("act_trq_", "tau_ext_")
+    bare.write_text("\n".join([names, *lines[1:]]))
+    refused = dynident("identify", "scara", bare, "--as-proposed")
+    assert refused.code != 0
+    assert "external" in refused.err
+
+
+def test_without_a_robot_the_columns_are_listed(foreign):
+    answer = dynident("inspect", foreign[0], "--json")
+    assert answer.document["preview"]["columns"][1] == "act_pos_1"
+    assert answer.document["format"] == "csv"

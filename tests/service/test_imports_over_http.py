@@ -1,0 +1,98 @@
+"""A file is looked at, its columns are told, and it is used without being uploaded again."""
+
+from __future__ import annotations
+
+import io
+import json
+from datetime import timedelta
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+from test_uploads import sound
+
+from dynident_service.storage.imports import forget_imports
+
+
+def foreign(decimal: str = ",") -> bytes:
+    """The recording of other tests as another logger would write it: other names, degrees, ms, decimal commas."""
+    columns = sound()
+    theirs = {"Zeit [ms]": columns["t"] * 1e3}
+    theirs |= {f"A{j} Moment [Nm]": columns[f"tau{j}"] for j in (2, 1)}
+    theirs |= {f"A{j} Winkel [°]": np.rad2deg(columns[f"q{j}"]) for j in (2, 1)}
+    text = io.StringIO()
+    np.savetxt(text, np.column_stack(list(theirs.values())), delimiter=";", header=";".join(theirs), comments="")
+    return text.getvalue().replace(".", decimal).encode()
+
+
+def imported(client: TestClient, robot: dict[str, Any], content: bytes, **said: Any) -> Any:
+    form = {"metadata": json.dumps({"robot_id": robot["id"], **said})}
+    return client.post("/v1/imports", files={"file": ("day one.csv", content)}, data=form)
+
+
+def test_a_foreign_file_is_proposed_and_becomes_a_measurement_in_one_call(client, robot):
+    answer = imported(client, robot, foreign())
+    assert answer.status_code == 201, answer.text
+    found = answer.json()
+    assert found["questions"] == []
+    assert found["proposed"]["columns"]["q2"] == "A2 Winkel [°]"
+    assert found["proposed"]["units"] == {"t": "ms", "q": "deg"}
+    assert found["proposed"]["name"] == "day one"
+    assert found["effort_kind"] == "joint_torque"
+    assert found["preview"]["columns"][0] == "Zeit [ms]"
+    assert len(found["preview"]["rows"][0]) == 5
+    assert {"field", "value", "confidence", "reason"} == set(found["guesses"][0])
+    assert client.get(f"/v1/imports/{found['id']}").json() == found
+    assert client.get("/v1/imports").json()["items"][0] == found
+
+    used = client.post("/v1/measurements", json={"import_id": found["id"], "metadata": found["proposed"]})
+    assert used.status_code == 201, used.text
+    measurement = used.json()
+    assert measurement["sha256"] == found["sha256"]
+    assert measurement["effort_kind"] == "joint_torque"
+    assert measurement["sampling_rate"] == pytest.approx(200.0)
+    content = client.get(f"/v1/measurements/{measurement['id']}/content").content
+    assert content == foreign()
+
+
+def test_what_is_said_beforehand_is_not_guessed(client, robot):
+    found = imported(client, robot, foreign(), columns={"q1": "A2 Winkel [°]", "q2": "A1 Winkel [°]"}).json()
+    assert found["proposed"]["columns"]["q1"] == "A2 Winkel [°]"
+
+
+def test_a_body_that_names_no_import_says_so(client, robot):
+    metadata = {"robot_id": robot["id"], "name": "run"}
+    answer = client.post("/v1/measurements", json={"import_id": "imp_0", "metadata": metadata})
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["pointer"] == "/import_id"
+    answer = client.post("/v1/measurements", json={"metadata": metadata})
+    assert answer.json()["errors"][0]["pointer"] == "/import_id"
+    answer = client.post("/v1/measurements", content=b"{", headers={"content-type": "application/json"})
+    assert (answer.status_code, "JSON" in answer.json()["detail"]) == (422, True)
+
+
+def test_a_file_that_cannot_be_read_is_refused(client, robot):
+    answer = imported(client, robot, b"")
+    assert answer.status_code == 422
+    assert "empty" in answer.json()["detail"]
+
+
+def test_imports_that_nobody_uses_are_forgotten_after_a_day(client, services, robot):
+    unused, used = (imported(client, robot, foreign(decimal)).json() for decimal in (",", "."))
+    answer = client.post("/v1/measurements", json={"import_id": used["id"], "metadata": used["proposed"]})
+    assert answer.status_code == 201, answer.text
+    assert forget_imports(services.database, timedelta(days=1)) == 0
+    assert client.get(f"/v1/imports/{unused['id']}").status_code == 200
+    assert forget_imports(services.database, timedelta(0)) >= 1
+    assert client.get(f"/v1/imports/{unused['id']}").status_code == 404
+    assert client.get(f"/v1/imports/{used['id']}").status_code == 200
+
+
+@pytest.mark.parametrize("kind", ["gravity_compensated", "external", "commanded"])
+def test_torque_that_is_no_measurement_is_refused_with_that_word(client, robot, kind):
+    found = imported(client, robot, foreign()).json()
+    metadata = found["proposed"] | {"effort_kind": kind}
+    answer = client.post("/v1/measurements", json={"import_id": found["id"], "metadata": metadata})
+    assert answer.status_code == 422
+    assert kind.replace("_", "-") in answer.json()["detail"]
