@@ -9,7 +9,7 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any, ClassVar, Generic, TypeVar
 
-from dynident.asking import Choice, default_of
+from dynident.asking import Choice, check_ranges, default_of
 from dynident.errors import DynidentError
 
 KindT = TypeVar("KindT", bound="Kind")
@@ -114,7 +114,9 @@ class Kinds(Generic[KindT]):
                 raise DynidentError(
                     f"{self.what} {found.name} has no option {option!r}{there}", pointer=f"/{self.what}/{option}"
                 )
-        return replace(found, **options)
+        made = replace(found, **options)
+        check_ranges(made, f"/{self.what}")
+        return made
 
     def written(self, text: str) -> KindT:
         """The kind of a text: a name, or a name with options, `huber:threshold=1.5,rounds=20`.
