@@ -104,6 +104,12 @@ class Reading:
     units: Units
     windows: Windows
     accept: Accept
+
+
+@dataclass(frozen=True)
+class RobotReading(Reading):
+    """The same, with the drive gains of the robot that they are of."""
+
     drive_gains: DriveGains = ""
 
 
