@@ -31,6 +31,13 @@ class Kind:
     place: ClassVar[int] = _LAST
 
     @property
+    def in_words(self) -> str:
+        """The name, with the options that differ from their defaults."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        chosen = [f"{one.name} {values[one.name]}" for one in fields(self) if values[one.name] != default_of(one)]
+        return f"{self.name} ({', '.join(chosen)})" if chosen else self.name
+
+    @property
     def asked(self) -> Kind | str:
         """How it is asked for: by its name alone where no option differs from its default."""
         plain = all(getattr(self, one.name) == default_of(one) for one in fields(self))
@@ -144,6 +151,11 @@ class Kinds(Generic[KindT]):
 def name_of(asked: Kind | str) -> str:
     """The name of what was asked for."""
     return asked if isinstance(asked, str) else asked.name
+
+
+def words_of(asked: Kind | str) -> str:
+    """What was asked for in words: its name, with the options that were chosen."""
+    return asked if isinstance(asked, str) else asked.in_words
 
 
 def document_of(asked: Kind | str) -> str | dict[str, Any]:

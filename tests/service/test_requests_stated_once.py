@@ -3,47 +3,26 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pytest
 
-from dynident.asking import said_of
+from dynident.asking import check_ranges, said, said_of
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.identification import IdentificationChoices
-from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES
+from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
+from dynident.kinds import document_of
 from dynident.validation.request import TRIALS, trial_of
 from dynident_service.adapters.derived import taken, written
 from dynident_service.models import designs, identifications
 
-NEW = '''
-from dataclasses import dataclass
-
-from dynident.asking import said
-from dynident.identification.methods.bases import Estimator
-
-
-@dataclass(frozen=True)
-class Tempered(Estimator):
-    """Between ordinary and weighted least squares."""
-
-    name = "tempered"
-    label = "tempered least squares"
-    words = "Between ordinary and weighted least squares."
-    brief = "between ols and wls"
-
-    power: float = said("0: all joints alike, 1: by their noise", default=0.5, at_least=0, at_most=1)
-
-    def solve(self, model, choices, data, known):
-        from dynident.estimation import solve, statistics, weighted
-        from dynident.identification.fit import Fit
-
-        solution = solve(data.equations, weighted(data.equations, known).noise ** self.power, known)
-        return Fit(solution, statistics(data.equations, solution, choices.covariance))
-'''
+PAGE = (Path(__file__).parents[2] / "docs" / "own-methods.md").read_text(encoding="utf-8")
+NEW = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
 
 # The package is told of a second folder, as if the file lay in it.
 PROGRAM = """
@@ -153,3 +132,22 @@ def test_what_a_validation_does_not_take_is_refused(kind: str, field: str) -> No
 
 def test_every_validation_says_what_it_is() -> None:
     assert all(one.words for one in TRIALS.choices)
+
+
+def test_an_estimator_with_options_is_told_with_them_and_kept_in_the_file_of_the_model() -> None:
+    @dataclass(frozen=True)
+    class Halved(Estimator):
+        """An estimator with an option."""
+
+        name = "halved"
+        share: float = said("A share", default=0.5, above=0, at_most=1)
+
+        def solve(self, model, choices, data, known):
+            raise NotImplementedError
+
+    assert (Halved().asked, Halved().in_words) == ("halved", "halved")
+    assert Halved(0.2).in_words == "halved (share 0.2)"
+    assert document_of(Halved(0.2)) == {"name": "halved", "share": 0.2}
+    with pytest.raises(DynidentError, match="above 0 and at most 1") as caught:
+        check_ranges(Halved(2.0), "/estimator")
+    assert caught.value.pointer == "/estimator/share"
