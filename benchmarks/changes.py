@@ -9,8 +9,9 @@ first, a base that leans by 0.5 to 2 degrees, an offset, a drive gain that is 3 
 0.3 to 1 degree off. In half of the pairs all friction follows the temperature, by up to 20 % up and down.
 
 `right`: the change is named, on its joint (a mass: its link, or one that the data are said not to tell from it);
-`missed`: nothing is; `wrong`: something is named that did not change; `alarm`: of pairs where nothing changed. `held`:
-95 % intervals that hold the true difference.
+`missed`: nothing is; `small`: nothing is, and the change leaves less than benchmarks/hiding/visibility.py asks of a
+hidden effect, told with Pinocchio's regressor beside a clean twin of the same days; `wrong`: something is named that
+did not change; `alarm`: of pairs where nothing changed. `held`: 95 % intervals that hold the true difference.
 
 With more than two days each pair is a series of so many, changed from one of them on: a change is right on that day
 alone, or on one that the data are said not to tell from it.
@@ -33,12 +34,25 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 from common import show
-from engine import Arm, Bandwidth, Drives, FloatArray, Hidden, Instruments, Plan, effort_limits, record, usual_drives
+from engine import (
+    Arm,
+    Bandwidth,
+    Drives,
+    FloatArray,
+    Hidden,
+    Instruments,
+    Plan,
+    Run,
+    effort_limits,
+    record,
+    usual_drives,
+)
 from engine.disturbances import GainError, Offset, ZeroError
 from engine.motions import fourier_motion
 from engine.point_to_point import point_to_point_motion
 from engine.robots import arm_by_name, as_described
 from engine.structure import Tilt
+from hiding.visibility import SHOWS, shown_beside
 
 from dynident.diagnosis import Change, diagnose
 from dynident.diagnosis.series import measured, series, what_may_change
@@ -88,6 +102,7 @@ class Outcome:
     """What came of a pair."""
 
     pair: Pair
+    shows: bool
     right: bool
     wrong: bool
     held: tuple[bool, ...]
@@ -108,7 +123,7 @@ def main() -> None:
     with ProcessPoolExecutor(arguments.processes, mp_context=get_context("spawn")) as pool:
         for outcome in pool.map(judged, [drawn(seed, number, arguments.days) for number in range(arguments.pairs)]):
             outcomes.append(outcome)
-            mark = "wrong" if outcome.wrong else "right" if outcome.right else "missed"
+            mark = "wrong" if outcome.wrong else "right" if outcome.right else "missed" if outcome.shows else "small"
             print(f"  {len(outcomes):3d} {mark:6s} {outcome.pair.text} -> {outcome.words}", flush=True)
     show(f"What changed, seed {seed}, {time.perf_counter() - start:.0f} s", table(outcomes))
 
@@ -150,6 +165,7 @@ def judged(pair: Pair) -> Outcome:
         right = [one for one in on_time if _is_right(pair, one, robot)]
     return Outcome(
         pair,
+        shows(pair),
         bool(right) or (pair.kind == "nothing" and not changes),
         len(right) < len(changes),
         tuple(held for one in right for held in _held(pair, one, robot)),
@@ -187,8 +203,36 @@ def _held(pair: Pair, change: Change, robot: Robot) -> list[bool]:
     return found
 
 
+def shows(pair: Pair) -> bool:
+    """Whether the change leaves anything beyond what the same days leave without it, told without the program.
+
+    Warmth is left out of both: it is recorded, and hides nothing from who looks at it.
+    """
+    if pair.kind == "nothing":
+        return False
+    changed, twins = (
+        [run for day in range(pair.days) for run in runs_of(one, day, cool=True)[0]]
+        for one in (pair, replace(pair, kind="nothing"))
+    )
+    return bool(shown_beside(arm_by_name(pair.arm), changed, twins).max() >= SHOWS)
+
+
 def recorded(pair: Pair, day: int) -> Recording:
     """A day's recording: two runs of another motion each, as segments."""
+    runs, heat = runs_of(pair, day)
+    return recording_from_arrays(
+        np.concatenate([run.t for run in runs]),
+        np.concatenate([run.q for run in runs]),
+        np.concatenate([run.tau for run in runs]),
+        joint_names=arm_by_name(pair.arm).joint_names,
+        temperature=np.concatenate(heat) if pair.warm else None,
+        segment=np.repeat(np.arange(len(runs)), [len(run.t) for run in runs]),
+        name=f"day {day + 1}",
+    )
+
+
+def runs_of(pair: Pair, day: int, cool: bool = False) -> tuple[list[Run], list[FloatArray]]:
+    """A day's runs, and the temperatures (m, n) in degC of each; `cool`: the same motions without the warmth."""
     changed = day >= pair.since
     robot = _heavier(arm_by_name(pair.arm), pair) if changed else arm_by_name(pair.arm)
     rng = np.random.default_rng([pair.seed, day])
@@ -199,20 +243,13 @@ def recorded(pair: Pair, day: int) -> Recording:
     runs, heat = [], []
     for number, pace in enumerate(_PACES):
         warmth = float(rng.uniform(-0.2, 0.2)) if pair.warm else 0.0
-        arm = Arm(robot, _drives(pair, changed, 1.0 + warmth), hidden, servo)
+        felt = 0.0 if cool else warmth
+        arm = Arm(robot, _drives(pair, changed, 1.0 + felt), hidden, servo)
         make = point_to_point_motion if still else fourier_motion
         motion = make(robot, _DURATION, int(rng.integers(2**31)), arm.step, pace=pace)
         runs.append(record(arm, motion, instruments, int(rng.integers(2**31)), Plan(number, 0.0)))
         heat.append(35.0 - 40.0 * warmth + 0.1 * rng.standard_normal(runs[-1].q.shape))
-    return recording_from_arrays(
-        np.concatenate([run.t for run in runs]),
-        np.concatenate([run.q for run in runs]),
-        np.concatenate([run.tau for run in runs]),
-        joint_names=robot.joint_names,
-        temperature=np.concatenate(heat) if pair.warm else None,
-        segment=np.repeat(np.arange(len(runs)), [len(run.t) for run in runs]),
-        name=f"day {day + 1}",
-    )
+    return runs, heat
 
 
 def _drives(pair: Pair, changed: bool, warmth: float) -> Drives:
@@ -257,11 +294,13 @@ def table(outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
         said = f"{counts['right']}/{len(own)} right, {counts['wrong']} wrong"
         rows.append((kind, f"{said}, {sum(held)}/{len(held)} held" if held else said))
     changed = [one for one in outcomes if one.pair.kind != "nothing"]
+    showing = [one for one in changed if one.shows]
     same = [one for one in outcomes if one.pair.kind == "nothing"]
     held = [held for one in outcomes for held in one.held]
     return [
         *rows,
         ("right", f"{sum(one.right for one in changed)}/{len(changed)}"),
+        ("right of those that show", f"{sum(one.right for one in showing)}/{len(showing)}"),
         ("wrong", f"{sum(one.wrong for one in changed)}/{len(changed)}"),
         ("alarm", f"{sum(one.wrong for one in same)}/{len(same)}"),
         ("held", f"{sum(held)}/{len(held)}"),

@@ -69,6 +69,17 @@ def plain_residual(data: Recorded) -> PlainResidual:
     return PlainResidual(*(_residual(rows, models) for rows in (fitted, others)))
 
 
+def shown_beside(robot: Robot, runs: Sequence[Run], twins: Sequence[Run]) -> FloatArray:
+    """(n,): what these runs leave beyond their clean twins when one plain model is fitted to all of them."""
+    mine, other = (_fitted_to(robot, each) for each in (runs, twins))
+    return np.asarray(_beyond(mine, other).max(axis=0))
+
+
+def _fitted_to(robot: Robot, runs: Sequence[Run]) -> FloatArray:
+    rows, noise = _joined([_rows(robot, run) for run in runs]), runs[0].noise
+    return _residual(rows, [_fitted(rows, used, noise) for used in (np.ones_like(rows.moving), rows.moving)])
+
+
 @dataclass(frozen=True, eq=False)
 class _Rows:
     """W (m, n, 13 n) and Y (m, n), filtered and decimated, and which rows of a joint are clear of its standstills."""

@@ -29,7 +29,7 @@ from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
 from dynident.regressors.row_phases import RowPhases, joints_with_friction
 from dynident.regressors.stream import FilteredSamples, filtered_samples
-from placebos.shifting import IntArray, SamplesOf, remembered
+from placebos.shifting import IndexArray, SamplesOf, remembered
 
 Change = Callable[[SamplesOf], SamplesOf]
 """What is done to the rows before they are judged."""
@@ -90,7 +90,7 @@ class Question:
         picks = search(data, pool, start, first, DEFAULT_MOST_EFFECTS, relearn, silent)
         return tuple(_told(pick) for pick in picks)
 
-    def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IntArray:
+    def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IndexArray:
         """(m, n): whether a joint moves, turns round, stands, or moves beside a halt: each another kind of equation."""
         phases = _phases(self.identification, self.pool, recording)
         found = phases.at(samples.segment, samples.t)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+from dynident.extras import install_hint
 from dynident.version import __version__
 
 
@@ -20,7 +21,7 @@ def main() -> None:
             raise
         sys.exit(
             f"dynident: the command line needs the package {missing.name}, which the light installation leaves out; "
-            "install it with: pip install 'dynident[service]'"
+            f"{install_hint(missing.name)}"
         )
     app(prog_name="dynident")
 

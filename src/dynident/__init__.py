@@ -14,9 +14,11 @@ as `dynident.identification`, `dynident.excitation` and `dynident.simulation`.
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from dynident.extras import RoomsThatNeedScience, install_hint, missing_science
 from dynident.version import __version__
 
 if TYPE_CHECKING:
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     from dynident.desk.identifying import identify, load_model
     from dynident.desk.model import Ladder, Model
     from dynident.desk.parameters import ErrorTable, JointError, Parameters
-    from dynident.desk.reading import read_recordings
+    from dynident.desk.reading import read_recordings, revise
     from dynident.desk.recordings import CheckedRecording, Recordings
     from dynident.desk.reporting import Report, report
     from dynident.desk.robots import load_robot
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
     from dynident.errors import DynidentError
     from dynident.excitation import DesignRequest, Surroundings
     from dynident.identification import IdentificationChoices
-    from dynident.recordings import RecordingError
+    from dynident.recordings import RecordingError, Revision
     from dynident.robot import Drive, Limits, Robot
 
 __all__ = [
@@ -64,6 +66,7 @@ __all__ = [
     "RecordingError",
     "Recordings",
     "Report",
+    "Revision",
     "Robot",
     "Surroundings",
     "Validation",
@@ -78,6 +81,7 @@ __all__ = [
     "load_robot",
     "read_recordings",
     "report",
+    "revise",
     "series",
     "validate",
 ]
@@ -92,7 +96,7 @@ _HOMES = {
     "dynident.desk.identifying": ("identify", "load_model"),
     "dynident.desk.model": ("Ladder", "Model"),
     "dynident.desk.parameters": ("ErrorTable", "JointError", "Parameters"),
-    "dynident.desk.reading": ("read_recordings",),
+    "dynident.desk.reading": ("read_recordings", "revise"),
     "dynident.desk.recordings": ("CheckedRecording", "Recordings"),
     "dynident.desk.reporting": ("Report", "report"),
     "dynident.desk.robots": ("load_robot",),
@@ -101,10 +105,14 @@ _HOMES = {
     "dynident.errors": ("DynidentError",),
     "dynident.excitation": ("DesignRequest", "Surroundings"),
     "dynident.identification": ("IdentificationChoices",),
-    "dynident.recordings": ("RecordingError",),
+    "dynident.recordings": ("RecordingError", "Revision"),
     "dynident.robot": ("Drive", "Limits", "Robot"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+_missing = missing_science()
+if _missing is not None:
+    sys.meta_path.insert(0, RoomsThatNeedScience(_missing))
 
 
 if not TYPE_CHECKING:
@@ -122,7 +130,7 @@ if not TYPE_CHECKING:
                 raise
             raise ModuleNotFoundError(
                 f"dynident.{name} needs the package {missing.name}, which the light installation leaves out; "
-                "install it with: pip install 'dynident[science]'",
+                f"{install_hint(missing.name or '')}",
                 name=missing.name,
             ) from missing
         return value

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, Literal, Unpack
 
 from dynident_client.collection import Collection
+from dynident_client.labels import Labelled
 from dynident_client.records import Design, Measurement, Record, Robot, Simulation, id_of
 from dynident_client.requests import DesignOptions, SimulationOptions
 
 
-class Robots(Collection[Robot]):
+class Robots(Labelled[Robot]):
     """Robots."""
 
     kind = Robot
@@ -37,7 +38,7 @@ class Robots(Collection[Robot]):
         return self._post({"name": name, "description": {"format": "modified_dh", "content": modified_dh}, **more})
 
 
-class Measurements(Collection[Measurement]):
+class Measurements(Labelled[Measurement]):
     """Recordings."""
 
     kind = Measurement
@@ -53,6 +54,31 @@ class Measurements(Collection[Measurement]):
             return self._record(
                 self._transport.upload(self.path, path.name, opened, {"metadata": json.dumps(metadata)})
             )
+
+    def revise(self, measurement: Record | str, **changes: Any) -> Measurement:
+        """Say something else of a measurement's file: a new measurement, whose parent is this one; no upload.
+
+        `changes`: windows, columns, units, permutation, signs, scale, exclude, torque_delay, role, name, as in the
+        contract, or what a check has under `apply`.
+        """
+        return self._post(changes, f"/{id_of(measurement)}/revisions")
+
+    def raw(
+        self,
+        measurement: Record | str,
+        signals: Sequence[str] = (),
+        *,
+        start: float | None = None,
+        end: float | None = None,
+        points: int | None = None,
+    ) -> dict[str, Any]:
+        """Read signals as they were recorded (all q and tau where none is named): t, signals, units, n_samples.
+
+        With `points` they are thinned to about so many, extremes among them; else all of them from `start` to `end`.
+        """
+        path = f"{self.path}/{id_of(measurement)}/raw"
+        narrow = {"signals": ",".join(signals) or None, "from": start, "to": end, "points": points}
+        return dict(self._transport.get(path, **narrow))
 
     def content(self, measurement: Record | str) -> Iterator[bytes]:
         """Read the file back as it was uploaded, in pieces."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, Unpack
 
 from dynident_client.collection import Collection
+from dynident_client.labels import Labelled
 from dynident_client.records import (
     Comparison,
     Diagnosis,
@@ -22,7 +23,7 @@ from dynident_client.requests import IdentificationOptions, ValidationOptions
 Effects = Sequence[Mapping[str, Any] | str]
 
 
-class Identifications(Collection[Identification]):
+class Identifications(Labelled[Identification]):
     """Identified models."""
 
     kind = Identification

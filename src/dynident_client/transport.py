@@ -55,6 +55,10 @@ class Transport:
         """Send JSON; a try whose answer was lost is repeated without doing the work twice."""
         return self._send("POST", path, json=None if body is None else _given(body)).json()
 
+    def patch(self, path: str, body: Mapping[str, Any]) -> Any:
+        """Send changes as JSON."""
+        return self._send("PATCH", path, json=_given(body)).json()
+
     def upload(self, path: str, name: str, file: IO[bytes], fields: Mapping[str, str]) -> Any:
         """Send a file and fields as a form."""
         return self._send("POST", path, files={"file": (name, file)}, data=dict(fields), rewind=file).json()

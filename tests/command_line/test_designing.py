@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from running_commands import dynident
 
+from dynident.robot import robot_from_library, urdf_from_robot
+
 QUICK = ("--duration", 3, "--harmonics", 3, "--rate", 50, "--time-budget", 1)
 
 
@@ -49,3 +51,19 @@ def test_an_earlier_measurement_of_currents_counts_once_its_drive_gains_are_give
     assert refused.code == 2
     assert "--drive-gains" in refused.err
     assert dynident(*asked, "--drive-gains", "1,1,1,1").code == 0
+
+
+def test_a_folder_of_meshes_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    answer = dynident("design", "scara", *QUICK, "--meshes", tmp_path / "nowhere", "-o", tmp_path / "t.csv")
+    assert answer.code == 2
+    assert "there is no folder" in answer.err
+
+
+def test_a_mesh_that_is_not_found_is_warned_of_in_plain_sight(tmp_path: Path) -> None:
+    text = urdf_from_robot(robot_from_library("scara"))
+    mesh = '<collision><geometry><mesh filename="package://scara/quill.stl"/></geometry></collision></link>'
+    (tmp_path / "arm.urdf").write_text(text.replace("</link>", mesh, 1))
+    answer = dynident("design", tmp_path / "arm.urdf", *QUICK, "-o", tmp_path / "t.csv", "--json")
+    assert answer.code == 0, answer.err
+    assert "warning: COLLISION IS NOT CHECKED" in answer.err
+    assert "--meshes FOLDER" in answer.err

@@ -97,7 +97,7 @@ def test_a_light_installation_tells_its_version_and_what_to_install(
     with pytest.raises(SystemExit) as end:
         command_line.main()
     assert "pip install" in str(end.value)
-    assert "dynident[service]" in str(end.value)
+    assert "dynident[science]" in str(end.value)
 
 
 def test_a_verb_whose_packages_are_missing_names_them(monkeypatch: pytest.MonkeyPatch) -> None:

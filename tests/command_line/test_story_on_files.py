@@ -89,6 +89,16 @@ def test_every_measurement_gets_the_windows_that_stand_behind_its_name() -> None
     }
 
 
+def test_windows_of_a_file_beside_belong_to_another_call_and_those_of_none_are_refused(desk: Path) -> None:
+    alone = dynident("identify", desk / "arm.json", desk / "run1.csv", "--windows", "2:9", "--json").document
+    asked = ("identify", desk / "arm.json", desk / "run1.csv", "--json", "--windows")
+    shared = dynident(*asked, "run1=2:9,run2=3:15").document
+    assert shared["n_equations"] == alone["n_equations"]
+    refused = dynident(*asked, "run1=2:9,rnu2=3:15")
+    assert refused.code == 2
+    assert "there is no measurement 'rnu2'" in refused.err
+
+
 def test_the_condition_number_and_the_equations_per_parameter_are_told(desk: Path) -> None:
     document = dynident("identify", desk / "arm.json", desk / "run1.csv", "--json").document
     shown = dynident("identify", desk / "arm.json", desk / "run1.csv").out

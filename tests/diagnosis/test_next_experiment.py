@@ -15,7 +15,7 @@ from dynident.diagnosis import Comparison, NextExperiment, compare
 from dynident.diagnosis.advice.doubts import Doubt, doubts_of
 from dynident.diagnosis.advice.kinds import EXPERIMENTS, Question
 from dynident.diagnosis.advice.next_experiment import next_experiment, within_the_motion
-from dynident.diagnosis.advice.pairs import ALONE, PAIRS, PLACES, experiment_for
+from dynident.diagnosis.advice.pairs import experiment_for
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.state import Finding
@@ -190,13 +190,32 @@ def test_no_motion_is_proposed_for_what_no_motion_can_tell():
     assert proposed(Doubt(on(0, "coulomb_asymmetric"), (on(0, "offset"),))) is None
 
 
-def test_the_table_knows_every_effect_of_the_catalogue():
-    assert set(CATALOGUE) <= set(ALONE)
-    assert set(ALONE.values()) | set(PAIRS.values()) | set(PLACES.values()) == set(EXPERIMENTS)
-    assert set(PLACES) == {effect.id for effect in CATALOGUE.values() if effect.in_some_runs}
-    for pair in PAIRS:
+def test_every_kind_of_experiment_is_named_by_an_effect_and_every_named_one_is_there():
+    named = {effect.experiment for effect in CATALOGUE.values()}
+    named |= {effect.place_experiment for effect in CATALOGUE.values()}
+    named |= {kind for effect in CATALOGUE.values() for kind in effect.told_from}
+    assert named == set(EXPERIMENTS)
+
+
+def test_a_pair_of_effects_is_told_apart_by_one_experiment_that_one_of_the_two_names():
+    told = [
+        (frozenset((effect.id, other)), kind)
+        for effect in CATALOGUE.values()
+        for kind, others in effect.told_from.items()
+        for other in others
+    ]
+    pairs = [pair for pair, _ in told]
+    assert len(set(pairs)) == len(pairs) > 40
+    for pair, kind in told:
         assert len(pair) == 2
-        assert pair <= set(ALONE)
+        assert pair <= set(CATALOGUE)
+        one, other = sorted(pair)
+        assert experiment_for(one, other) is experiment_for(other, one) is EXPERIMENTS[kind]
+
+
+def test_what_some_runs_have_is_placed_with_it_left_on():
+    left_on = {effect.id for effect in CATALOGUE.values() if effect.place_experiment == "as_it_is"}
+    assert left_on == {effect.id for effect in CATALOGUE.values() if effect.in_some_runs}
 
 
 def test_every_confusion_that_the_catalogue_warns_of_has_an_experiment():

@@ -23,7 +23,7 @@ from dynident.effects import (
     reference_size,
 )
 from dynident.effects.catalogue import joints_of
-from dynident.effects.friction import velocity_scale
+from dynident.effects.sizes import velocity_scale
 from dynident.robot import Robot
 
 ROBOTS = ("ur10", "scara", "dual_arm")

@@ -10,7 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import arm, pinocchio_rows
 
-from dynident.effects import EffectChoice, MemorySignal, RunSignal, Signals, columns_of, effect_by_id
+from dynident.effects import (
+    DAHL,
+    STOP,
+    TRAVEL,
+    EffectChoice,
+    MemorySignal,
+    RunSignal,
+    Signals,
+    columns_of,
+    effect_by_id,
+)
 from dynident.effects.memory import MemoryStates
 from dynident.effects.structure import across
 from dynident.robot import Robot
@@ -51,8 +61,8 @@ def test_effects_with_a_shape_are_their_formulas_for_any_shape(vs, p, k, d0, law
         EffectChoice("presliding", shape=(("d0", d0), ("law", law))),
         EffectChoice("break_away", shape=(("db", d0),)),
     )
-    operator = "stop" if law > 0 else "dahl"
-    operators = (operator, "travel")
+    operator = STOP if law > 0 else DAHL
+    operators = (operator, TRAVEL)
     assert found.signals.memory_signals == tuple(MemorySignal(one, j, d0) for one in operators for j in range(6))
     for j in range(6):
         q, v, load, z = found.q[:, j], found.dq[:, j], found.load[:, j], found.z[:, j]
@@ -249,7 +259,7 @@ def test_presliding_takes_energy_over_every_closed_path():
         angle = np.linspace(0, 2 * np.pi, 4001)
         q = size * (np.sin(angle) + 0.5 * np.sin(3 * angle + rng.uniform(0, 6)))
         q = np.concatenate([q, q[1:], q[1:]])
-        z = MemoryStates([MemorySignal("stop", 0, 2e-3)]).push(q[:, None])[:, 0]
+        z = MemoryStates([MemorySignal(STOP, 0, 2e-3)]).push(q[:, None])[:, 0]
         last = slice(8000, None)
         assert np.sum(0.5 * (z[last][1:] + z[last][:-1]) * np.diff(q[last])) >= -1e-12
 

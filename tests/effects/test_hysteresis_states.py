@@ -9,19 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from dynident.effects import MemorySignal
+from dynident.effects import DAHL, STOP, TRAVEL, MemorySignal, Operator
 from dynident.effects.memory import MemoryStates, step, step_expression
 
 SIGNALS = (
-    MemorySignal("stop", 0, 2e-3),
-    MemorySignal("dahl", 0, 2e-3),
-    MemorySignal("stop", 1, 0.05),
-    MemorySignal("dahl", 1, 0.3),
-    MemorySignal("stop", 0, 0.5),
-    MemorySignal("travel", 0, 2e-3),
-    MemorySignal("travel", 1, 0.3),
+    MemorySignal(STOP, 0, 2e-3),
+    MemorySignal(DAHL, 0, 2e-3),
+    MemorySignal(STOP, 1, 0.05),
+    MemorySignal(DAHL, 1, 0.3),
+    MemorySignal(STOP, 0, 0.5),
+    MemorySignal(TRAVEL, 0, 2e-3),
+    MemorySignal(TRAVEL, 1, 0.3),
 )
-PATH_ALONE = tuple(signal for signal in SIGNALS if signal.operator != "travel")
+PATH_ALONE = tuple(signal for signal in SIGNALS if signal.operator != TRAVEL)
 # Moves of every size, with stretches of standstill.
 moves = st.one_of(st.just(0.0), st.floats(-1, 1), st.floats(-3e-3, 3e-3), st.sampled_from([1e-12, -1e-12]))
 
@@ -69,7 +69,7 @@ def test_standing_still_changes_no_state(path, still):
 @settings(max_examples=50, deadline=None)
 @given(path=paths(), still=st.integers(1, 20))
 def test_a_joint_that_stands_still_forgets_what_it_travelled(path, still):
-    memory = MemoryStates([signal for signal in SIGNALS if signal.operator == "travel"])
+    memory = MemoryStates([signal for signal in SIGNALS if signal.operator == TRAVEL])
     memory.push(path)
     assert not memory.push(np.repeat(path[-1:], still, axis=0)).any()
 
@@ -97,7 +97,7 @@ def test_travel_is_counted_from_the_last_stop_or_reversal_at_any_speed():
     slip = 0.02
     there, back = np.linspace(0, 0.05, 51), np.linspace(0.05, 0.02, 301)[1:]
     path = np.concatenate([there, back, np.full(20, back[-1]), back[-1] - there[1:]])[:, None]
-    z = MemoryStates([MemorySignal("travel", 0, slip)]).push(path)[:, 0]
+    z = MemoryStates([MemorySignal(TRAVEL, 0, slip)]).push(path)[:, 0]
     expected = [
         1 - np.exp(-there / slip),
         np.exp(-(0.05 - back) / slip) - 1,
@@ -108,7 +108,7 @@ def test_travel_is_counted_from_the_last_stop_or_reversal_at_any_speed():
 
 
 def test_a_stop_operator_saturates_after_twice_its_slip_distance():
-    signal = MemorySignal("stop", 0, 0.01)
+    signal = MemorySignal(STOP, 0, 0.01)
     path = np.concatenate([np.linspace(0, 0.05, 51), np.linspace(0.05, 0, 51)])[:, None]
     z = MemoryStates([signal]).push(path)[:, 0]
     assert z[10] == pytest.approx(1.0)  # 0.01 rad after the relaxed start
@@ -120,9 +120,50 @@ def test_dahls_state_solves_its_differential_equation():
     # dz/dq = (1 - z sign q̇) / slip, integrated with small steps by Euler's method.
     slip = 0.02
     q = 0.05 * np.sin(np.linspace(0, 7, 200_001))
-    z = MemoryStates([MemorySignal("dahl", 0, slip)]).push(q[:, None])[:, 0]
+    z = MemoryStates([MemorySignal(DAHL, 0, slip)]).push(q[:, None])[:, 0]
     euler, x = np.empty(len(q)), 0.0
     for k, dq in enumerate(np.diff(q, prepend=q[0])):
         x += dq / slip * (1 - x * np.sign(dq))
         euler[k] = x
     np.testing.assert_allclose(z, euler, atol=1e-3)
+
+
+class Half(Operator):
+    """A rule of somebody's own: half of the way is remembered, up to one."""
+
+    name = "half"
+
+    def step(self, state, ratio):
+        return ca.tanh(ca.atanh(state) + ratio / 2)
+
+    def stroke(self, begun, ratio):
+        return np.tanh(np.arctanh(begun) + ratio / 2)
+
+
+def test_a_rule_of_ones_own_runs_beside_ours_and_differentiates_itself():
+    mine = MemorySignal(Half(), 0, 0.1)
+    assert mine == MemorySignal(Half(), 0, 0.1)
+    path = np.cumsum(np.random.default_rng(0).normal(0, 0.02, (200, 1)), axis=0)
+    states = MemoryStates([mine, MemorySignal(STOP, 0, 0.1)]).push(path)
+    np.testing.assert_allclose(states[:, 0], np.tanh((path - path[0])[:, 0] / 0.2), atol=1e-9)
+    np.testing.assert_array_equal(states[:, 1:], MemoryStates([MemorySignal(STOP, 0, 0.1)]).push(path))
+    before, ratio = np.array([0.2, -0.5]), np.array([0.3, 0.1])
+    passes, follows = Half().slopes(before, np.tanh(np.arctanh(before) + ratio / 2), ratio)
+    step = 1e-6
+    for slope, (up, down) in (
+        (passes, ((before + step, ratio), (before - step, ratio))),
+        (follows, ((before, ratio + step), (before, ratio - step))),
+    ):
+        numeric = (np.tanh(np.arctanh(up[0]) + up[1] / 2) - np.tanh(np.arctanh(down[0]) + down[1] / 2)) / (2 * step)
+        np.testing.assert_allclose(slope, numeric, rtol=1e-6)
+
+
+@pytest.mark.parametrize("operator", [STOP, DAHL, TRAVEL])
+def test_slopes_in_closed_form_are_those_of_the_step(operator):
+    rng = np.random.default_rng(1)
+    before, ratio = rng.uniform(-0.9, 0.9, 50), rng.normal(0, 0.05, 50)
+    after = operator.stroke(before, ratio[None, :])[0]
+    for found, expected in zip(
+        operator.slopes(before, after, ratio), Operator.slopes(operator, before, after, ratio), strict=True
+    ):
+        np.testing.assert_allclose(found, expected, atol=1e-12)

@@ -7,12 +7,15 @@ import os
 import re
 import subprocess
 import sys
+import shlex
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 from evaluating import PUBLISHED
+
+from dynident.robot import robot_from_library, urdf_from_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "own-effects.md").read_text(encoding="utf-8")
@@ -113,6 +116,22 @@ def test_the_documented_effect_is_named_by_a_diagnosis_where_it_is_in_the_data(d
     assert (effect, joints) == ("hose_friction", ["elbow_joint"])
     assert value == pytest.approx(9.0, rel=0.05)
     assert position == pytest.approx(0.3, abs=0.05)
+
+
+@pytest.mark.slow
+def test_the_documented_commands_run_with_it(documented: Path) -> None:
+    prepare = """
+    dynident simulate ur10 --rate 100 --out run1.csv
+    dynident identify ur10 run1.csv --out model.npz
+    """
+    (documented / "arm.urdf").write_text(urdf_from_robot(robot_from_library("ur10")), encoding="utf-8")
+    for line in [*prepare.strip().splitlines(), *block("sh").splitlines()]:
+        program, *arguments = shlex.split(line)
+        assert program == "dynident"
+        code = f"import os, sys; os.chdir({str(documented)!r}); sys.argv[1:] = {arguments!r}\n"
+        ended = run(documented, code + "from dynident_service.command_line import main; main()")
+        assert ended.returncode == 0, f"{line}\n{ended.stderr}"
+        assert "hose_friction" in ended.stdout or arguments[0] != "effects"
 
 
 BROKEN = """

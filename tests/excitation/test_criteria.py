@@ -26,7 +26,7 @@ def test_gradients_agree_with_finite_differences(name, seed):
     w = drawn(seed)
     criterion = criterion_of(CriterionChoice(name, weight=0.7), A_PRIORI)
     direction = np.random.default_rng(seed + 1).standard_normal(w.shape)
-    step = 1e-5
+    step = 1e-7 if name == "equilibrated" else 1e-5  # far below the smallest entry
     slope = (criterion(w + step * direction)[0] - criterion(w - step * direction)[0]) / (2 * step)
     assert np.sum(criterion(w)[1] * direction) == pytest.approx(slope, rel=1e-5, abs=1e-7)
 
@@ -45,7 +45,7 @@ def test_the_smooth_condition_number_bounds_the_true_one_closely_from_above(seed
 def test_reported_values_are_those_of_numpy(seed):
     w = drawn(seed)
     m = w.T @ w / 20
-    sizes = np.linalg.norm(w, axis=0)
+    sizes = np.abs(w)
     for name, expected in (
         ("condition_number", np.linalg.cond(w)),
         ("weighted", np.linalg.cond(w * A_PRIORI)),

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dynident.effects import CATALOGUE, EffectChoice, MemorySignal
+from dynident.effects import CATALOGUE, DAHL, STOP, TRAVEL, EffectChoice, MemorySignal
 from dynident.effects.memory import step
 from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
 from dynident.excitation.criteria.deciding import yardstick_of
@@ -125,7 +125,7 @@ def test_what_is_not_in_the_motion_is_left_out_and_named(scara, effect):
 
 
 def test_states_that_a_path_is_designed_with_are_those_of_a_simulation(scara):
-    signals = (MemorySignal("stop", 0, 0.05), MemorySignal("dahl", 1, 0.08), MemorySignal("travel", 2, 0.06))
+    signals = (MemorySignal(STOP, 0, 0.05), MemorySignal(DAHL, 1, 0.08), MemorySignal(TRAVEL, 2, 0.06))
     t = np.linspace(0, 2 * np.pi, 400, endpoint=False)[:, None]
     q = np.sin(t + np.arange(4)) + 0.3 * np.sin(3 * t)
     states = [0.0, 0.0, 0.0]

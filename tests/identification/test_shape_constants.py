@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.effects import EffectChoice, MemorySignal
+from dynident.effects import STOP, EffectChoice, MemorySignal
 from dynident.effects.memory import step
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
@@ -43,7 +43,7 @@ def with_stribeck(joint: int, vs: float, amplitude: float) -> np.ndarray:
 
 def with_presliding(joint: int, slip: float, amplitude: float) -> np.ndarray:
     tau = base_torque(MOTION)
-    z, before, signal = 0.0, MOTION.q[0, joint], MemorySignal("stop", joint, slip)
+    z, before, signal = 0.0, MOTION.q[0, joint], MemorySignal(STOP, joint, slip)
     for k, here in enumerate(MOTION.q[:, joint]):
         z = step(signal, z, here - before)
         tau[k, joint] += amplitude * z

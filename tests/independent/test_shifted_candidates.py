@@ -12,7 +12,7 @@ from hiding.manners import Manners
 from hiding.recorded import recorded
 from placebo import named_at
 from placebos.decision import Question
-from placebos.shifting import IntArray, ShiftedCandidates, Shifts, rolled, whole_runs, wrong_shares
+from placebos.shifting import IndexArray, ShiftedCandidates, Shifts, rolled, whole_runs, wrong_shares
 
 from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice, Signals, columns_of
@@ -53,7 +53,7 @@ def _in_blocks(recording: Recording) -> Iterator[FilteredSamples]:
             yield FilteredSamples(run.t[part], run.values[part], run.tau[part], run.segment, held=run.held[part])
 
 
-def _alike(recording: Recording, samples: FilteredSamples) -> IntArray:
+def _alike(recording: Recording, samples: FilteredSamples) -> IndexArray:
     return np.zeros(samples.tau.shape, dtype=np.intp)
 
 

@@ -32,14 +32,6 @@ def test_the_page_of_effects_is_that_of_the_catalogue() -> None:
     assert page == (ROOT / "docs" / "effects.md").read_text(encoding="utf-8"), "run `python docs/effects_table.py`"
 
 
-@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md", *(f"docs/{p.name}" for p in ROOT.glob("docs/*.md"))])
-def test_every_link_leads_somewhere(page: str) -> None:
-    text = (ROOT / page).read_text(encoding="utf-8")
-    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
-        if not target.startswith("http"):
-            assert ((ROOT / page).parent / target).exists(), target
-
-
 def test_the_two_commands_are_those_that_the_check_of_everything_runs() -> None:
     script = ROOT / ".ci" / "readme_block.py"
     for heading, end in (("See it work", "dynident demo\n"), ("Run the tests", "pytest -n auto\n")):
@@ -63,7 +55,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_the_five_steps_on_my_robot_end_in_a_better_model_and_a_report(folder: Path) -> None:
+def test_the_steps_on_my_robot_end_in_a_better_model_and_a_report(folder: Path) -> None:
     told = "".join(run_commands(folder, block) for block in blocks("Use it on my robot", "sh")[1:])
     assert "stribeck" in (folder / "diagnosis.json").read_text(encoding="utf-8")
     assert "Stribeck" in told

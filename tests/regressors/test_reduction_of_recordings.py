@@ -13,7 +13,7 @@ from oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
 from scipy import signal
 
 import dynident.regressors.stream as stream
-from dynident.effects import EffectChoice
+from dynident.effects import STOP, EffectChoice
 from dynident.effects.memory import step
 from dynident.effects.signals import MemorySignal
 from dynident.estimation import errors, ordinary, weighted
@@ -120,7 +120,7 @@ def all_columns(q, dq, ddq) -> np.ndarray:
     friction[:, 1, 0] = np.abs(load[:, 1]) * np.sign(dq[:, 1])
     z, state, before = np.empty(len(q)), 0.0, q[0, 0]
     for k, here in enumerate(q[:, 0]):
-        state = step(MemorySignal("stop", 0, SLIP), state, here - before)
+        state = step(MemorySignal(STOP, 0, SLIP), state, here - before)
         z[k], before = state, here
     presliding = np.zeros((len(q), N, 2))
     presliding[:, 0, 0], presliding[:, 0, 1] = z, np.abs(load[:, 0]) * z

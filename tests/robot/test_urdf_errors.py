@@ -44,7 +44,7 @@ BAD = {
     "unknown type": (one_joint("hinge"), "line 4: Joint 'j' has the type 'hinge'; expected revolute, continuous"),
     "mimic": (
         one_joint(inside='<mimic joint="other"/>'),
-        "line 5: Joint 'j' mimics 'other'; coupled joints are not supported. Lock it",
+        "line 5: Joint 'j' follows 'other', which is no moving joint; moving joints: none",
     ),
     "unknown child": (
         machine(*TWO, joint("j", "a", "c")),

@@ -25,7 +25,7 @@ PAIRS = {
     "constant_speeds": (("stribeck", {"vs": 0.1}), ("viscous_nonlinear", {"p": 2.0})),
     "reversals": (("presliding", {"d0": 0.004}), ("stribeck", {"vs": 0.05})),
     "slow_sweep": (("torque_ripple", {"k": 20.0}), ("joint_spring", {})),
-    "payload": (("load_dependent_friction", {}), ("drive_gain_saturation", {})),
+    "with_payload": (("load_dependent_friction", {}), ("drive_gain_saturation", {})),
     "paces": (("torque_delay", {}), ("joint_elasticity", {})),
     "whole_range": (("base_tilt", {}), ("offset", {})),
 }

@@ -10,11 +10,11 @@ from dynident.recordings import (
     Check,
     Recording,
     RecordingError,
-    RecordingMetadata,
     open_recording,
     phase_shares,
 )
 from dynident.robot import Robot
+from dynident_service.adapters.revisions import metadata_of, show_revision
 from dynident_service.models import measurements as wire
 from dynident_service.problems import Problem, ProblemField, problem_of
 from dynident_service.storage.objects import ObjectStore
@@ -29,17 +29,7 @@ def import_file(
         robot,
         source,
         destination,
-        RecordingMetadata(
-            name=metadata.name,
-            format=metadata.format,
-            columns=metadata.columns,
-            units=metadata.units,
-            role=metadata.role,
-            windows=tuple(metadata.windows),
-            payload=metadata.payload,
-            torque_delay=metadata.torque_delay,
-            accept=tuple(metadata.accept),
-        ),
+        metadata_of(metadata),
     )
 
 
@@ -72,7 +62,13 @@ def show_checks(checks: Sequence[Check]) -> list[wire.CheckView]:
     """Show what was looked at."""
     return [
         wire.CheckView(
-            name=one.name, status=one.status, detail=one.detail, column=one.column, row=one.row, time=one.time
+            name=one.name,
+            status=one.status,
+            detail=one.detail,
+            column=one.column,
+            row=one.row,
+            time=one.time,
+            apply=None if one.apply is None else show_revision(one.apply),
         )
         for one in checks
     ]

@@ -105,7 +105,7 @@ def _joints(asked: wire.TrueEffect, robot: Robot, pointer: str) -> Iterable[str]
     indices = joints_of(choice, robot, pointer)
     if effect_by_id(asked.effect).scope == "robot":
         return ("",)
-    return [robot.joint_names[index] for index in indices]
+    return [robot.tree.joint_names[index] for index in indices]
 
 
 def _true_effect(asked: wire.TrueEffect, robot: Robot, joint: str) -> TrueEffect:

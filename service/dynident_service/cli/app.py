@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from dynident.errors import Cancelled, DynidentError
+from dynident.extras import install_hint
 from dynident.version import __version__
 from dynident_service.cli.asked import with_options
 from dynident_service.cli.failures import CANCELLED, MISUSED, tell_failure
@@ -76,7 +77,7 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
         except ModuleNotFoundError as missing:
             if (missing.name or "").startswith("dynident"):
                 raise
-            detail = f"this needs the package {missing.name}; install it with: pip install 'dynident[service]'"
+            detail = f"this needs the package {missing.name}; {install_hint(missing.name or '')}"
             tell_failure(DynidentError(detail, title="Not installed"), as_json=False)
             raise typer.Exit(MISUSED) from missing
         except (KeyboardInterrupt, Cancelled):

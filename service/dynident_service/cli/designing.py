@@ -14,6 +14,7 @@ from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, Surroundings
 from dynident.reports.numbers import number, percent
 from dynident.robot import Limits
+from dynident.robot.collision import UNCHECKED
 from dynident_service.adapters import robots
 from dynident_service.adapters.derived import taken
 from dynident_service.cli.inputs import document_of, stored_diagnosis
@@ -51,6 +52,13 @@ def surroundings_of(path: Path | None, mesh_folders: Sequence[Path]) -> Surround
         else taken(_validated(_SURROUNDINGS, path, "Unusable surroundings"), Surroundings)
     )
     return replace(stated, mesh_folders=tuple(str(folder) for folder in mesh_folders))
+
+
+def warn_of_unchecked(console: Console, found: Design) -> None:
+    """Say in plain sight which links no collision was checked for."""
+    for note in found.notes:
+        if note.startswith(UNCHECKED):
+            console.print(f"warning: {note}", markup=False, style="bold yellow")
 
 
 def _validated(fields: TypeAdapter[Wanted], path: Path, title: str) -> Wanted:
@@ -99,5 +107,6 @@ def show_design(console: Console, found: Design) -> None:
             )
         )
     for note in found.notes:
-        console.print(f"  {note}", markup=False, style="dim")
+        if not note.startswith(UNCHECKED):
+            console.print(f"  {note}", markup=False, style="dim")
     console.print(f"{found.n_samples} samples at {found.sampling_rate:g} Hz, {found.duration:.1f} s from rest to rest")

@@ -44,6 +44,12 @@ def check_readable(path: Path) -> None:
         raise DynidentError(f"{path} may not be read", pointer=str(path), title="Unreadable file")
 
 
+def check_folder(path: Path) -> None:
+    """Raise where a folder is not there."""
+    if not path.is_dir():
+        raise DynidentError(f"there is no folder {path}", pointer=str(path), title="No such folder")
+
+
 def check_robot(text: str) -> None:
     """Raise where there is neither such a file nor such an arm."""
     if not Path(text).is_file() and text not in known_arms():
@@ -62,4 +68,5 @@ def known_arms() -> list[str]:
 
 
 TO_READ = LookedFor(check_readable)
+FOLDER_TO_READ = LookedFor(check_folder)
 A_ROBOT = LookedFor(check_robot)

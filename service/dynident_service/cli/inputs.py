@@ -20,7 +20,7 @@ from dynident.effects import EffectChoice
 from dynident.effects.written import written_effects
 from dynident.errors import DynidentError
 from dynident.identification import Identification, from_bytes
-from dynident.identification.robot_recordings import import_for_robot
+from dynident.identification.robot_recordings import import_cured, import_for_robot
 from dynident.progress import Progress, part
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.names import unique_names
@@ -47,18 +47,22 @@ _REWORDED = (
 
 @dataclass(frozen=True)
 class FileOptions:
-    """What the options say about measurement files; `roles` of those that are not for the identification as usual."""
+    """What the options say about measurement files; `roles` of those that are not for the identification as usual.
+
+    With `cure` what would be refused is read as its checks propose.
+    """
 
     columns: Sequence[str] = ()
     units: Sequence[str] = ()
     windows: Sequence[str] = ()
     accept: Sequence[str] = ()
     roles: Mapping[Path, str] = field(default_factory=dict)
+    cure: bool = False
 
 
 def file_options(reading: Reading, roles: Mapping[Path, str] | None = None) -> FileOptions:
     """What the options of reading say, with the roles of files that are not for the identification as usual."""
-    return FileOptions(reading.columns, reading.units, reading.windows, reading.accept, roles or {})
+    return FileOptions(reading.columns, reading.units, reading.windows, reading.accept, roles or {}, reading.cure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +96,7 @@ def loaded(
     """
     everything = [*paths, *others]
     names = unique_names(everything)
-    windows = parsing.windows_of(options.windows, names)
+    windows = parsing.windows_of(options.windows, names, _neighbours(everything))
     columns, units = parsing.pairs(options.columns, "--columns"), parsing.pairs(options.units, "--units")
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
         found = []
@@ -106,15 +110,29 @@ def loaded(
                 accept=tuple(options.accept),
             )
             share = part(progress, index / len(everything), (index + 1) / len(everything))
-            found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share))
+            found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=options.cure))
         yield found[: len(paths)], found[len(paths) :]
 
 
-def _load(path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress) -> Loaded:
+def _neighbours(paths: Sequence[Path]) -> set[str]:
+    """Names of the files that lie beside those of this call: other commands of the same study may be about them."""
+    folders = {path.parent for path in paths if path.parent.is_dir()}
+    return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
+
+
+def _load(
+    path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress, *, cure: bool
+) -> Loaded:
     check_readable(path)
     try:
-        recording, checks = import_for_robot(robot, path, destination, metadata, progress)
+        if cure:
+            mended = import_cured(robot, path, destination, metadata, progress)
+            recording, checks = mended.recording, mended.checks
+        else:
+            recording, checks = import_for_robot(robot, path, destination, metadata, progress)
     except RecordingError as error:
+        if not cure and any(one.status == "error" and one.apply is not None for one in error.checks):
+            error.detail += " Or have it put right: --cure."
         # Which of the files: the science knows columns, rows and times alone.
         error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
         raise

@@ -86,6 +86,10 @@ Accept = Annotated[
         show_default=False,
     ),
 ]
+Cure = Annotated[
+    bool,
+    typer.Option("--cure", help="Read what would be refused as its checks propose, and say so: order, sign, unit, …."),
+]
 DriveGains = Annotated[
     str,
     typer.Option(
@@ -104,6 +108,7 @@ class Reading:
     units: Units
     windows: Windows
     accept: Accept
+    cure: Cure = False
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 
 from dynident.errors import DynidentError
@@ -59,17 +59,20 @@ def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def windows_of(given: Sequence[str], names: Sequence[str]) -> dict[str, tuple[Window, ...]]:
+def windows_of(
+    given: Sequence[str], names: Sequence[str], neighbours: Collection[str] = ()
+) -> dict[str, tuple[Window, ...]]:
     """Windows by measurement: `from:to` for all of them, `name=from:to` for one; several with commas between.
 
-    What follows a named window without a name of its own belongs to the same measurement.
+    What follows a named window without a name of its own belongs to the same measurement. Windows of
+    `neighbours`, measurements of other calls, are left out, so that the commands of one study can share their options.
     """
     found: dict[str, tuple[Window, ...]] = {}
     for text in given:
         wanted = list(names)
         for item in _items(text):
             name, sign, rest = item.rpartition("=")
-            if sign and name not in names:
+            if sign and name not in names and name not in neighbours:
                 raise DynidentError(
                     f"there is no measurement {name!r}; there are: {', '.join(names)}", pointer="--windows"
                 )
@@ -78,7 +81,7 @@ def windows_of(given: Sequence[str], names: Sequence[str]) -> dict[str, tuple[Wi
                 found[one] = (*found.get(one, ()), _window(rest))
     for name, windows in found.items():
         _check_apart(name, windows)
-    return found
+    return {name: windows for name, windows in found.items() if name in names}
 
 
 def _check_apart(name: str, windows: Sequence[Window]) -> None:

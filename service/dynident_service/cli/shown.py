@@ -193,7 +193,8 @@ def choice_text(choice: EffectChoice, robot: Robot) -> str:
 def choice_argument(choice: EffectChoice) -> str:
     """An effect as `--effects` reads it."""
     joints = f"@{'+'.join(choice.joints)}" if choice.joints else ""
-    shape = ",".join(f"{name}={value:.6g}" for name, value in choice.shape)
+    words = {spec.name: spec.word for spec in effect_by_id(choice.effect).shapes}
+    shape = ",".join(f"{name}={words[name](value) or f'{value:.6g}'}" for name, value in choice.shape)
     return f"{choice.effect}{joints}{':' + shape if shape else ''}"
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.effects import Signals, columns_of, effect_by_id
-from dynident.effects.friction import velocity_scale
+from dynident.effects.sizes import largest_torque, velocity_scale
 from dynident.errors import DynidentError
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot
 from dynident.simulation import Sensors, TrueEffect, typical_effect
-from dynident.simulation.typical import largest_torque
 
 _STATES = 300
 # Largest torque of an effect, over the noise of a single sample of the sensor, below which nobody could find it.

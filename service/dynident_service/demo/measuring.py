@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dynident.effects.sizes import largest_torque
 from dynident.excitation import Design, DesignRequest, design_experiment
 from dynident.progress import Progress, part
 from dynident.simulation import (
@@ -17,7 +18,6 @@ from dynident.simulation import (
     VirtualRobot,
     measurement_table,
 )
-from dynident.simulation.typical import largest_torque
 from dynident_service.cli.inputs import write_whole
 from dynident_service.cli.tables import write_table, write_trajectory
 from dynident_service.demo.scenario import Scenario

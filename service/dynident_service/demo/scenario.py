@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import effect_by_id
+from dynident.effects import Effect, effect_by_id
 from dynident.errors import DynidentError
 from dynident.excitation import TrajectoryRequest
 from dynident.robot import Limits, Robot
@@ -18,8 +18,8 @@ from dynident_service.demo.hiding import hideable
 NOTHING = "none"
 # An arm in its cell turns no joint further than this from its middle.
 _RANGE = 2.5
-# Effects that are in one of the runs alone: a payload that was taken up for it, somebody who came by.
-_IN_ONE_RUN = {"payload": "run2", "external_contact": "run1"}
+# Runs of what is in one of them alone: what was taken up for it, and somebody who came by.
+_LATER_RUN, _FIRST_RUN = "run2", "run1"
 # s between the runs where friction drifts: what the arm does meanwhile is not recorded.
 _BETWEEN = 1500.0
 _THIRD_RUN = "run3"
@@ -126,8 +126,8 @@ class Scenario:
         drive = tuple(_scaled(one, rng, _DRIVE_SPREAD) for one in typical_drive(robot))
         possible = [] if effect == NOTHING else hideable(robot, effect, joint)
         hidden = _scaled(possible[int(rng.integers(len(possible)))], rng, _HIDDEN_SPREAD) if possible else None
-        if hidden is not None and hidden.effect in _IN_ONE_RUN:
-            hidden = replace(hidden, runs=(_IN_ONE_RUN[hidden.effect],))
+        if hidden is not None:
+            hidden = replace(hidden, runs=_runs_of(effect_by_id(hidden.effect)))
         plan = SHORT if quick else LONG
         if hidden is not None and _drifts(hidden):
             plan = plan.through_a_session()
@@ -177,6 +177,13 @@ class Scenario:
                 velocity=None if speed is None else course.speed * speed,
             )
         return found
+
+
+def _runs_of(effect: Effect) -> tuple[str, ...]:
+    """The runs that a hidden effect is in; none named: all."""
+    if effect.in_some_runs:
+        return (_LATER_RUN,)
+    return (_FIRST_RUN,) if effect.is_transient else ()
 
 
 def _drifts(effect: TrueEffect) -> bool:

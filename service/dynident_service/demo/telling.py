@@ -115,8 +115,11 @@ def envelope(console: Console, scenario: Scenario, found: Analysis, named_right:
     for one in found.diagnosis.recommended:
         if one.effect == hidden.effect and (not hidden.joint or hidden.joint in one.joints):
             known = effect_by_id(hidden.effect).shape_with_defaults(dict(hidden.shape))
-            units = {spec.name: spec.unit for spec in effect_by_id(one.effect).shapes}
-            rows += [[name, units[name], number(known.get(name), 4), number(value, 4), ""] for name, value in one.shape]
+            specs = {spec.name: spec for spec in effect_by_id(one.effect).shapes}
+            rows += [
+                [name, specs[name].unit, *(specs[name].word(one) or number(one, 4) for one in (known[name], value)), ""]
+                for name, value in one.shape
+            ]
     if named_right and rows:
         columns = ("parameter", "unit", "true", "identified", "standard deviation")
         console.print(table("", columns, rows, right_from=2))

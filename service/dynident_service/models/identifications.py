@@ -9,6 +9,8 @@ from pydantic import Field
 from dynident.identification.choices import IdentificationChoices
 from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Name, Shown
 from dynident_service.models.derived import asks
+from dynident_service.models.labels import Labelled
+from dynident_service.models.revisions import SeenMeasurement
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
 SHAPE_JUDGEMENTS = Literal[
@@ -172,9 +174,12 @@ class IdentificationResult(Shown):
     )
     joints: list[str]
     effort_units: list[str]
+    measurements: list[SeenMeasurement] = Field(
+        default=[], description="Which revision of which file the model saw; [] in models that an older version stored"
+    )
 
 
-class IdentificationView(Computed[IdentificationRequest, IdentificationResult]):
+class IdentificationView(Computed[IdentificationRequest, IdentificationResult], Labelled):
     """An identification."""
 
     robot_id: str

@@ -8,6 +8,8 @@ from typing import Any, Literal
 from pydantic import Field
 
 from dynident_service.models.common import Asked, Identifier, Name, Shown
+from dynident_service.models.labels import Labelled
+from dynident_service.models.revisions import EXCLUDE, ORDER, SCALE, SIGNS, Axis, RevisionRequest
 
 Role = Literal["identification", "validation", "friction", "payload"]
 
@@ -25,6 +27,10 @@ class MeasurementMetadata(Asked):
     payload: dict[str, Any] | None = None
     torque_delay: float = Field(default=0.0, description="Seconds by which the file's torque is late")
     accept: list[str] = Field(default=[], description="Names of checks whose errors are to count as warnings.")
+    permutation: dict[Axis, list[int]] = Field(default={}, description=ORDER)
+    signs: dict[str, float] = Field(default={}, description=SIGNS)
+    scale: dict[str, float] = Field(default={}, description=SCALE)
+    exclude: list[tuple[float, float]] = Field(default=[], description=EXCLUDE)
 
 
 class CheckView(Shown):
@@ -36,6 +42,11 @@ class CheckView(Shown):
     column: str = Field(default="", description="Of the file")
     row: int | None = Field(default=None, description="Data row of the file, from 1")
     time: float | None = Field(default=None, description="Seconds of t")
+    apply: RevisionRequest | None = Field(
+        default=None,
+        description="What cures it, where that is known: a body for POST /v1/measurements/{id}/revisions; of a file "
+        "that was refused, fields for the metadata of another try",
+    )
 
 
 class SegmentView(Shown):
@@ -71,9 +82,12 @@ class MeasurementResult(Shown):
         default=None, description="Shares of each joint's time; null in measurements that an older version stored"
     )
     checks: list[CheckView]
+    edits: list[RevisionRequest] = Field(
+        default=[], description="What was said of the file since it was uploaded, in order; [] if nothing"
+    )
 
 
-class MeasurementView(MeasurementResult):
+class MeasurementView(MeasurementResult, Labelled):
     """A stored measurement."""
 
     id: str
@@ -82,4 +96,6 @@ class MeasurementView(MeasurementResult):
     robot_id: str
     role: Role | None
     windows: list[tuple[float, float]]
+    parent_id: str | None = Field(default=None, description="The measurement that this one is a revision of")
+    revision: int = Field(default=0, description="How many edits lie between the upload and this measurement")
     request: MeasurementMetadata

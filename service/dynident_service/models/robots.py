@@ -8,6 +8,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from dynident_service.models.common import Asked, Limits, Name, Shown
+from dynident_service.models.labels import Labelled
 
 
 class Description(Asked):
@@ -73,7 +74,7 @@ class RobotResult(Shown):
     has_inertias: bool = Field(description="Whether the description gives inertial parameters.")
 
 
-class RobotView(RobotResult):
+class RobotView(RobotResult, Labelled):
     """A stored robot."""
 
     id: str

@@ -43,6 +43,20 @@ class ListQuery:
     ) -> None:
         self.limit = limit
         self.cursor = cursor
+        self.archived = True
+
+
+class LabelledQuery(ListQuery):
+    """The same of resources that may be archived."""
+
+    def __init__(
+        self,
+        limit: Annotated[int, Query(ge=1, le=500, description="How many at most")] = 50,
+        cursor: Annotated[str | None, Query(max_length=40, description="From the part before")] = None,
+        archived: Annotated[bool, Query(description="Whether to list what is archived, too")] = False,
+    ) -> None:
+        super().__init__(limit, cursor)
+        self.archived = archived
 
 
 class RetryKey:
@@ -70,6 +84,7 @@ class RetryKey:
 
 
 ListQueryDep = Annotated[ListQuery, Depends()]
+LabelledQueryDep = Annotated[LabelledQuery, Depends()]
 RetryKeyDep = Annotated[RetryKey, Depends()]
 
 
@@ -121,7 +136,7 @@ def page_of(
     services: Services, kind: Kind, query: ListQuery, show: Callable[[Resource], ViewT], on_id: str | None = None
 ) -> Page[ViewT]:
     """Show a part of the list of a kind."""
-    page = services.resources.page(kind, query.limit, query.cursor, on_id)
+    page = services.resources.page(kind, query.limit, query.cursor, on_id, archived=query.archived)
     return Page(items=[show(resource) for resource in page.items], cursor=page.cursor)
 
 

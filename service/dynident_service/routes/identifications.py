@@ -17,7 +17,7 @@ from dynident_service.models.identifications import (
     StoredIdentification,
 )
 from dynident_service.problems import unusable
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.diagnosed import as_diagnosed
 from dynident_service.routes.needs import needed, needed_measurements, needed_robot
 from dynident_service.routes.uncertainty import AWAITED, model_file
@@ -65,7 +65,7 @@ def create_identification(
 
 @router.get("")
 def list_identifications(
-    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
+    services: ServicesDep, query: LabelledQueryDep, robot_id: Annotated[str | None, Query()] = None
 ) -> Page[IdentificationView]:
     """List the identifications, newest first; those of one robot if asked."""
     return page_of(services, "identification", query, show, robot_id)
@@ -185,6 +185,8 @@ def show(resource: Resource) -> IdentificationView:
         parent_id=parents[0] if parents else None,
         added=stored.added,
         removed=stored.removed,
+        tags=list(resource.tags),
+        archived=resource.archived,
     )
 
 

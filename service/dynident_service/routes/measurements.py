@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from dynident_service.models.common import Page, plain
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
 from dynident_service.problems import ProblemError, fields_of, not_found, unusable, validation_problem
-from dynident_service.routes.common import ListQueryDep, RetryKey, RetryKeyDep, again, make, page_of
+from dynident_service.routes.common import LabelledQueryDep, RetryKey, RetryKeyDep, again, make, page_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.objects import digest
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
@@ -55,7 +55,7 @@ async def upload_measurement(
 
 @router.get("")
 def list_measurements(
-    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
+    services: ServicesDep, query: LabelledQueryDep, robot_id: Annotated[str | None, Query()] = None
 ) -> Page[MeasurementView]:
     """List the measurements, newest first; those of one robot if asked."""
     return page_of(services, "measurement", query, show, robot_id)
@@ -96,7 +96,11 @@ def show(resource: Resource) -> MeasurementView:
             "robot_id": said.robot_id,
             "role": said.role,
             "windows": said.windows,
+            "parent_id": next(iter(resource.all("parent")), None),
+            "revision": len((resource.result or {}).get("edits", [])),
             "request": said,
+            "tags": resource.tags,
+            "archived": resource.archived,
         }
     )
 

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Request, Response
 
 from dynident_service.models.common import Page, plain
 from dynident_service.models.robots import RobotRequest, RobotView
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, make, page_of
+from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, make, page_of
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import NewResource, Resource
 
@@ -26,7 +26,7 @@ async def create_robot(
 
 
 @router.get("")
-def list_robots(services: ServicesDep, query: ListQueryDep) -> Page[RobotView]:
+def list_robots(services: ServicesDep, query: LabelledQueryDep) -> Page[RobotView]:
     """List the robots, newest first."""
     return page_of(services, "robot", query, show)
 
@@ -52,5 +52,7 @@ def show(resource: Resource) -> RobotView:
             "name": resource.name,
             "created_at": resource.created_at,
             "request": resource.request,
+            "tags": resource.tags,
+            "archived": resource.archived,
         }
     )

@@ -130,6 +130,8 @@ class Resource:
     """(role, id) of the resources that it needs."""
     objects: Mapping[str, Owned]
     job: Job | None
+    tags: tuple[str, ...] = ()
+    archived: bool = False
 
     def one(self, role: str) -> str:
         """Give the id of the one resource that it needs in a role."""

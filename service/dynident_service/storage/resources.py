@@ -17,7 +17,7 @@ from dynident_service.storage.identifiers import new_identifier
 from dynident_service.storage.ledger import add_job, as_job
 from dynident_service.storage.objects import ObjectStore, Stored, digest
 from dynident_service.storage.records import FINAL, Kind, NewResource, Owned, Page, Resource, RestsOn, Retry
-from dynident_service.storage.tables import DependencyRow, JobRow, ObjectRow, ResourceRow, RetryRow
+from dynident_service.storage.tables import DependencyRow, JobRow, ObjectRow, ResourceRow, RetryRow, check_text
 from dynident_service.storage.tombstones import announce, hold
 
 MOST_DEPENDENTS = 20
@@ -75,11 +75,41 @@ class Resources:
             row = session.get(ResourceRow, identifier)
             return None if row is None else _load(session, row)
 
-    def page(self, kind: Kind, limit: int, cursor: str | None = None, on_id: str | None = None) -> Page:
-        """Read a part of the list of a kind, newest first, of those that rest on `on_id` if that is given."""
+    def label(
+        self,
+        kind: Kind,
+        identifier: str,
+        *,
+        name: str | None = None,
+        tags: Sequence[str] | None = None,
+        archived: bool | None = None,
+    ) -> Resource:
+        """Change name, tags or archive of a resource, as far as given; a problem 404 if there is none."""
+        with self._database.write() as session:
+            row = session.get(ResourceRow, identifier, with_for_update=True)
+            if row is None or row.kind != kind:
+                raise not_found(kind, identifier)
+            if name is not None:
+                row.name = name
+            if tags is not None:
+                check_text(*tags)
+                row.tags = list(tags)
+            if archived is not None:
+                row.archived = archived
+        return self.get(kind, identifier)
+
+    def page(
+        self, kind: Kind, limit: int, cursor: str | None = None, on_id: str | None = None, *, archived: bool = True
+    ) -> Page:
+        """Read a part of the list of a kind, newest first, of those that rest on `on_id` if that is given.
+
+        Without `archived` those that are archived are left out.
+        """
         query = select(ResourceRow).where(ResourceRow.kind == kind).order_by(ResourceRow.id.desc()).limit(limit + 1)
         if cursor is not None:
             query = query.where(ResourceRow.id < cursor)
+        if not archived:
+            query = query.where(ResourceRow.archived.is_(False))
         if on_id is not None:
             resting = select(DependencyRow.dependent_id).where(DependencyRow.on_id == on_id)
             query = query.where(ResourceRow.id.in_(resting))
@@ -191,4 +221,6 @@ def _load(session: Session, row: ResourceRow) -> Resource:
         rests_on=tuple((role, on_id) for role, on_id in needs),
         objects={one.role: Owned(one.role, one.key, one.size, one.media_type) for one in objects},
         job=None if job is None else as_job(job),
+        tags=tuple(row.tags),
+        archived=row.archived,
     )

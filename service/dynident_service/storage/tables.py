@@ -21,6 +21,7 @@ from sqlalchemy import (
     MetaData,
     String,
     TypeDecorator,
+    false,
 )
 from sqlalchemy.exc import DontWrapMixin
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
@@ -64,9 +65,16 @@ class Text(TypeDecorator[str]):
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
         """Refuse what cannot be stored or looked for."""
-        if value is not None and "\0" in value:
-            raise UnusableText(422, f"{value[:80]!r} holds the character U+0000; leave it out.", title="Unusable text")
+        if value is not None:
+            check_text(value)
         return value
+
+
+def check_text(*texts: str) -> None:
+    """Raise UnusableText for a text that no database takes."""
+    for text in texts:
+        if "\0" in text:
+            raise UnusableText(422, f"{text[:80]!r} holds the character U+0000; leave it out.", title="Unusable text")
 
 
 def now() -> datetime:
@@ -92,6 +100,8 @@ class ResourceRow(Table):
     created_at: Mapped[datetime] = mapped_column(default=now)
     request: Mapped[dict[str, Any]]
     result: Mapped[dict[str, Any] | None]
+    tags: Mapped[list[str]] = mapped_column(JSON, default=list, server_default="[]")
+    archived: Mapped[bool] = mapped_column(default=False, server_default=false())
 
     __table_args__ = (Index("ix_resources_kind_id", "kind", "id"),)
 

@@ -9,6 +9,7 @@ from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.identifications import StoredIdentification
 from dynident_service.work.means import model_by_id, recordings_by_id, robot_by_id
+from dynident_service.work.seen import seen_measurements
 
 
 def identify_model(task: Task) -> Outcome:
@@ -51,4 +52,5 @@ def _outcome(
 ) -> Outcome:
     task.memory.keep(Identification, task.subject.id, found)
     model = task.keep("model", to_bytes(found), "application/vnd.dynident.model+npz")
-    return Outcome(plain(describe_identification(found, parent_id, parent)), (model,))
+    described = describe_identification(found, parent_id, parent)
+    return Outcome(plain(described.model_copy(update={"measurements": seen_measurements(task)})), (model,))

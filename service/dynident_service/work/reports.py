@@ -10,10 +10,10 @@ from dynident.diagnosis import compare
 from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.progress import part
-from dynident.recordings import Check
 from dynident.reports import ReportedRun, ReportedValidation, html_report
 from dynident_service.adapters.diagnoses import diagnosis_of
 from dynident_service.adapters.identifications import show_errors, show_figures
+from dynident_service.adapters.revisions import checks_of, revision_of
 from dynident_service.adapters.stored_designs import design_of
 from dynident_service.adapters.validation_tables import reported
 from dynident_service.jobs.work import Outcome, Task
@@ -59,8 +59,9 @@ def _runs(task: Task, request: ReportRequest, identification: Resource) -> list[
         progress = part(task.progress, 0.8 * index / len(shown), 0.8 * (index + 1) / len(shown))
         recording = recording_by_id(task, identifier)
         held_out = identifier not in asked.measurement_ids
-        checks = _checks(task.resources.get("measurement", identifier))
-        runs.append(ReportedRun(recording, compare(model, recording, progress), held_out, checks))
+        shown_as = MeasurementResult.model_validate(task.resources.get("measurement", identifier).result)
+        checks, edits = checks_of(shown_as.checks), tuple(revision_of(one) for one in shown_as.edits)
+        runs.append(ReportedRun(recording, compare(model, recording, progress), held_out, checks, edits))
     return runs
 
 
@@ -70,11 +71,6 @@ def _design(task: Task, identifier: str | None) -> Design | None:
         return None
     stored = task.resources.get("design", identifier)
     return design_of(stored.request, stored.result or {}, task.objects.path(stored.objects["trajectory"].key))
-
-
-def _checks(measurement: Resource) -> tuple[Check, ...]:
-    found = MeasurementResult.model_validate(measurement.result).checks
-    return tuple(Check(**one.model_dump()) for one in found)
 
 
 def _validations(task: Task, request: ReportRequest, model: Identification) -> list[ReportedValidation]:

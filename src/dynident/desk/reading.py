@@ -11,12 +11,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-from dynident.desk.recordings import CheckedRecording, Recordings
+from dynident.desk.recordings import CheckedRecording, Recordings, Source
 from dynident.desk.robots import DriveGains, with_gains
 from dynident.errors import DynidentError
-from dynident.identification.robot_recordings import import_for_robot
+from dynident.identification.robot_recordings import import_cured, import_for_robot
 from dynident.progress import Progress, part, silent
-from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
+from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.names import unique_names
 from dynident.robot import Robot
 
@@ -43,6 +43,7 @@ def read_recordings(
     payload: Mapping[str, Any] | None = None,
     torque_delay: float = 0.0,
     accept: Sequence[str] = (),
+    cure: bool = False,
     folder: str | Path | None = None,
     progress: Progress = silent,
 ) -> Recordings:
@@ -77,6 +78,8 @@ def read_recordings(
         Seconds by which the torque in the files is late.
     accept : names of checks
         What these find is reported, and blocks nothing.
+    cure : bool
+        Read what would be refused as its checks propose (their `apply`), and say so among the findings.
     folder : path, optional
         Where checked recordings are kept, as `<name>.checked.parquet`; `dynident.recordings.open_recording` opens them.
 
@@ -113,7 +116,7 @@ def read_recordings(
         )
         share = part(progress, index / len(files), (index + 1) / len(files))
         try:
-            found.append(_read(path, kept, machine, metadata, temporary=folder is None, progress=share))
+            found.append(_read(path, kept, machine, metadata, temporary=folder is None, cure=cure, progress=share))
         except RecordingError as error:
             failures.append((path, error))
     if failures:
@@ -122,7 +125,15 @@ def read_recordings(
 
 
 def _read(
-    path: Path, folder: Path, robot: Robot, metadata: RecordingMetadata, *, temporary: bool, progress: Progress
+    path: Path,
+    folder: Path,
+    robot: Robot,
+    metadata: RecordingMetadata,
+    *,
+    temporary: bool,
+    cure: bool = False,
+    edits: tuple[Revision, ...] = (),
+    progress: Progress = silent,
 ) -> CheckedRecording:
     if temporary:
         with tempfile.NamedTemporaryFile(dir=folder, suffix=".parquet", delete=False) as made:
@@ -130,14 +141,55 @@ def _read(
     else:
         destination = folder / f"{metadata.name}.checked.parquet"
     try:
-        recording, checks = import_for_robot(robot, path, destination, metadata, progress)
+        if cure:
+            mended = import_cured(robot, path, destination, metadata, progress)
+            recording, checks, metadata = mended.recording, mended.checks, mended.metadata
+            edits = (*edits, *mended.revisions)
+        else:
+            recording, checks = import_for_robot(robot, path, destination, metadata, progress)
     except BaseException:
         if temporary:
             destination.unlink(missing_ok=True)
         raise
     if temporary:
         _remove_when_unused(recording, destination)
-    return CheckedRecording(recording, tuple(replace(one, detail=_reworded(one.detail)) for one in checks), robot)
+    found = tuple(replace(one, detail=_reworded(one.detail)) for one in checks)
+    return CheckedRecording(recording, found, robot, Source(path, metadata, edits))
+
+
+def revise(recording: CheckedRecording, change: Revision | None = None, **fields: Any) -> CheckedRecording:
+    """Say something else of a recording's file, and read and check it again; the recording that was given stays.
+
+    Parameters
+    ----------
+    recording : CheckedRecording
+        As `read_recordings` gives it.
+    change : Revision, optional
+        What a check has under `apply`; or say it by fields.
+    fields
+        windows, exclude, columns, units, permutation, signs, scale, torque_delay, role, name, as `Revision` has them.
+
+    Raises
+    ------
+    DynidentError
+        For a recording that was not read from a file.
+    RecordingError
+        Where the file cannot be used with that.
+    """
+    if recording.source is None or recording.robot is None:
+        raise DynidentError(f"{recording.name} was not read from a file by read_recordings", title="Nothing to revise")
+    try:
+        wanted = Revision(**fields) if change is None else replace(change, **fields)
+    except TypeError as error:
+        known = ", ".join(Revision.__dataclass_fields__)
+        raise DynidentError(f"{error}; a revision has: {known}", title="Nothing to revise") from error
+    source = recording.source
+    edits = (*source.edits, wanted)
+    said = wanted.of(source.metadata)
+    if wanted.name is None:
+        said = replace(said, name=f"{source.metadata.name} r{len(edits)}")
+    folder = Path(_temporary_folder().name)
+    return _read(source.path, folder, recording.robot, said, temporary=True, edits=edits)
 
 
 @cache

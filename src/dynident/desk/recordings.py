@@ -4,17 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import overload
 
 from dynident.desk.figure import Figure, figure_of
 from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
-from dynident.recordings import Check, Recording
+from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 from dynident.robot import Robot
 
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
 _SHOWN = 8
 _LONGEST = 160
+
+
+@dataclass(frozen=True)
+class Source:
+    """The file that a recording was read from, what was said of it, and what was said anew since, in order."""
+
+    path: Path
+    metadata: RecordingMetadata
+    edits: tuple[Revision, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +34,7 @@ class CheckedRecording:
     recording: Recording
     checks: tuple[Check, ...] = ()
     robot: Robot | None = None
+    source: Source | None = None
 
     @property
     def name(self) -> str:

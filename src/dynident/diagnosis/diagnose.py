@@ -24,7 +24,7 @@ from dynident.diagnosis.search.acceptance import VISIBLE
 from dynident.diagnosis.search.refine import improved, refined
 from dynident.diagnosis.search.search import search
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
-from dynident.diagnosis.search.transients import CONTACT, find_contacts
+from dynident.diagnosis.search.transients import find_contacts
 from dynident.diagnosis.words import rank_all, summary, verdict_of
 from dynident.diagnosis.wrong_names import misnamed
 from dynident.effects import EffectChoice, effect_by_id
@@ -93,7 +93,7 @@ def diagnose(
         return gathered(better)
 
     start = _start(data, pool, identification, floor)
-    lasting = [candidate for candidate in pool.candidates if candidate.effect != CONTACT]
+    lasting = [candidate for candidate in pool.candidates if not effect_by_id(candidate.effect).is_transient]
     first = judge_all(data, pool, start.base, lasting, start.noise)
     picks = search(data, pool, start, first, most_effects, relearn, part(progress, 0.5, 0.8))
     picks, recommended = refined(

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis.result import RankedEffect
-from dynident.effects import Column, EffectChoice, columns_of
+from dynident.effects import Column, EffectChoice, columns_of, role_of
 from dynident.effects.catalogue import joints_of
 from dynident.estimation import Reduction, weighted_factor
 from dynident.identification import Identification
@@ -92,7 +92,8 @@ def evidence(
     rows = _rows(identification, choices, recordings, progress)
     found = []
     for number, (one, choice) in enumerate(zip(shown, choices, strict=True)):
-        for joint in joints_of(choice, robot):
+        places = [robot.tree.joint_names[j] for j in joints_of(choice, robot)]
+        for joint in sorted({j for name in places for j in robot.movers(name)}):
             made = _of_joint(one, number, joint, robot, rows)
             if made is not None:
                 found.append(made)
@@ -178,7 +179,7 @@ def _rows(
     base = tuple(range(model.n_parameters))
     start = _values(reduction, base, identification.noise)
     fits = [_values(reduction, (*base, *columns), identification.noise) for columns in places]
-    rigid = np.array([column.effect == "rigid_body" for column in whole.columns])
+    rigid = np.array([role_of(column) == "link" for column in whole.columns])
     added = np.arange(whole.n_columns) >= model.n_parameters
     parts: list[list[FloatArray]] = []
     for recording in recordings:

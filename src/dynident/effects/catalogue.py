@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -10,7 +10,7 @@ import casadi as ca
 
 from dynident.effects.disturbances import BaseVibration, ExternalContact, Payload
 from dynident.effects.drive import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
-from dynident.effects.effect import Column, Effect, EffectChoice, ShapeSpec
+from dynident.effects.effect import Column, Effect, EffectChoice, ParameterSpec, Role, ShapeSpec
 from dynident.effects.friction import (
     Coulomb,
     CoulombAsymmetric,
@@ -30,6 +30,7 @@ from dynident.effects.rigid_body import RigidBody, RotorInertia
 from dynident.effects.signals import RunSignal, Signals
 from dynident.effects.springs import CableForce, GravityCompensator
 from dynident.effects.structure import BaseTilt, JointSpring, Offset, TorqueRipple, TransmissionCoupling
+from dynident.effects.tree_signals import TreeSignals
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 
@@ -92,6 +93,19 @@ CATALOGUE: Mapping[str, Effect] = _Catalogue()
 DEFAULT_EFFECTS: tuple[EffectChoice, ...] = tuple(
     EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 )
+"""Every robot has them."""
+LINKS, OFFSETS = EffectChoice("rigid_body"), EffectChoice("offset")
+JOINT_FRICTION: tuple[EffectChoice, ...] = (EffectChoice("coulomb"), EffectChoice("viscous"), OFFSETS)
+"""What one joint's torque consists of where it moves alone and at constant speed."""
+
+
+def load_in(run: str) -> EffectChoice:
+    """What the tool carries in the run with that label alone."""
+    return EffectChoice("payload", runs=(run,))
+
+
+_OF_LINKS = frozenset({"rigid_body", "payload", "rotor_coupling", "kinematic_error", "external_contact"})
+"""Effects of links, wherever they are on the tree: no matter of the joints that are driven alone."""
 
 
 class UnknownEffectError(DynidentError):
@@ -109,16 +123,36 @@ def effect_by_id(identifier: str, pointer: str = "") -> Effect:
         ) from None
 
 
+def spec_of(column: Column) -> ParameterSpec | None:
+    """What its effect says of a column's parameter; None for a column of no effect, as the offsets of a sensor are."""
+    effect = CATALOGUE.get(column.effect)
+    return next((spec for spec in effect.parameters if spec.name == column.parameter), None) if effect else None
+
+
+def role_of(column: Column) -> Role | None:
+    """What a column's parameter is to others than its effect."""
+    spec = spec_of(column)
+    return None if spec is None else spec.role
+
+
 def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[int, ...]:
-    """Indices of the joints that a choice sits on; where none is named all it may sit on, or those usual for it."""
+    """Indices of the joints that a choice sits on; where none is named all it may sit on, or those usual for it.
+
+    They count the joints of the tree: where some of them follow others, what is usual for an effect of joints is to sit
+    on the driven ones.
+    """
     effect = effect_by_id(choice.effect, pointer)
+    whole, robot = robot, robot.tree
     possible = effect.applicable(robot)
     if not possible:
         raise UnknownEffectError(f"{choice.effect} can sit on no joint of {robot.name}", pointer=pointer)
     if effect.scope == "robot":
         return possible
     if not choice.joints:
-        return effect.unless_named(robot)
+        usual = effect.unless_named(robot)
+        if whole.linkage is None or effect.id in _OF_LINKS:
+            return usual
+        return tuple(j for j in usual if j in whole.linkage.driven) or usual
     indices = []
     for name in choice.joints:
         if name not in robot.joint_names:
@@ -177,12 +211,47 @@ def columns_of(choices: Iterable[EffectChoice], signals: Signals) -> list[Column
         check_shape(choice, pointer)
         joints = joints_of(choice, signals.robot, pointer)
         effect = effect_by_id(choice.effect)
-        made = effect.columns(signals, joints, choice.shape_values)
+        if signals.robot.linkage is None:
+            made = effect.columns(signals, joints, choice.shape_values)
+        else:
+            made = _of_linked(effect, signals, signals.robot.linkage.driven, joints, choice)
         if choice.runs or effect.in_some_runs:
             present = signals.in_runs(RunSignal(choice.runs))
             made = [_in_runs(column, present, choice.runs) for column in made]
         columns += made
     return columns
+
+
+def _of_linked(
+    effect: Effect, signals: Signals, driven: Sequence[int], joints: Sequence[int], choice: EffectChoice
+) -> list[Column]:
+    """Columns on a machine some of whose joints follow others, numbered like the tree's joints.
+
+    What sits on a driven joint has its load and its motor's torque; what sits elsewhere, or on links, is the tree's.
+    """
+    shape = choice.shape_values
+    tree = TreeSignals.of(signals)
+    if effect.id in _OF_LINKS:
+        return tree.columns(effect.columns(tree, joints, shape))
+    made: list[Column] = []
+    on_driven = [driven.index(j) for j in joints if j in driven]
+    if on_driven or effect.scope == "robot":
+        own = effect.columns(signals, on_driven, shape)
+        made += [_numbered(column, signals.robot, driven) for column in own]
+    others = [j for j in joints if j not in driven]
+    if others and effect.scope == "joint":
+        made += tree.columns(effect.columns(tree, others, shape))
+    return made
+
+
+def _numbered(column: Column, robot: Robot, driven: Sequence[int]) -> Column:
+    """The column of a driven joint with the number of that joint on the tree in its name."""
+    if column.link not in robot.joint_names:
+        return column
+    j = robot.joint_names.index(column.link)
+    if column.name != f"{column.parameter}{j + 1}":
+        return column
+    return replace(column, name=f"{column.parameter}{driven[j] + 1}")
 
 
 def _in_runs(column: Column, present: ca.SX, runs: tuple[str, ...]) -> Column:

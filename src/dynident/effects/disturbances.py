@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
@@ -13,6 +14,7 @@ from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, S
 from dynident.effects.newton_euler import tool_jacobian
 from dynident.effects.rigid_body import base_wrench, stored_energy
 from dynident.effects.signals import Signals
+from dynident.effects.sizes import Usual, usual_force
 from dynident.robot.model import INERTIAL_NAMES, Robot
 
 _UNITS = ("kg m²",) * 6 + ("kg m",) * 3 + ("kg",)
@@ -26,17 +28,29 @@ class Payload(Effect):
     formula = r"Y_k(q, \dot q, \ddot q)\,\Delta\varphi"
     parameters = tuple(
         ParameterSpec(
-            f"{name}p", unit, f"{name} of what is carried, about the frame of the link's joint", positive=name == "M"
+            f"{name}p",
+            unit,
+            f"{name} of what is carried, about the frame of the link's joint",
+            positive=name == "M",
+            role="load",
         )
         for name, unit in zip(INERTIAL_NAMES, _UNITS, strict=True)
     )
     signature = "a step between runs: a link is heavier in some of them"
     confused_with = ("rigid_body",)
     sources = ("Khalil, Gautier and Lemoine 2007",)
+    experiment = "with_payload"
+    place_experiment = "as_it_is"
+    told_from = MappingProxyType({"with_payload": ("rigid_body",)})
     in_some_runs = True
     # A second moment alone, of a link that only turns about the vertical, is as well a rotor or a gain.
     shown_by = ("MXp", "MYp", "MZp", "Mp")
     may_change = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A ball of 4 cm, 6 cm before the flange."""
+        mass = usual_force(robot) / 9.81
+        return Usual({"Mp": mass, "MZp": 0.06 * mass, "XXp": 4.2e-3 * mass, "YYp": 4.2e-3 * mass, "ZZp": 0.6e-3 * mass})
 
     def unless_named(self, robot: Robot) -> tuple[int, ...]:
         """The last joint: that of the tool."""
@@ -75,7 +89,14 @@ class ExternalContact(Effect):
     signature = "one stretch of time far above the rest"
     confused_with = ("payload",)
     sources = ("Haddadin, De Luca and Albu-Schäffer 2017",)
+    experiment = "repeated"
+    told_from = MappingProxyType({"repeated": ("base_vibration",)})
     scope = "robot"
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A push of a second and a half."""
+        force = usual_force(robot)
+        return Usual({"fx": 0.5 * force, "fz": force, "fzh": 0.5 * force}, {"t0": 3.0, "t1": 4.5})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Six columns of a wrench that stays, and six of one that swells and fades, inside the window."""
@@ -106,8 +127,14 @@ class BaseVibration(Effect):
     signature = "a line in the spectrum of the residual over time, at the same frequency on all joints"
     confused_with = ("external_contact",)
     sources = ("Moberg, Wernholt, Hanssen and Brogårdh 2014",)
+    experiment = "repeated"
+    told_from = MappingProxyType({"repeated": ("torque_ripple",)})
     scope = "robot"
     needs_load = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """That of a light stand."""
+        return Usual({"axc": 0.3, "ays": 0.2, "azc": 0.1, "azs": 0.3}, {"f": 7.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """A cosine and a sine column for every direction of the base frame."""

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 
 import casadi as ca
 
 from dynident.effects.effect import Column, Effect, ParameterSpec
 from dynident.effects.mechanics import constant, frames_of
 from dynident.effects.signals import Signals
+from dynident.effects.sizes import ROTOR_SHARE, Usual, largest_torque
 from dynident.robot.model import Robot
+
+# Of a direct gear.
+_GEAR_RATIO = 20.0
 
 
 class DriveGainError(Effect):
@@ -23,9 +28,15 @@ class DriveGainError(Effect):
     signature = "a scaled copy of the joint's own torque, against what the other joints say of the same links"
     confused_with = ("drive_gain_saturation",)
     sources = ("Gautier and Briot 2011", "Khalil and Dombre 2002, chapter 12, [12.17]")
+    experiment = "with_payload"
+    told_from = MappingProxyType({"with_payload": ("drive_gain_saturation", "rigid_body", "joint_elasticity")})
     first_order = True
     needs_load = True
     may_change = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Some per cent."""
+        return Usual({"eps": 0.06})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """The predicted motor torque of every joint."""
@@ -42,8 +53,13 @@ class DriveGainSaturation(Effect):
     signature = "curvature of measured over predicted torque"
     confused_with = ("load_dependent_friction", "drive_gain_error")
     sources = ("Corke 2007",)
+    experiment = "with_payload"
     first_order = True
     needs_load = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A tenth at the largest torque."""
+        return Usual({"sat": 0.12 / largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Torque times its size, of every joint."""
@@ -58,16 +74,23 @@ class TorqueDelay(Effect):
     title = "Delay of the measured torque"
     formula = r"-\delta\,\dot{\hat\Gamma} + \frac{\delta^2}{2}\,\ddot{\hat\Gamma}"
     parameters = (
-        ParameterSpec("delay", "s", "how late the torque is", positive=True, least=0.5e-3, most=0.1),
+        ParameterSpec("delay", "s", "how late the torque is", positive=True, least=0.5e-3, most=0.1, role="delay"),
         ParameterSpec("delay_sq", "s²", "the square of it, from the curvature of the torque", positive=True, most=0.01),
     )
     signature = "in quadrature with the torque, on all joints"
     confused_with = ("joint_elasticity",)
     sources = ("Swevers, Verdonck and De Schutter 2007",)
+    experiment = "paces"
+    told_from = MappingProxyType({"paces": ("joint_elasticity", "viscous", "viscous_nonlinear", "stribeck")})
+    often_missed = 6
     scope = "robot"
     first_order = True
     needs_load = True
     may_change = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Some milliseconds."""
+        return Usual({"delay": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Minus the rate, and half the second derivative, of the predicted torque with Coulomb friction's jumps."""
@@ -94,6 +117,11 @@ class RotorCoupling(Effect):
     signature = "products of the joint's velocity with those before it, without any posture where it vanishes"
     confused_with = ("rigid_body",)
     sources = ("Khalil and Dombre 2002, chapter 9",)
+    told_from = MappingProxyType({"paces": ("rigid_body",)})
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """That of a usual rotor behind a direct gear."""
+        return Usual({"NJ": ROTOR_SHARE * largest_torque(robot, joint) / _GEAR_RATIO})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """One column a joint, by Lagrange's equation of the energy that couples rotor and carrier."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import ClassVar, Literal
 
 import casadi as ca
 
 from dynident.effects.signals import Signals
+from dynident.effects.sizes import Usual
 from dynident.robot.model import Robot
 
 
@@ -22,12 +24,43 @@ class Estimate:
     doubt: float
 
 
+Role = Literal[
+    "link", "load", "rotor", "dry", "dry_once_sliding", "damping", "constant", "stiffness", "at_zero", "delay"
+]
+"""What others than its effect have to know of a parameter.
+
+An inertial parameter of a `link`, or of a `load` that a link carries; inertia of a `rotor`, in q̈; `dry` friction, in
+sign(q̇), or the same `dry_once_sliding`; `damping`, in q̇; a `constant` torque; the `stiffness` of a spring, in
+q, and its torque `at_zero`; the `delay` of the torque."""
+
+DRIVE_ROLES: tuple[Role, ...] = ("rotor", "dry", "damping", "constant")
+"""Of what a motor's torque consists beside the load."""
+
+ExperimentKind = Literal[
+    "constant_speeds",
+    "slow_sweep",
+    "reversals",
+    "whole_range",
+    "as_it_is",
+    "paces",
+    "with_payload",
+    "cold_and_warm",
+    "repeated",
+]
+"""Experiments that show an effect, or tell it from others: constant speeds both ways, slow and fast; a slow sweep over
+the range, both ways; slow motion back and forth by growing amplitudes; all joints over the whole range, and the same
+with what was added left on; one path at several paces; one motion without and with a payload, cold and warm, or
+repeated."""
+
+
 @dataclass(frozen=True)
 class ParameterSpec:
     """One parameter of an effect. `unit` is for a revolute joint; `prismatic_unit` where it differs.
 
-    `positive`: nature allows no other sign. A size below `least` nobody would notice; one above `most` is none that
-    nature makes.
+    `positive`: nature allows no other sign. `resists`: its torque opposes the motion; a robot on which it were below
+    zero would run away, so that none can be simulated. A size below `least` nobody would notice; one above `most` is
+    none that nature makes. `role`: what it is to those who write models down or predict torque; None: no more than a
+    parameter of its effect.
     """
 
     name: str
@@ -37,6 +70,8 @@ class ParameterSpec:
     positive: bool = False
     least: float = 0.0
     most: float = math.inf
+    resists: bool = False
+    role: Role | None = None
 
     def admits(self, found: Estimate) -> bool:
         """Whether an estimate has a sign, and is no larger than, nature allows."""
@@ -76,7 +111,8 @@ class ShapeSpec:
     `may_be_zero`; it is not searched for below `least`. `resolved_by` names what a filtered position must still resolve
     for the constant to show: the displacement around a reversal, the travel since a halt, or the speed.
     `refined`: how a first value is improved;
-    None: it is not. `natural` values are kept where they are as good.
+    None: it is not. `natural` values are kept where they are as good. `words`: what the values of a constant mean that
+    is no quantity but a choice between kinds.
     """
 
     name: str
@@ -91,6 +127,18 @@ class ShapeSpec:
     resolved_by: Literal["displacement", "travel", "speed"] | None = None
     refined: Refinement | None = None
     natural: tuple[float, ...] = ()
+    words: tuple[tuple[float, str], ...] = ()
+
+    def word(self, value: float) -> str | None:
+        """What a value means, where the constant is a choice between kinds; None where it is a number."""
+        return min(self.words, key=lambda known: abs(known[0] - value))[1] if self.words else None
+
+    def told(self, value: float, digits: str = ".3g") -> str:
+        """The constant for people to read: "d0 = 0.002 rad", "law: dahl"."""
+        word = self.word(value)
+        if word is not None:
+            return f"{self.name}: {word}"
+        return f"{self.name} = {value:{digits}}{'' if self.unit == '-' else ' ' + self.unit}"
 
     def admits(self, value: float) -> bool:
         """Whether a value makes sense for this constant."""
@@ -153,7 +201,9 @@ class Effect(ABC):
     from one day to the next, `changes_with` names effects that then change, too, as a rule. `shown_by` names
     parameters of which one at least has to act for the effect to be told by. `confused_with` names effects that
     leave much the same residual, `same_function` those that are the same function of the motion, so that no data
-    can tell them apart, `covers` those that it is general enough to say as well.
+    can tell them apart, `covers` those that it is general enough to say as well. `experiment` shows the effect,
+    `place_experiment` where it is, and `told_from` gives, by experiment, the effects that it tells this one from: a
+    pair stands with one of the two. `often_missed`: its place among what most arms have and models lack, 1 first.
     """
 
     id: ClassVar[str]
@@ -179,6 +229,10 @@ class Effect(ABC):
     may_change: ClassVar[bool] = False
     changes_with: ClassVar[tuple[str, ...]] = ()
     shown_by: ClassVar[tuple[str, ...]] = ()
+    experiment: ClassVar[ExperimentKind] = "whole_range"
+    place_experiment: ClassVar[ExperimentKind] = "whole_range"
+    told_from: ClassVar[Mapping[ExperimentKind, tuple[str, ...]]] = MappingProxyType({})
+    often_missed: ClassVar[int | None] = None
 
     @property
     def proposal(self) -> Proposal:
@@ -204,6 +258,19 @@ class Effect(ABC):
     def at_starts(self, shape: Mapping[str, float]) -> bool:
         """Whether this is friction that shows where its joint starts and stops: at low speed, or after a halt."""
         return False
+
+    def usual(self, robot: Robot, joint: int) -> Usual | None:
+        """How large it is on a joint of a real arm (any, where the scope is the robot); None: nobody knows."""
+        return None
+
+    def held_in(self, roles: Collection[Role]) -> bool:
+        """Whether a format that has words for parameters with these roles can hold the effect whole."""
+        return all(spec.role in roles for spec in self.parameters)
+
+    @property
+    def is_transient(self) -> bool:
+        """Whether it acts for one stretch of time."""
+        return self.proposal == "burst"
 
     def natural(self, estimates: Mapping[str, Estimate]) -> bool:
         """Whether nature makes an effect on one joint with these parameters, by name, and anybody would notice it.

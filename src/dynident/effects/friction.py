@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import ClassVar
 
 import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
 from dynident.effects.signals import Signals
+from dynident.effects.sizes import (
+    COULOMB_SHARE,
+    VISCOUS_SHARE,
+    Usual,
+    largest_torque,
+    usual_coulomb,
+    usual_viscous,
+    velocity_scale,
+)
 from dynident.robot.model import Robot
 
 _KHALIL = "Khalil and Dombre 2002, chapter 12, [12.11]"
-# Where a description gives no velocity limit: the order of magnitude of an arm's joints, rad/s or m/s.
-_VELOCITY_WHERE_UNKNOWN = 2.0
-
-
-def velocity_scale(robot: Robot, joint: int) -> float:
-    """The joint's velocity limit, or an arm's usual one: what grids of velocities are relative to."""
-    limit = robot.joints[joint].limits.velocity
-    return limit if limit is not None and limit > 0 else _VELOCITY_WHERE_UNKNOWN
-
-
-def slowest_velocity(robot: Robot) -> float:
-    """The smallest of the joints' velocity scales: what the width of a smooth sign of friction is measured by."""
-    return min(velocity_scale(robot, joint) for joint in range(robot.n))
 
 
 class _OneColumnFriction(Effect):
@@ -51,11 +48,16 @@ class Coulomb(_OneColumnFriction):
     id = "coulomb"
     title = "Coulomb friction"
     formula = r"F_c\,\mathrm{sign}(\dot q)"
-    parameters = (ParameterSpec("Fc", "N m", "Coulomb friction", "N", positive=True),)
+    parameters = (ParameterSpec("Fc", "N m", "Coulomb friction", "N", positive=True, resists=True, role="dry"),)
     signature = "a step wherever the velocity changes sign"
     sources = (_KHALIL,)
+    experiment = "constant_speeds"
     may_change = True
     changes_with = ("viscous",)
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Some per cent of the largest torque."""
+        return Usual({"Fc": usual_coulomb(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """sign(q̇)."""
@@ -76,7 +78,13 @@ class CoulombAsymmetric(Effect):
     confused_with = ("offset",)
     same_function = ("offset",)
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
+    experiment = "slow_sweep"
     is_friction = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A third of the usual friction, one way."""
+        torque = largest_torque(robot, joint)
+        return Usual({"Fcp": 0.3 * COULOMB_SHARE * torque, "Fcn": 0.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """A column for each direction."""
@@ -94,11 +102,18 @@ class Viscous(_OneColumnFriction):
     id = "viscous"
     title = "Viscous friction"
     formula = r"F_v\,\dot q"
-    parameters = (ParameterSpec("Fv", "N m s/rad", "viscous friction", "N s/m", positive=True),)
+    parameters = (
+        ParameterSpec("Fv", "N m s/rad", "viscous friction", "N s/m", positive=True, resists=True, role="damping"),
+    )
     signature = "a straight line over velocity"
     sources = (_KHALIL,)
+    experiment = "constant_speeds"
     may_change = True
     changes_with = ("coulomb",)
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Some per cent of the largest torque at full speed."""
+        return Usual({"Fv": usual_viscous(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """q̇."""
@@ -116,6 +131,13 @@ class ViscousAsymmetric(_OneColumnFriction):
     )
     signature = "even in the velocity: the same sign in both directions, growing with speed"
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
+    experiment = "constant_speeds"
+    told_from = MappingProxyType({"constant_speeds": ("offset", "coulomb_asymmetric", "viscous_nonlinear")})
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A third of the usual friction."""
+        torque = largest_torque(robot, joint)
+        return Usual({"Fva": 0.3 * VISCOUS_SHARE * torque / velocity_scale(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """|q̇|."""
@@ -140,6 +162,14 @@ class Stribeck(_OneColumnFriction):
     signature = "odd in the velocity, with peaks at low speed on both sides"
     confused_with = ("viscous_nonlinear", "presliding")
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
+    experiment = "constant_speeds"
+    told_from = MappingProxyType({"constant_speeds": ("viscous_nonlinear", "coulomb", "break_away", "viscous")})
+    often_missed = 3
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """More than half of the usual Coulomb friction, at some per cent of the speed."""
+        torque = largest_torque(robot, joint)
+        return Usual({"Fst": 0.6 * COULOMB_SHARE * torque}, {"vs": 0.03 * velocity_scale(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """exp(-|q̇/vs|^δ) sign(q̇)."""
@@ -169,6 +199,14 @@ class ViscousNonlinear(_OneColumnFriction):
     signature = "odd in the velocity, bending upward or saturating"
     confused_with = ("stribeck",)
     sources = ("Gaz, Cognetti, Oliva, Robuffo Giordano and De Luca 2019",)
+    experiment = "constant_speeds"
+    told_from = MappingProxyType({"constant_speeds": ("viscous", "coulomb")})
+    often_missed = 5
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Some per cent of the largest torque at half the speed."""
+        half = velocity_scale(robot, joint) / 2
+        return Usual({"Fvn": 0.06 * largest_torque(robot, joint) / half**2}, {"p": 2.0})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """|q̇|^p sign(q̇)."""
@@ -194,8 +232,24 @@ class LoadDependentFriction(_OneColumnFriction):
     signature = "jumps at reversals whose height follows the load"
     confused_with = ("position_dependent_friction", "coulomb")
     sources = ("Hamon, Gautier and Garrec 2010",)
+    experiment = "with_payload"
+    told_from = MappingProxyType(
+        {
+            "with_payload": (
+                "position_dependent_friction",
+                "drive_gain_saturation",
+                "drive_gain_error",
+                "coulomb",
+            )
+        }
+    )
+    often_missed = 2
     needs_load = True
     may_change = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """That of harmonic drives."""
+        return Usual({"cl": 0.08})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """|τl| sign(q̇)."""
@@ -216,8 +270,16 @@ class PositionDependentFriction(Effect):
     signature = "flips with the direction and depends on the joint's position"
     confused_with = ("load_dependent_friction",)
     sources = ("Bittencourt and Gunnarsson 2012",)
+    experiment = "slow_sweep"
+    told_from = MappingProxyType({"slow_sweep": ("coulomb",)})
     is_friction = True
     of_position = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A third of the usual Coulomb friction, once a turn."""
+        torque = largest_torque(robot, joint)
+        values = {"Fpc": 0.3 * COULOMB_SHARE * torque, "Fps": 0.2 * COULOMB_SHARE * torque}
+        return Usual(values, {"k": 1.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """A cosine and a sine column a joint."""

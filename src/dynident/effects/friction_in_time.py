@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import ClassVar
 
 import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
 from dynident.effects.signals import Signals
+from dynident.effects.sizes import Usual, usual_coulomb, usual_viscous
 from dynident.robot.model import Robot
 
 REFERENCE_TEMPERATURE = 25.0
@@ -48,7 +50,13 @@ class TemperatureFriction(_DriftingFriction):
     signature = "friction that drifts with the temperature of the joint"
     confused_with = ("warm_up_friction",)
     sources = ("Bittencourt and Axelsson 2014", "Simoni, Beschi, Legnani and Visioli 2015")
+    experiment = "cold_and_warm"
+    told_from = MappingProxyType({"cold_and_warm": ("warm_up_friction", "viscous")})
     needs_temperature = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A per cent or two of the usual friction for every kelvin."""
+        return Usual({"Fvt": -0.02 * usual_viscous(robot, joint), "Fct": -0.01 * usual_coulomb(robot, joint)})
 
     def factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """T - 25 °C."""
@@ -70,6 +78,13 @@ class WarmUpFriction(_DriftingFriction):
     signature = "friction that decays with the time of the session"
     confused_with = ("temperature_friction",)
     sources = ("Simoni, Beschi, Legnani and Visioli 2015",)
+    experiment = "cold_and_warm"
+    told_from = MappingProxyType({"cold_and_warm": ("viscous",)})
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Half of the usual friction, gone in a quarter of an hour."""
+        values = {"Fvw": 0.6 * usual_viscous(robot, joint), "Fcw": 0.3 * usual_coulomb(robot, joint)}
+        return Usual(values, {"Tw": 900.0})
 
     def factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """exp(-t / Tw)."""

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, Estimate, ParameterSpec, ShapeSpec
 from dynident.effects.signals import Signals
+from dynident.effects.sizes import Usual, largest_torque
 from dynident.robot.model import Robot
 
-_EFFORT_WHERE_UNKNOWN = 50.0
+# Torsional stiffness of a joint per unit of the largest torque, N m/rad per N m.
+_STIFFNESS = 70.0
 
 
 class Backlash(Effect):
@@ -33,8 +36,15 @@ class Backlash(Effect):
     signature = "a step of the posture, and a pulse, where the load torque changes its sign"
     confused_with = ("joint_elasticity",)
     sources = ("Nordin and Gutman 2002",)
+    experiment = "slow_sweep"
+    told_from = MappingProxyType({"slow_sweep": ("joint_elasticity",)})
     first_order = True
     needs_load = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A tenth of a degree, or a fifth of a millimetre."""
+        play = 2e-3 if robot.joints[joint].kind == "revolute" else 0.2e-3
+        return Usual({"bl": play, "bi": play}, {"w": 0.04 * largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Three columns a joint: of the posture and the links' acceleration on all joints, of the rotor on its own."""
@@ -58,7 +68,7 @@ class Backlash(Effect):
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Half a per cent and 4 % of the joint's effort limit."""
-        effort = robot.joints[joint].limits.effort or _EFFORT_WHERE_UNKNOWN
+        effort = largest_torque(robot, joint)
         return [{"w": 0.005 * effort}, {"w": 0.04 * effort}]
 
 
@@ -98,8 +108,15 @@ class JointElasticity(Effect):
     signature = "grows with the frequency of the motion; the arm sags under its own load"
     confused_with = ("backlash", "encoder_zero_error", "torque_delay")
     sources = ("Gautier, Jubien and Janot 2013",)
+    experiment = "paces"
+    told_from = MappingProxyType({"paces": ("rotor_inertia", "encoder_zero_error")})
     first_order = True
     needs_load = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """That of a harmonic drive."""
+        compliance = 1 / (_STIFFNESS * largest_torque(robot, joint))
+        return Usual({"Ce": compliance, "Cl": compliance})
 
     def natural(self, estimates: Mapping[str, Estimate]) -> bool:
         """Whether all columns tell of one compliance, at the motor or at the link."""

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from dynident.effects.effect import Column, Effect, ParameterSpec
 from dynident.effects.signals import Signals
+from dynident.effects.sizes import Usual
+from dynident.robot.model import Robot
 
 
 class EncoderZeroError(Effect):
@@ -21,6 +23,10 @@ class EncoderZeroError(Effect):
     first_order = True
     needs_load = True
     may_change = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Two degrees, or three millimetres."""
+        return Usual({"dq0": 0.03 if robot.joints[joint].kind == "revolute" else 3e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """The sensitivity of all joints' torque to the position of each."""
@@ -49,6 +55,10 @@ class KinematicError(Effect):
     sources = ("Khalil and Dombre 2002, chapter 11",)
     first_order = True
     needs_load = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Some millimetres."""
+        return Usual({"dx": 8e-3, "dy": -5e-3, "dz": 4e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Three columns a joint."""

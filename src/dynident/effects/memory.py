@@ -18,23 +18,12 @@ from dynident.effects.signals import MemorySignal
 
 def step(signal: MemorySignal, state: float, displacement: float) -> float:
     """The state after the joint has moved on by `displacement` (rad or m)."""
-    if signal.operator == "stop":
-        return min(1.0, max(-1.0, state + displacement / signal.slip))
-    direction = float(np.sign(displacement))
-    if signal.operator == "travel":
-        # What was travelled the other way, or before a standstill, is forgotten.
-        state = direction * max(0.0, direction * state)
-    return direction - (direction - state) * float(np.exp(-abs(displacement) / signal.slip))
+    return float(signal.operator.stroke(np.array([state]), np.array([[displacement / signal.slip]]))[0, 0])
 
 
 def step_expression(signal: MemorySignal, state: ca.SX, displacement: ca.SX) -> ca.SX:
     """`step` as an expression of SX (1, 1)."""
-    if signal.operator == "stop":
-        return ca.fmin(1, ca.fmax(-1, state + displacement / signal.slip))
-    direction = ca.sign(displacement)
-    if signal.operator == "travel":
-        state = direction * ca.fmax(0, direction * state)
-    return direction - (direction - state) * ca.exp(-ca.fabs(displacement) / signal.slip)
+    return signal.operator.step(state, displacement / signal.slip)
 
 
 class MemoryStates:
@@ -71,17 +60,14 @@ class MemoryStates:
         """Fill the columns `members` of `out` (m, …) along `path` (m + 1,), whose first point is the last one known."""
         slips = np.array([self.signals[k].slip for k in members])
         operators = [self.signals[k].operator for k in members]
-        stops, travels = (np.array([one == name for one in operators]) for name in ("stop", "travel"))
+        alike = [(one, [i for i, other in enumerate(operators) if other == one]) for one in dict.fromkeys(operators)]
+        halts = any(one.forgets_at_halts for one in operators)
         state = self._state[members]
-        for first, last in itertools.pairwise(_strokes(np.sign(np.diff(path)), standstills=bool(travels.any()))):
-            travelled = path[first + 1 : last + 1, None] - path[first]
-            ratio = travelled / slips
-            direction = np.sign(travelled)
-            begun = np.where(travels & (state * direction[-1] <= 0), 0.0, state)
-            sliding = np.clip(begun + ratio, -1.0, 1.0)
-            if not stops.all():
-                dahl = direction - (direction - begun) * np.exp(-np.abs(ratio))
-                sliding = np.where(stops, sliding, dahl)
+        for first, last in itertools.pairwise(_strokes(np.sign(np.diff(path)), standstills=halts)):
+            ratio = (path[first + 1 : last + 1, None] - path[first]) / slips
+            sliding = np.empty_like(ratio)
+            for operator, own in alike:
+                sliding[:, own] = operator.stroke(state[own], ratio[:, own])
             out[first:last, members] = sliding
             state = sliding[-1]
         self._state[members] = state

@@ -12,17 +12,18 @@ from functools import cached_property
 import casadi as ca
 
 from dynident.arrays import FloatArray
+from dynident.effects.linked import torque_of_links
 from dynident.effects.mechanics import constant
-from dynident.effects.newton_euler import inverse_dynamics
 from dynident.robot.model import Robot
 
-DRIVE_PARAMETERS = (("rotor_inertia", "Ia"), ("coulomb", "Fc"), ("viscous", "Fv"), ("offset", "b"))
+ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET = ("rotor_inertia", "Ia"), ("coulomb", "Fc"), ("viscous", "Fv"), ("offset", "b")
+DRIVE_PARAMETERS = (ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET)
 """Effect and parameter of what a motor's torque consists of beside the load, in the order of `reference`."""
 
 
 def reference_size(robot: Robot) -> int:
-    """Length of `Prediction.reference`: ten inertial parameters a link, then four blocks of n for the drives."""
-    return (10 + len(DRIVE_PARAMETERS)) * robot.n
+    """Length of `Prediction.reference`: ten inertial parameters a link (of N), then four blocks of n for the drives."""
+    return 10 * robot.tree.n + len(DRIVE_PARAMETERS) * robot.n
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,7 @@ class Prediction:
 
     q, dq, ddq, dddq, ddddq : SX (n, 1), position and its four derivatives
     sign : SX (n, 1), sign(q̇)
-    reference : SX (14 n, 1), standard inertial parameters and then Ia, Fc, Fv, b of all joints
+    reference : SX (10 N + 4 n, 1), standard inertial parameters and then Ia, Fc, Fv, b of all joints
     """
 
     robot: Robot
@@ -45,14 +46,14 @@ class Prediction:
 
     @property
     def inertia(self) -> ca.SX:
-        """SX (10 n, 1): the standard inertial parameters."""
-        return self.reference[: 10 * self.robot.n]
+        """SX (10 N, 1): the standard inertial parameters."""
+        return self.reference[: 10 * self.robot.tree.n]
 
     def drive(self, parameter: str) -> ca.SX:
         """SX (n, 1): Ia, Fc, Fv or b of every joint."""
         n = self.robot.n
-        place = 10 + [name for _, name in DRIVE_PARAMETERS].index(parameter)
-        return self.reference[place * n : (place + 1) * n]
+        first = 10 * self.robot.tree.n + n * [name for _, name in DRIVE_PARAMETERS].index(parameter)
+        return self.reference[first : first + n]
 
     @cached_property
     def load(self) -> ca.SX:
@@ -81,18 +82,19 @@ class Prediction:
 
     @cached_property
     def load_over_origins(self) -> ca.SX:
-        """SX (n, 3 n): ∂τl over a shift of the joint frames' origins, each in its antecedent's frame (N m/m)."""
-        shift = ca.SX.sym("shift", 3, self.robot.n)
-        shifted = inverse_dynamics(
+        """SX (n, 3 N): ∂τl over a shift of the joint frames' origins, each in its antecedent's frame (N m/m)."""
+        count = self.robot.tree.n
+        shift = ca.SX.sym("shift", 3, count)
+        shifted = torque_of_links(
             self.robot, self.q, self.dq, self.ddq, constant(self.robot.gravity), self.inertia, shift
         )
         slope = ca.jacobian(shifted, ca.vec(shift))
-        return ca.substitute(slope, shift, ca.SX.zeros(3, self.robot.n))
+        return ca.substitute(slope, shift, ca.SX.zeros(3, count))
 
     def gravity_torque(self, gravity: FloatArray) -> ca.SX:
         """SX (n, 1): torque that the links need against an acceleration of gravity (3,) at rest."""
         still = ca.SX(self.robot.n, 1)
-        return inverse_dynamics(self.robot, self.q, still, still, constant(gravity), self.inertia)
+        return torque_of_links(self.robot, self.q, still, still, constant(gravity), self.inertia)
 
     @cached_property
     def smooth(self) -> ca.SX:
@@ -115,7 +117,7 @@ class Prediction:
         return self.smooth + self.drive("Fc") * self.sign
 
     def _torque_of(self, gravity: ca.SX) -> ca.SX:
-        return inverse_dynamics(self.robot, self.q, self.dq, self.ddq, gravity, self.inertia)
+        return torque_of_links(self.robot, self.q, self.dq, self.ddq, gravity, self.inertia)
 
     def _rate(self, expression: ca.SX, order: int) -> ca.SX:
         """Time derivative of an expression of q and its first `order` - 1 derivatives."""

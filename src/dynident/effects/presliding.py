@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
-from dynident.effects.signals import MemorySignal, Operator, Signals
+from dynident.effects.operators import DAHL, STOP, TRAVEL
+from dynident.effects.signals import MemorySignal, Signals
+from dynident.effects.sizes import COULOMB_SHARE, Usual, largest_torque
 from dynident.robot.model import Robot
 
 
@@ -21,24 +24,51 @@ class Presliding(Effect):
         r"\quad\text{or}\quad \dot z = \frac{\dot q}{d_0}(1 - z\,\mathrm{sign}\,\dot q)"
     )
     parameters = (
-        ParameterSpec("Fz", "N m", "friction reached after the slip distance", "N", positive=True),
+        ParameterSpec(
+            "Fz",
+            "N m",
+            "friction reached after the slip distance",
+            "N",
+            positive=True,
+            resists=True,
+            role="dry_once_sliding",
+        ),
         ParameterSpec("cz", "-", "friction reached after the slip distance, per unit of load torque"),
     )
     shapes = (
         ShapeSpec("d0", "rad", "slip distance", 2e-3, least=0.5e-3, resolved_by="displacement", refined=RATIO),
-        ShapeSpec("law", "-", "+1: stop operator, -1: Dahl", 1.0, signed=True),
+        ShapeSpec("law", "-", "+1: stop operator, -1: Dahl", 1.0, signed=True, words=((1.0, "stop"), (-1.0, "dahl"))),
     )
     signature = "a rounded corner after each reversal instead of a step"
     confused_with = ("stribeck",)
     sources = ("Al-Bender, Lampaert and Swevers 2005", "Dahl 1968")
+    experiment = "reversals"
+    told_from = MappingProxyType(
+        {
+            "reversals": (
+                "stribeck",
+                "coulomb",
+                "break_away",
+                "torque_delay",
+                "viscous_nonlinear",
+                "backlash",
+                "joint_elasticity",
+            )
+        }
+    )
+    often_missed = 1
     is_friction = True
     needs_load = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Most of the usual Coulomb friction, over half a degree."""
+        return Usual({"Fz": 0.8 * COULOMB_SHARE * largest_torque(robot, joint), "cz": 0.0}, {"d0": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """A constant and a load-proportional column a joint."""
         constants = self.shape_with_defaults(shape)
         made = []
-        operator: Operator = "stop" if constants["law"] > 0 else "dahl"
+        operator = STOP if constants["law"] > 0 else DAHL
         for j in joints:
             z = signals.memory(MemorySignal(operator, j, constants["d0"]))
             for spec, torque in zip(self.parameters, (z, ca.fabs(signals.load[j]) * z), strict=True):
@@ -62,7 +92,9 @@ class BreakAway(Effect):
     formula = (
         r"(F_s - F_c)\,e^{-s / d_b}\,\mathrm{sign}(\dot q),\qquad s:\ \text{travelled since the last stop or reversal}"
     )
-    parameters = (ParameterSpec("Fba", "N m", "excess of static over Coulomb friction", "N", positive=True),)
+    parameters = (
+        ParameterSpec("Fba", "N m", "excess of static over Coulomb friction", "N", positive=True, resists=True),
+    )
     shapes = (
         ShapeSpec(
             "db",
@@ -77,15 +109,20 @@ class BreakAway(Effect):
     signature = "a peak when a joint starts to move, gone after some distance at any speed"
     confused_with = ("stribeck", "presliding")
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
+    experiment = "reversals"
     is_friction = True
     may_change = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """More than half of the usual Coulomb friction, over half a degree."""
+        return Usual({"Fba": 0.6 * COULOMB_SHARE * largest_torque(robot, joint)}, {"db": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """One column a joint."""
         constants = self.shape_with_defaults(shape)
         made = []
         for j in joints:
-            travelled = ca.fabs(signals.memory(MemorySignal("travel", j, constants["db"])))
+            travelled = ca.fabs(signals.memory(MemorySignal(TRAVEL, j, constants["db"])))
             made.append(self._column(signals, self.parameters[0], j, (1 - travelled) * signals.sign[j], constants))
         return made
 

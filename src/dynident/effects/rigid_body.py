@@ -9,7 +9,8 @@ import casadi as ca
 
 from dynident.effects.effect import Column, Effect, ParameterSpec
 from dynident.effects.signals import Signals
-from dynident.robot.model import INERTIAL_NAMES
+from dynident.effects.sizes import ROTOR_SHARE, Usual, largest_torque
+from dynident.robot.model import INERTIAL_NAMES, Robot
 
 _UNITS = ("kg m²",) * 6 + ("kg m",) * 3 + ("kg",)
 _MEANING = (
@@ -27,7 +28,7 @@ class RigidBody(Effect):
     title = "Inertia, centrifugal, Coriolis and gravity torques of the links"
     formula = r"\Gamma = A(q)\,\ddot q + H(q, \dot q)"
     parameters = tuple(
-        ParameterSpec(name, unit, f"{meaning} of the link, about its joint frame")
+        ParameterSpec(name, unit, f"{meaning} of the link, about its joint frame", role="link")
         for name, unit, meaning in zip(INERTIAL_NAMES, _UNITS, _MEANING, strict=True)
     )
     signature = "smooth torque in phase with acceleration, velocity products and gravity"
@@ -60,11 +61,22 @@ class RotorInertia(Effect):
     title = "Rotor inertia"
     formula = r"I_a\,\ddot q"
     parameters = (
-        ParameterSpec("Ia", "kg m²", "inertia of the rotor and gear, referred to the joint side", prismatic_unit="kg"),
+        ParameterSpec(
+            "Ia",
+            "kg m²",
+            "inertia of the rotor and gear, referred to the joint side",
+            prismatic_unit="kg",
+            resists=True,
+            role="rotor",
+        ),
     )
     signature = "torque in phase with the joint's own acceleration, whatever the posture"
     confused_with = ("rigid_body",)
     sources = ("Khalil and Dombre 2002, chapter 12, [12.1] and [12.33]",)
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """That of a geared servo drive."""
+        return Usual({"Ia": ROTOR_SHARE * largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """One column a joint."""

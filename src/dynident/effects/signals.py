@@ -4,25 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import casadi as ca
 
+from dynident.effects.linked import LinkedMechanics
 from dynident.effects.mechanics import Mechanics
+from dynident.effects.operators import Operator
 from dynident.effects.prediction import Prediction, reference_size
 from dynident.robot.model import Robot
-
-Operator = Literal["stop", "dahl", "travel"]
 
 
 @dataclass(frozen=True)
 class MemorySignal:
     """A hysteresis state z in [-1, 1] of one joint: what the joint's path up to now has left behind.
 
-    `stop`: z follows Δq / slip and is cut at ±1 (an element of the generalised Maxwell-slip model, Al-Bender and
-    Swevers 2005). `dahl`: dz = dq/slip (1 - z sign q̇) (Dahl 1968). `travel`: |z| = 1 - exp(-s / slip), with the sign of
-    the motion, where s is the distance travelled since the joint last turned or stood still, when z is 0. None depends
-    on how fast the path is travelled.
+    `operator` says how it goes on with the path; none depends on how fast that is travelled. `slip` is in rad or m.
     """
 
     operator: Operator
@@ -68,7 +64,10 @@ class Signals:
         # Parameters of the model so far: they carry the *predicted* torque, since a load taken from the measured torque
         # would put the measurement's noise into W.
         self.reference = ca.SX.sym("K", reference_size(robot))
-        self.mechanics = Mechanics(robot, self.q, self.dq, self.ddq)
+        mechanics = Mechanics if robot.linkage is None else LinkedMechanics
+        self.mechanics = mechanics(robot, self.q, self.dq, self.ddq)
+        # Those of the tree that carries the links, where some joints follow others (`TreeSignals`).
+        self.of_tree: Signals | None = None
         self._smooth_sign = smooth_sign
         self._memory: dict[MemorySignal, ca.SX] = {}
         self._runs: dict[RunSignal, ca.SX] = {}
@@ -123,7 +122,7 @@ class Signals:
     def memory(self, signal: MemorySignal) -> ca.SX:
         """SX (1, 1): the symbol of a hysteresis state, the same for the same signal."""
         if signal not in self._memory:
-            self._memory[signal] = ca.SX.sym(f"z_{signal.operator}_{signal.joint}_{len(self._memory)}")
+            self._memory[signal] = ca.SX.sym(f"z_{signal.operator.name}_{signal.joint}_{len(self._memory)}")
         return self._memory[signal]
 
     @property

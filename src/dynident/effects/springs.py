@@ -10,6 +10,7 @@ import numpy as np
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, Refinement, ShapeSpec
 from dynident.effects.signals import Signals
+from dynident.effects.sizes import Usual, largest_torque
 from dynident.robot.model import Robot
 
 _FIRST_JOINTS = 3
@@ -47,6 +48,12 @@ class GravityCompensator(Effect):
     confused_with = ("joint_spring", "torque_ripple")
     of_position = True
     sources = ("Klimchik, Caro, Wu, Pashkevich, Furet and Caro 2013",)
+    experiment = "slow_sweep"
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A fifth of the largest torque."""
+        torque = largest_torque(robot, joint)
+        return Usual({"kab": 0.2 * torque, "kal": -0.1 * torque}, {"phi": 0.3, "r": 0.25})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Two columns a joint."""
@@ -103,6 +110,11 @@ class CableForce(Effect):
     is_rough = True
     of_position = True
     sources = ("Khalil and Dombre 2002, chapter 9",)
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A per cent or two of the largest torque for each radian."""
+        torque = largest_torque(robot, joint)
+        return Usual({"u20_": 0.01 * torque, "u11_": 0.02 * torque, "u02_": 0.01 * torque})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Nine columns for every joint of `joints` and the one after it."""

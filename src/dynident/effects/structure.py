@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, ShapeSpec
 from dynident.effects.signals import Signals
+from dynident.effects.sizes import COULOMB_SHARE, ROTOR_SHARE, VISCOUS_SHARE, Usual, largest_torque, velocity_scale
 from dynident.robot.model import Robot
 
 
@@ -20,13 +22,18 @@ class Offset(Effect):
     id = "offset"
     title = "Torque offset"
     formula = r"b"
-    parameters = (ParameterSpec("b", "N m", "constant torque", prismatic_unit="N"),)
+    parameters = (ParameterSpec("b", "N m", "constant torque", prismatic_unit="N", role="constant"),)
     signature = "a constant"
     confused_with = ("joint_spring",)
     same_function = ("coulomb_asymmetric",)
     of_position = True
     sources = ("Khalil and Dombre 2002, chapter 12",)
+    experiment = "slow_sweep"
     may_change = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A per cent or two of the largest torque."""
+        return Usual({"b": 0.015 * largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """One column of ones a joint."""
@@ -40,14 +47,23 @@ class JointSpring(Effect):
     title = "Joint spring"
     formula = r"k\,(q - q_0)"
     parameters = (
-        ParameterSpec("ks", "N m/rad", "stiffness", "N/m"),
-        ParameterSpec("bs", "N m", "torque at q = 0, -k q0", "N"),
+        ParameterSpec("ks", "N m/rad", "stiffness", "N/m", role="stiffness"),
+        ParameterSpec("bs", "N m", "torque at q = 0, -k q0", "N", role="at_zero"),
     )
     signature = "a straight line over the joint's position"
     confused_with = ("offset", "torque_ripple")
     of_position = True
     sources = ("Khalil and Dombre 2002, chapter 9",)
+    experiment = "slow_sweep"
+    told_from = MappingProxyType(
+        {"slow_sweep": ("offset", "coulomb_asymmetric", "torque_ripple", "gravity_compensator", "cable_force")}
+    )
     may_change = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Some per cent of the largest torque for each radian."""
+        torque = largest_torque(robot, joint)
+        return Usual({"ks": 0.03 * torque, "bs": -0.01 * torque})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """The position and a constant: the rest position is part of the effect."""
@@ -78,6 +94,16 @@ class TorqueRipple(Effect):
     confused_with = ("joint_spring",)
     of_position = True
     sources = ("Kircanski and Goldenberg 1997",)
+    experiment = "slow_sweep"
+    told_from = MappingProxyType(
+        {"slow_sweep": ("offset", "gravity_compensator", "position_dependent_friction", "joint_elasticity")}
+    )
+    often_missed = 4
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A per cent of the largest torque."""
+        torque = largest_torque(robot, joint)
+        return Usual({"Ac": 0.012 * torque, "As": 0.009 * torque}, {"k": 20.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """A cosine and a sine column a joint."""
@@ -116,6 +142,11 @@ class BaseTilt(Effect):
     needs_load = True
     may_change = True
 
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """Two degrees, in a direction between the axes."""
+        lean = float(np.linalg.norm(robot.gravity)) * np.sin(np.radians(2.0))
+        return Usual({"gx": 0.8 * lean, "gy": -0.6 * lean})
+
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """The torque that a tilt of gravity by one m/s² adds to the model so far, and what it makes of the first link.
 
@@ -152,13 +183,28 @@ class TransmissionCoupling(Effect):
     )
     shapes = (
         ShapeSpec(
-            "side", "-", "+1: the motor turns with the sum of the joints, -1: with the difference", 1.0, signed=True
+            "side",
+            "-",
+            "+1: the motor turns with the sum of the joints, -1: with the difference",
+            1.0,
+            signed=True,
+            words=((1.0, "sum"), (-1.0, "difference")),
         ),
     )
     signature = "the friction of a joint depends on the velocity of the next"
     confused_with = ("coulomb", "viscous")
     sources = ("Khalil and Dombre 2002, chapter 9",)
     is_friction = True
+
+    def usual(self, robot: Robot, joint: int) -> Usual:
+        """A fifth to a third of the usual drive."""
+        torque = largest_torque(robot, joint)
+        values = {
+            "Iam": 0.2 * ROTOR_SHARE * torque,
+            "Fvm": 0.3 * VISCOUS_SHARE * torque / velocity_scale(robot, joint),
+            "Fcm": 0.3 * COULOMB_SHARE * torque,
+        }
+        return Usual(values, {"side": 1.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Three columns for every joint of `joints` and the one after it, each on both rows."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from dynident.effects.catalogue import DEFAULT_EFFECTS
+from dynident.effects.catalogue import CATALOGUE, DEFAULT_EFFECTS
 from dynident.effects.effect import EffectChoice
 from dynident.errors import DynidentError
 
@@ -29,6 +29,12 @@ def written_effects(given: Sequence[str], pointer: str = "/effects") -> tuple[Ef
     return tuple(choices)
 
 
+def constant_in_words(effect: str, name: str, value: float) -> str:
+    """A shape constant of an effect without its unit: "vs = 0.05", "law: dahl"."""
+    word = next((spec.word(value) for spec in CATALOGUE[effect].shapes if spec.name == name), None)
+    return f"{name} = {value:g}" if word is None else f"{name}: {word}"
+
+
 def effect_texts(given: Sequence[str]) -> list[str]:
     """Effects with commas between, or given one by one, each as a text of its own."""
     texts: list[str] = []
@@ -51,16 +57,22 @@ def effect_parts(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[st
             pointer=pointer,
             title=_TITLE,
         )
-    shape = dict(_constant(item, pointer) for item in constants.split(",") if item.strip())
+    known = CATALOGUE.get(name.strip())
+    words = {(spec.name, word): value for spec in (known.shapes if known else ()) for value, word in spec.words}
+    shape = dict(_constant(item, words, pointer) for item in constants.split(",") if item.strip())
     return name.strip(), tuple(joint.strip() for joint in joints.split("+") if joint.strip()), shape
 
 
-def _constant(item: str, pointer: str) -> tuple[str, float]:
+def _constant(item: str, words: Mapping[tuple[str, str], float], pointer: str) -> tuple[str, float]:
     name, sign, value = item.partition("=")
     if not sign or not name.strip() or not value.strip():
         raise DynidentError(f"cannot read {item.strip()!r}; write name=value", pointer=pointer, title=_TITLE)
+    meant = words.get((name.strip(), value.strip().lower()))
+    if meant is not None:
+        return name.strip(), meant
     try:
         return name.strip(), float(value)
     except ValueError:
-        detail = f"cannot read {value.strip()!r}; write a number"
+        others = [word for constant, word in words if constant == name.strip()]
+        detail = f"cannot read {value.strip()!r}; write {' or '.join(others) or 'a number'}"
         raise DynidentError(detail, pointer=pointer, title=_TITLE) from None

@@ -40,7 +40,6 @@ SET_KINDS = OneOf(
 )
 DEFAULT_STARTS = 4
 
-_FRICTION = ("coulomb", "viscous", "offset")
 _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
 _REVERSAL_SPEEDS = (0.01,)
 _AMPLITUDES = (0.004, 0.008, 0.016, 0.032, 0.064)
@@ -113,9 +112,9 @@ class DesignRequest:
         """The effects, with the default of the kind."""
         if self.effects is not None:
             return self.effects
-        from dynident.effects import DEFAULT_EFFECTS, EffectChoice
+        from dynident.effects import DEFAULT_EFFECTS, JOINT_FRICTION
 
-        return tuple(EffectChoice(name) for name in _FRICTION) if self.kind in JOINT_BY_JOINT else DEFAULT_EFFECTS
+        return JOINT_FRICTION if self.kind in JOINT_BY_JOINT else DEFAULT_EFFECTS
 
     @property
     def wanted_speeds(self) -> tuple[float, ...]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.effects import Role, role_of
 from dynident.errors import DynidentError
 from dynident.estimation import errors
 from dynident.estimation.semidefinite import Equations, InfeasibleError, constrained_least_squares
@@ -32,7 +33,7 @@ _NEAR, _BLAMED = (1e-2, 1e-1, 1.0), 0.1
 # Below this, of its usual size, a rotor is none; below that margin a link is flat or none; and what of friction is
 # rounding.
 _NO_ROTOR, _POSSIBLE, _ROUNDING = 1e-6, 1e-9, -1e-9
-_FRICTION = (("coulomb", "Fc"), ("viscous", "Fv"))
+_FRICTION: tuple[Role, ...] = ("dry", "damping")
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,20 +213,20 @@ def _driving_friction(identification: Identification) -> list[str]:
     return [
         f"{column.name} of {column.link} (friction of {value:.3g}, which drives)"
         for column, value in zip(identification.model.kept, identification.values, strict=True)
-        if (column.effect, column.parameter) in _FRICTION and not column.runs and value < _ROUNDING
+        if role_of(column) in _FRICTION and not column.runs and value < _ROUNDING
     ]
 
 
 def _gathered(identification: Identification, unknowns: Unknowns, found: FloatArray, values: FloatArray) -> Completion:
     """Unknowns and base parameters as those of joints."""
     inertias, rotors = unknowns.standard(found)
-    robot = identification.model.robot
-    friction = {pair: np.zeros(robot.n) for pair in _FRICTION}
+    robot = identification.model.robot.tree
+    friction: dict[Role | None, FloatArray] = {role: np.zeros(robot.n) for role in _FRICTION}
     own = values - unknowns.grouping @ found
     for column, value in zip(identification.model.kept, own, strict=True):
-        pair = (column.effect, column.parameter)
-        if pair in friction and not column.runs:
-            friction[pair][robot.joint_names.index(column.link)] += max(value, 0.0)
+        role = role_of(column)
+        if role in friction and not column.runs:
+            friction[role][robot.joint_names.index(column.link)] += max(value, 0.0)
     coulomb, viscous = friction.values()
     left = [joint for j, joint in enumerate(robot.joint_names) if j not in unknowns.links]
     notes = (f"The model has no rigid body on {', '.join(left)}: these links have no inertia.",) if left else ()

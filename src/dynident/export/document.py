@@ -77,7 +77,7 @@ class PredictingModel:
 
         What is left out counts as zero; `torque_formula` says what a model needs.
         """
-        states = MemoryStates(self.observation.memory).push(q)
+        states = MemoryStates(self.observation.memory).push(self.observation.robot.positions(q))
         entries = self.observation.evaluate(
             q,
             dq,
@@ -207,7 +207,7 @@ def _model(document: Mapping[str, Any]) -> PredictingModel:
         raise DynidentError("the catalogue of this version has other columns for these effects", title=TITLE)
     values = np.array([float(one["value"]) for one in parameters])
     reference = np.array(document["reference"], dtype=float)
-    if not len(values) or reference.shape not in ((10 * robot.n,), (reference_size(robot),)):
+    if not len(values) or reference.shape not in ((10 * robot.tree.n,), (reference_size(robot),)):
         raise ValueError(f"{len(values)} base parameters and a reference of the shape {reference.shape}")
     return PredictingModel(model, values, reference)
 
@@ -218,7 +218,7 @@ def _standard(identification: Identification) -> dict[str, Any] | None:
         found = complete(identification)
     except DynidentError:
         return None
-    robot = identification.model.robot
+    robot = identification.model.robot.tree
     return {
         joint.name: {
             **{name: float(value) for name, value in zip(INERTIAL_NAMES, found.inertias[j], strict=True)},

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from dynident.arrays import FloatArray
-from dynident.effects import effect_by_id
+from dynident.effects import Role, effect_by_id
 from dynident.export.completion import Completion, complete
 from dynident.export.summary import effect_line
 from dynident.identification import Identification
@@ -35,20 +35,20 @@ class ExportedFile:
 class Links:
     """Feasible links and joints of an identified model, as formats of links and joints take them.
 
-    `said` are ids of the effects that the format has words for.
+    `held` are the roles of the parameters that the format has words for.
     """
 
     identification: Identification
     standard: Completion
-    said: tuple[str, ...]
+    held: tuple[Role, ...]
 
     @classmethod
     def of(
-        cls, identification: Identification, said: tuple[str, ...], *, nearest: bool, rotors_in_links: bool = False
+        cls, identification: Identification, held: tuple[Role, ...], *, nearest: bool, rotors_in_links: bool = False
     ) -> Links:
         """Those of a model; raises as `complete` does."""
         found = complete(identification, nearest=nearest, rotors_in_links=rotors_in_links)
-        return cls(identification, found, said)
+        return cls(identification, found, held)
 
     @property
     def robot(self) -> Robot:
@@ -61,7 +61,7 @@ class Links:
         left_out = [
             f"{effect_by_id(choice.effect).title} is not in this file, which has no word for it: {effect_line(choice)}."
             for choice in self.identification.choices.effects
-            if choice.effect not in self.said or choice.runs
+            if choice.runs or not effect_by_id(choice.effect).held_in(self.held)
         ]
         notes = [*self.standard.notes, *left_out]
         if self.rounding > SMALL:
@@ -79,17 +79,23 @@ class Links:
         rng = np.random.default_rng(0)
         q, dq, ddq = (rng.uniform(-size, size, (_STATES, robot.n)) for size in (1.0, 1.0, 3.0))
         entries = observation.evaluate(
-            q, dq, ddq, reference=np.zeros(10 * robot.n), memory=np.zeros((_STATES, observation.n_memory))
+            q, dq, ddq, reference=np.zeros(10 * robot.tree.n), memory=np.zeros((_STATES, observation.n_memory))
         )
         inertial = np.array([effect_by_id(column.effect).is_inertia for column in observation.columns])
         expected = observation.torque(entries, np.where(inertial, self.standard.values, 0.0))
-        found = rigid_torque(robot, self.standard.inertias, q, dq, ddq) + self.standard.rotors * ddq
+        found = rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)
         size = float(np.abs(expected).max(initial=0.0)) or 1.0
         return float(np.abs(found - expected).max(initial=0.0)) / size
 
 
-def rigid_torque(robot: Robot, inertias: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-    """(m, n): torque that links with these inertias (n, 10) need, by Pinocchio's recursion of Newton and Euler."""
-    model = to_pinocchio(replace(robot, inertias=inertias))
+def rigid_torque(
+    robot: Robot, inertias: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, rotors: FloatArray
+) -> FloatArray:
+    """(m, n): torque that links with these inertias (N, 10) and rotors (N,) need, by Newton's and Euler's recursion."""
+    model = to_pinocchio(replace(robot.tree, inertias=inertias))
     data = model.createData()
-    return np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])
+    motion = (q, dq, ddq) if robot.linkage is None else robot.linkage.motion(q, dq, ddq)
+    torque = np.array([pin.rnea(model, data, *state) for state in zip(*motion, strict=True)]) + rotors * motion[2]
+    if robot.linkage is None:
+        return torque
+    return np.asarray(np.einsum("mji,mj->mi", robot.linkage.rates(q), torque))

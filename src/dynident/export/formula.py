@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynident.effects import MemorySignal, RunSignal, Signals, reference_size
+from dynident.effects.linked import all_positions
 from dynident.effects.memory import step_expression
 from dynident.identification import Identification
 from dynident.robot.model import Robot
@@ -68,7 +69,7 @@ def torque_formula(identification: Identification) -> TorqueFormula:
     z_next = ca.SX(0, 1)
     if states:
         before, z = ca.SX.sym("q_before", model.robot.n), ca.SX.sym("z", len(states))
-        moved = signals.q - before
+        moved = all_positions(model.robot, signals.q) - all_positions(model.robot, before)
         z_next = ca.vertcat(
             *(step_expression(item, z[k], moved[item.joint]) for k, item in enumerate(observation.memory))
         )

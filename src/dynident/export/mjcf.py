@@ -10,9 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from dynident.arrays import FloatArray
+from dynident.effects import Role, role_of
 from dynident.errors import DynidentError
 from dynident.export.exported import SMALL, ExportedFile, Links
 from dynident.export.names import in_xml_comment, printable, slug
+from dynident.export.ties import tie_elements
 from dynident.export.summary import SIGNS, identification_lines, origin
 from dynident.identification import Identification
 from dynident.robot.model import Joint
@@ -20,7 +22,8 @@ from dynident.robot.pinocchio_model import dynamic_parameters
 from dynident.robot.urdf_writer import link_names
 from dynident.robot.urdf_xml import Element, number_text, write
 
-SAID = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "joint_spring")
+HELD: tuple[Role, ...] = ("link", "rotor", "dry", "damping", "stiffness", "at_zero")
+"""Roles of the parameters that the format has words for."""
 TIMESTEP = 0.001
 """s."""
 # The stiffest friction that MuJoCo takes: two steps' time constant.
@@ -36,16 +39,17 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     DynidentError
         As `complete` does; or a link has no inertia in the model, or a spring pushes away from rest.
     """
-    links = Links.of(identification, SAID, nearest=nearest)
+    links = Links.of(identification, HELD, nearest=nearest)
     if links.rounding > SMALL:
         # Rounded geometry groups a rotor with its link nearly, not exactly.
-        merged = Links.of(identification, SAID, nearest=nearest, rotors_in_links=True)
+        merged = Links.of(identification, HELD, nearest=nearest, rotors_in_links=True)
         links = min(links, merged, key=lambda one: one.rounding)
     robot = links.robot
     springs = _springs(links)
-    names = link_names(robot)
+    tree = robot.tree
+    names = link_names(tree)
     bodies: list[Element] = []
-    for j, joint in enumerate(robot.joints):
+    for j, joint in enumerate(tree.joints):
         if not np.any(links.standard.inertias[j]):
             raise DynidentError(
                 f"the model has no rigid body on {joint.name}, and MuJoCo moves no link without mass; choose "
@@ -58,12 +62,12 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
         body.children.append(_inertial(links.standard.inertias[j]))
         body.children.extend(
             _drawn(other.placement[:3, 3])
-            for other in robot.joints
+            for other in tree.joints
             if other.parent == j and np.linalg.norm(other.placement[:3, 3]) > _SHORTEST_DRAWN
         )
         bodies.append(body)
     world = Element("worldbody", {}, 0)
-    for joint, body in zip(robot.joints, bodies, strict=True):
+    for joint, body in zip(tree.joints, bodies, strict=True):
         (world if joint.parent < 0 else bodies[joint.parent]).children.append(body)
     root = Element("mujoco", {"model": printable(robot.name)}, 0)
     root.children.extend(
@@ -75,6 +79,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
                 0,
             ),
             world,
+            *tie_elements(robot),
             _motors(links),
         ]
     )
@@ -141,13 +146,14 @@ def _motors(links: Links) -> Element:
 
 def _springs(links: Links) -> dict[str, tuple[float, float]]:
     """Stiffness and position of rest of the joints that have a spring."""
-    found: dict[str, dict[str, float]] = {}
+    found: dict[str, dict[Role | None, float]] = {}
     for column, value in zip(links.identification.model.kept, links.standard.values, strict=True):
-        if column.effect == "joint_spring" and not column.runs:
-            found.setdefault(column.link, {})[column.parameter] = float(value)
+        role = role_of(column)
+        if role in ("stiffness", "at_zero") and not column.runs:
+            found.setdefault(column.link, {})[role] = float(value)
     springs = {}
     for joint, spring in found.items():
-        stiffness = spring.get("ks", 0.0)
+        stiffness = spring.get("stiffness", 0.0)
         if stiffness <= 0:
             raise DynidentError(
                 f"the spring of {joint} has the stiffness {stiffness:.3g}, and MuJoCo has none that pushes away from "
@@ -155,5 +161,5 @@ def _springs(links: Links) -> dict[str, tuple[float, float]]:
                 pointer="/format",
                 title="Not expressible in MJCF",
             )
-        springs[joint] = (stiffness, -spring.get("bs", 0.0) / stiffness)
+        springs[joint] = (stiffness, -spring.get("at_zero", 0.0) / stiffness)
     return springs

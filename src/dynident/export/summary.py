@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynident.effects import EffectChoice
+from dynident.effects.written import constant_in_words
 from dynident.identification import Identification
 from dynident.version import __version__
 
@@ -53,7 +54,7 @@ def identification_lines(identification: Identification) -> list[str]:
 def effect_line(choice: EffectChoice) -> str:
     """An effect with its joints, shape constants and runs: "stribeck on joint2 (vs = 0.05)"."""
     where = f" on {', '.join(choice.joints)}" if choice.joints else ""
-    constants = ", ".join(f"{name} = {value:g}" for name, value in choice.shape)
+    constants = ", ".join(constant_in_words(choice.effect, name, value) for name, value in choice.shape)
     runs = f" in {', '.join(choice.runs)}" if choice.runs else ""
     return f"{choice.effect}{where}{f' ({constants})' if constants else ''}{runs}"
 

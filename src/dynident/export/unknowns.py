@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import effect_by_id
+from dynident.effects import effect_by_id, role_of
 from dynident.errors import DynidentError
 from dynident.estimation.semidefinite import MatrixBound
 from dynident.identification.standard import StandardParameters
@@ -52,8 +52,8 @@ class Unknowns:
         DynidentError
             Where the model has no rigid body.
         """
-        joints = model.robot.joint_names
-        rigid = [k for k, column in enumerate(model.columns) if column.effect == "rigid_body" and not column.runs]
+        joints = model.robot.tree.joint_names
+        rigid = [k for k, column in enumerate(model.columns) if role_of(column) == "link" and not column.runs]
         if not rigid:
             raise DynidentError(
                 "the model has no rigid_body, so there are no masses and inertias to write; export C code, a CasADi "
@@ -65,12 +65,12 @@ class Unknowns:
         spinning = [
             k
             for k, column in enumerate(model.columns)
-            if column.effect == "rotor_inertia" and not column.runs and (k in kept or not rotors_in_links)
+            if role_of(column) == "rotor" and not column.runs and (k in kept or not rotors_in_links)
         ]
         links = tuple(joints.index(model.columns[k].link) for k in rigid[::_TEN])
         rotors = tuple(joints.index(model.columns[k].link) for k in spinning)
-        doubt = usual_errors(model.robot)
-        scale = np.concatenate([doubt[list(links)].reshape(-1), usual_rotor_inertias(model.robot)[list(rotors)]])
+        doubt = usual_errors(model.robot.tree)
+        scale = np.concatenate([doubt[list(links)].reshape(-1), usual_rotor_inertias(model.robot.tree)[list(rotors)]])
         nominal = np.concatenate([_described(model, doubt)[list(links)].reshape(-1), np.zeros(len(rotors))])
         columns = np.array(rigid + spinning, dtype=np.intp)
         if estimated is not None:
@@ -129,7 +129,7 @@ class Unknowns:
 
     def standard(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Inertias (n, 10) of all links and inertias (n,) of all rotors; zero where the model has none."""
-        n = self.model.robot.n
+        n = self.model.robot.tree.n
         inertias, rotors = np.zeros((n, _TEN)), np.zeros(n)
         inertias[list(self.links)] = unknowns[: _TEN * len(self.links)].reshape(-1, _TEN)
         rotors[list(self.rotors)] = unknowns[_TEN * len(self.links) :]

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from dynident.arrays import FloatArray
+from dynident.effects import Role
 from dynident.export.exported import ExportedFile, Links
 from dynident.export.names import in_xml_comment, slug
 from dynident.export.summary import SIGNS, identification_lines, origin
@@ -23,7 +24,8 @@ from dynident.robot import urdf_from_robot
 from dynident.robot.urdf_writer import inertial_element
 from dynident.robot.urdf_xml import Element, number_text, write
 
-SAID = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
+HELD: tuple[Role, ...] = ("link", "rotor", "dry", "damping")
+"""Roles of the parameters that the format has words for."""
 ROTOR_TAG = "dynident_rotor"
 """Child of a `<joint>` whose attribute `inertia` is the rotor's, seen at the joint: URDF has no word for it."""
 _ONLY_WHERE_MOVING = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration")
@@ -37,12 +39,12 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
     DynidentError
         As `complete` does.
     """
-    links = Links.of(identification, SAID, nearest=nearest, rotors_in_links=True)
+    links = Links.of(identification, HELD, nearest=nearest, rotors_in_links=True)
     robot = links.robot
     notes = (*_notes(links), *links.notes)
     text = robot.description.content if robot.description.format == "urdf" else urdf_from_robot(robot)
     tree = _Tree(text, robot.locked_joints)
-    for j, joint in enumerate(robot.joints):
+    for j, joint in enumerate(robot.tree.joints):
         moving = tree.child_of(joint.name)
         for name in tree.fixed_to(moving):
             tree.set_inertial(name, None)
@@ -58,7 +60,7 @@ def _notes(links: Links) -> list[str]:
     robot, notes = links.robot, []
     rotors = [
         f"{joint.name} {rotor:.6g}"
-        for joint, rotor in zip(robot.joints, links.standard.rotors, strict=True)
+        for joint, rotor in zip(robot.tree.joints, links.standard.rotors, strict=True)
         if rotor > 0
     ]
     if rotors:

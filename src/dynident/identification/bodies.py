@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import IndexArray
-from dynident.effects import Column
+from dynident.effects import Column, Role, role_of
 from dynident.robot.model import INERTIAL_NAMES
 
 
@@ -26,15 +26,14 @@ class Body:
 
 def bodies_of(columns: Sequence[Column]) -> tuple[Body, ...]:
     """The bodies among a model's columns; a link that is not there whole cannot be judged and is passed over."""
-    found: dict[tuple[str, str, tuple[str, ...]], list[int]] = {}
+    found: dict[tuple[Role, str, tuple[str, ...]], list[int]] = {}
     for k, column in enumerate(columns):
-        if column.effect in ("rigid_body", "payload"):
-            found.setdefault((column.effect, column.link, column.runs), []).append(k)
+        role = role_of(column)
+        if role in ("link", "load"):
+            found.setdefault((role, column.link, column.runs), []).append(k)
     return tuple(
-        Body(link, link, np.array(members))
-        if effect == "rigid_body"
-        else Body(_carried(link, runs), "", np.array(members))
-        for (effect, link, runs), members in found.items()
+        Body(link, link, np.array(members)) if role == "link" else Body(_carried(link, runs), "", np.array(members))
+        for (role, link, runs), members in found.items()
         if len(members) == len(INERTIAL_NAMES)
     )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import LINKS, EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Linearised, Reduction, condition_number, errors, noise_levels, weighted
 from dynident.identification.checks import (
@@ -295,14 +295,14 @@ def _prepared(
     """
     plain = tuple(c for c in choices.effects if not effect_by_id(c.effect).needs_load and not lacks_shape(c))
     if len(plain) == len(choices.effects):
-        return choices, np.zeros(10 * robot.n)
-    if not any(choice.effect == "rigid_body" for choice in plain):
+        return choices, np.zeros(10 * robot.tree.n)
+    if not any(choice.effect == LINKS.effect for choice in plain):
         raise DynidentError(
             "effects that depend on the load or whose shape is to be found need rigid_body beside them",
             pointer="/effects",
         )
     first = build_model(robot, plain, tolerance=choices.tolerance)
-    zeros = np.zeros(10 * robot.n)
+    zeros = np.zeros(10 * robot.tree.n)
     reduction = reduce_recordings(first.observation, recordings, preprocessing, zeros, part(progress, 0.0, 0.5))
     prior = prior_of(first, choices)
     check_reduction(first, reduction, prior)

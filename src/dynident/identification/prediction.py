@@ -45,7 +45,7 @@ def predict(
     observation = identification.model.observation
     _check(identification, (q, dq, ddq), level)
     entries = observation.evaluate(
-        q, dq, ddq, reference=identification.reference, memory=MemoryStates(observation.memory).push(q)
+        q, dq, ddq, reference=identification.reference, memory=MemoryStates(observation.memory).push(observation.robot.positions(q))
     )
     torque = observation.torque(entries, identification.values)
     deviation = prediction_deviation(observation, entries, identification.statistics.covariance)

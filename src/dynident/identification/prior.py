@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.effects import Column
+from dynident.effects import Column, role_of
 from dynident.errors import DynidentError
 from dynident.estimation import Information
 from dynident.estimation.deviations import owed_to_known
@@ -43,7 +43,7 @@ def prior_of(model: Model, choices: IdentificationChoices) -> Information | None
     """
     if choices.prior is None:
         return None
-    check_description(model.robot, choices.free_links)
+    check_description(model.robot.tree, choices.free_links)
     belief = belief_of(model, choices)
     if choices.belief is not None and choices.belief.of_bodies:
         belief = entropic_prior(model, choices, belief).belief_at(belief, belief.mean)
@@ -100,19 +100,20 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
 
 def belief_of(model: Model, choices: IdentificationChoices) -> Belief:
     """What the description says of a model's standard parameters, whether it is chosen to be believed or not."""
-    robot = model.robot
+    robot = model.robot.tree
     nominal = np.zeros((robot.n, 10)) if robot.inertias is None else robot.inertias
     errors, rotors = usual_errors(robot, choices.prior_error), usual_rotor_inertias(robot)
     mean, size = np.zeros(len(model.columns)), np.ones(len(model.columns))
     stated = np.zeros(len(model.columns), dtype=bool)
     for k, column in enumerate(model.columns):
-        if column.effect == "rigid_body":
+        role = role_of(column)
+        if role == "link":
             link, parameter = robot.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
             mean[k], size[k] = nominal[link, parameter], errors[link, parameter]
             stated[k] = choices.prior is not None and column.link not in choices.free_links
-        elif column.effect == "rotor_inertia":
+        elif role == "rotor":
             size[k] = rotors[robot.joint_names.index(column.link)]
-        elif column.effect == "payload":
+        elif role == "load":
             size[k] = errors[robot.joint_names.index(column.link), _payload_parameter(column)]
     return Belief(mean, size, stated)
 

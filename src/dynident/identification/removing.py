@@ -10,6 +10,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.effects.catalogue import joints_of
+from dynident.effects.written import constant_in_words
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.data import Data
@@ -75,7 +76,7 @@ def effects_without(
         rest = tuple(part for one in left for part in _without(one, choice, robot))
         if rest == left:
             place = f" on {', '.join(choice.joints)}" if choice.joints else ""
-            place += "".join(f", {name} = {value:g}" for name, value in choice.shape)
+            place += "".join(f", {constant_in_words(choice.effect, name, value)}" for name, value in choice.shape)
             names = ", ".join(dict.fromkeys(one.effect for one in left))
             detail = f"the model has no {choice.effect}{place}; it has: {names}"
             raise DynidentError(detail, pointer=pointer, title=_TITLE)

@@ -10,7 +10,7 @@ from math import inf
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, role_of
 from dynident.estimation import Errors, Reduction, Solution, Statistics, effective_rows, moving_errors, noise_levels
 from dynident.estimation.deviations import owed_to_known
 from dynident.identification.choices import IdentificationChoices
@@ -176,7 +176,7 @@ class Identification:
 
     def standard_inertia(self) -> FloatArray:
         """Standard inertial parameters (10 n,) that give the same torque; feasible ones where they were solved for."""
-        if self.standard is not None and any(column.effect == "rigid_body" for column in self.model.columns):
+        if self.standard is not None and any(role_of(column) == "link" for column in self.model.columns):
             return self.standard.inertias(self.model).reshape(-1)
         return self.model.standard_inertia(self.values)
 

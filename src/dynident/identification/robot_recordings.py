@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from dynident.identification.mistakes import checks_against
 from dynident.progress import Progress, silent
-from dynident.recordings import Check, JointLimits, Recording, RecordingMetadata, import_recording
+from dynident.recordings import (
+    Check,
+    JointLimits,
+    Recording,
+    RecordingError,
+    RecordingMetadata,
+    Revision,
+    import_recording,
+)
 from dynident.robot import Robot, coupling_matrix
 
 
@@ -31,3 +40,44 @@ def import_for_robot(
         against=checks_against(robot),
         progress=progress,
     )
+
+
+MOST_CURES = 5
+"""Mistakes that are mended one after the other; a file with more of them is not what it is said to be."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cured:
+    """A recording, its checks, and what had to be said of its file that nobody had said."""
+
+    recording: Recording
+    checks: tuple[Check, ...]
+    revisions: tuple[Revision, ...]
+    metadata: RecordingMetadata
+
+
+def import_cured(
+    robot: Robot, source: Path, destination: Path, metadata: RecordingMetadata, progress: Progress = silent
+) -> Cured:
+    """As `import_for_robot`; what is refused with a cure is read again with it.
+
+    A warning stays one: nothing is changed that could be used as it is.
+
+    Raises
+    ------
+    RecordingError
+        For a file that cannot be used and whose checks know no cure, or too many.
+    """
+    done: list[Revision] = []
+    while True:
+        try:
+            recording, checks = import_for_robot(robot, source, destination, metadata, progress)
+        except RecordingError as error:
+            cure = next((one.apply for one in error.checks if one.status == "error" and one.apply is not None), None)
+            if cure is None or len(done) == MOST_CURES:
+                raise
+            done.append(cure)
+            metadata = cure.of(metadata)
+            continue
+        told = [Check("cure", "warning", f"Read as if it had been said: {one}.") for one in done]
+        return Cured(recording, (*checks, *told), tuple(done), metadata)

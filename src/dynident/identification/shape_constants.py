@@ -105,7 +105,7 @@ def _constant(
     choice: EffectChoice, spec: ShapeSpec, robot: Robot, judgement: ShapeJudgement, note: str
 ) -> ShapeConstant:
     alone = effect_by_id(choice.effect).scope == "robot"
-    joints = () if alone else tuple(robot.joint_names[j] for j in joints_of(choice, robot))
+    joints = () if alone else tuple(robot.tree.joint_names[j] for j in joints_of(choice, robot))
     value = choice.shape_values[spec.name]
     return ShapeConstant(choice.effect, joints, spec.name, spec.unit, spec.description, value, judgement, note=note)
 
@@ -155,7 +155,7 @@ def searched(place: ShapePlace, choice: EffectChoice, robot: Robot) -> tuple[flo
     around, wide = [choice.shape_values[place.spec.name]], _OF_A_LINE
     if place.spec.proposal == "grid":
         joint = joints_of(choice, robot)[0]
-        around = [shape[place.spec.name] for shape in effect_by_id(choice.effect).grid(robot, joint)]
+        around = [shape[place.spec.name] for shape in effect_by_id(choice.effect).grid(robot.tree, joint)]
         wide = 1
     low = min(place.search.moved(value, -wide * DOWN) for value in around)
     high = max(place.search.moved(value, wide * UP) for value in around)

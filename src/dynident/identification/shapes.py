@@ -81,7 +81,7 @@ def one_joint_each(choices: Sequence[EffectChoice], robot: Robot) -> tuple[Effec
     split: list[EffectChoice] = []
     for choice in choices:
         if lacks_shape(choice) and effect_by_id(choice.effect).scope == "joint":
-            split += [replace(choice, joints=(robot.joint_names[j],)) for j in joints_of(choice, robot)]
+            split += [replace(choice, joints=(robot.tree.joint_names[j],)) for j in joints_of(choice, robot)]
         else:
             split.append(choice)
     return tuple(split)
@@ -147,7 +147,7 @@ def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:
         return [choice]
     joint = joints_of(choice, robot)[0]
     given = choice.shape_values
-    return [replace(choice, shape=_key({**shape, **given})) for shape in effect_by_id(choice.effect).grid(robot, joint)]
+    return [replace(choice, shape=_key({**shape, **given})) for shape in effect_by_id(choice.effect).grid(robot.tree, joint)]
 
 
 def _refinable(choice: EffectChoice, kept: Collection[str]) -> list[ShapeSpec]:
@@ -164,7 +164,7 @@ def _kinds(choice: EffectChoice, kept: Collection[str], robot: Robot) -> list[Ef
     present = [name for name in open_ if name in choice.shape_values]
     if not present or any(spec.proposal != "grid" for spec in effect.shapes):
         return [choice]
-    grid = effect.grid(robot, joints_of(choice, robot)[0])
+    grid = effect.grid(robot.tree, joints_of(choice, robot)[0])
     others = {_key({name: shape[name] for name in present if name in shape}) for shape in grid}
     mine = _key({name: choice.shape_values[name] for name in present})
     return [choice, *(replace(choice, shape=_key({**choice.shape_values, **dict(o)})) for o in sorted(others - {mine}))]

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Column, effect_by_id
+from dynident.effects import Column, effect_by_id, role_of
+from dynident.effects.prediction import ROTOR_INERTIA
 from dynident.identification.recorded_motion import RecordedMotion
 from dynident.progress import Progress, silent
 from dynident.regressors.model import Model
@@ -72,15 +73,15 @@ def simulator_of(
     robot = model.robot
     standard = possible_standard(model, values)
     # What the model says nothing of, the description says.
-    inertias, rotors = model.standard_inertia(values).reshape(robot.n, 10).copy(), np.zeros(robot.n)
+    inertias, rotors = model.standard_inertia(values).reshape(-1, 10).copy(), np.zeros(robot.n)
     for k, column in enumerate(model.columns):
-        if column.effect == "rigid_body":
+        if role_of(column) == "link":
             standard[k] = standard[k] if links is None else links[_place(model, column)]
             inertias[_place(model, column)] = standard[k]
-        elif column.effect == "rotor_inertia":
+        elif role_of(column) == "rotor":
             standard[k] = standard[k] if links is None else 0.0
             rotors[robot.joint_names.index(column.link)] = standard[k]
-    turning = [one for one in on_each_joint(robot, "rotor_inertia", "Ia", rotors) if one.values[0][1] > 0]
+    turning = [one for one in on_each_joint(robot, *ROTOR_INERTIA, rotors) if one.values[0][1] > 0]
     virtual = VirtualRobot(
         _tireless(robot),
         [*turning, *_other_effects(model, standard)],
@@ -96,14 +97,14 @@ def possible_standard(model: Model, values: FloatArray) -> FloatArray:
 
     Of rotors and links only sums are determined, so a rotor may have come out below zero: the links take that over.
     """
-    n = model.robot.n
-    inertias, rotors = model.standard_inertia(values).reshape(n, 10), model.reference(values)[10 * n : 11 * n]
+    n, links = model.robot.n, 10 * model.robot.tree.n
+    inertias, rotors = model.standard_inertia(values).reshape(-1, 10), model.reference(values)[links : links + n]
     own = dict(zip(model.base.kept, values, strict=True))
     standard = np.zeros(len(model.columns))
     for k, column in enumerate(model.columns):
-        if column.effect == "rigid_body":
+        if role_of(column) == "link":
             standard[k] = inertias[_place(model, column)]
-        elif column.effect == "rotor_inertia":
+        elif role_of(column) == "rotor":
             standard[k] = rotors[model.robot.joint_names.index(column.link)]
         else:
             standard[k] = own.get(k, 0.0)
@@ -111,7 +112,7 @@ def possible_standard(model: Model, values: FloatArray) -> FloatArray:
         k for k, c in enumerate(model.columns) if standard[k] < 0 and not may_be_negative(c.effect, c.parameter, c.runs)
     ]
     standard[impossible] = 0.0
-    links = [k for k, column in enumerate(model.columns) if column.effect == "rigid_body"]
+    links = [k for k, column in enumerate(model.columns) if role_of(column) == "link"]
     if impossible and links:
         gap = values - model.base.grouping @ standard
         standard[links] += np.linalg.pinv(model.base.grouping[:, links], rcond=1e-9) @ gap
@@ -124,7 +125,7 @@ def _tireless(robot: Robot) -> Robot:
 
 
 def _place(model: Model, column: Column) -> tuple[int, int]:
-    return model.robot.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
+    return model.robot.tree.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
 
 
 def _other_effects(model: Model, standard: FloatArray) -> list[TrueEffect]:

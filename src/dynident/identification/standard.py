@@ -23,8 +23,8 @@ class StandardParameters:
 
     def inertias(self, model: Model) -> FloatArray:
         """(n, 10): inertial parameters of the links in the order of `INERTIAL_NAMES`; zero where a link is left out."""
-        found = np.zeros((model.robot.n, 10))
+        found = np.zeros((model.robot.tree.n, 10))
         for body in bodies_of(model.columns):
             if body.link:
-                found[model.robot.joint_names.index(body.link)] = self.values[body.columns]
+                found[model.robot.tree.joint_names.index(body.link)] = self.values[body.columns]
         return found

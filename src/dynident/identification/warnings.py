@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynident.effects import DEFAULT_EFFECTS, OFFSETS, role_of
 from dynident.estimation import EquationFactors, Information, Reduction, equilibrated_condition_number, weighted_factor
 from dynident.identification.judgement import DETERMINED
 from dynident.regressors.model import Model
@@ -166,10 +167,10 @@ def _friction_signs(identification: Identification) -> list[str]:
         f"{parameter.name} on {parameter.link} is negative ({parameter.value:.3g} {parameter.unit}): check the sign of "
         "its torque and the order of the torque columns."
         for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
-        if parameter.effect in ("coulomb", "viscous")
+        if role_of(column) in ("dry", "damping")
         and not column.runs
         and parameter.value < -3.0 * parameter.standard_deviation
     ]
 
 
-_PLAIN = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")
+_PLAIN = {choice.effect for choice in (*DEFAULT_EFFECTS, OFFSETS)}

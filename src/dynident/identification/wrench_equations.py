@@ -43,7 +43,7 @@ def wrench_equations(
             title="Not identifiable with this model",
         )
     # No column of the links rests on a predicted load.
-    nothing = np.zeros(10 * model.robot.n)
+    nothing = np.zeros(10 * model.robot.tree.n)
     reduction = reduce_form(found.form, plain, recordings, preprocessing, nothing, progress)
     if reduction.n_rows == 0:
         return reduction.combined(found.coordinates[:, found.n_extra :])

@@ -6,6 +6,7 @@ from dynident.recordings.importing import import_recording, recording_from_array
 from dynident.recordings.parallel import FilteredRows, ParallelFilter, low_pass
 from dynident.recordings.phases import PhaseShares, phase_shares
 from dynident.recordings.preprocessing import Preprocessing
+from dynident.recordings.revisions import Revision
 from dynident.recordings.sources import open_recording
 from dynident.recordings.types import (
     Check,
@@ -27,6 +28,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "RecordingMetadata",
+    "Revision",
     "SampleBlock",
     "Segment",
     "choose_preprocessing",

@@ -7,8 +7,9 @@ from dataclasses import replace
 from dynident.recordings.checks_of_motion import motion_checks
 from dynident.recordings.checks_of_torque import torque_checks
 from dynident.recordings.columns import Layout
+from dynident.recordings.revisions import cured
 from dynident.recordings.sampling import RawSample
-from dynident.recordings.types import Check, JointLimits, ModelChecks, Recording, RecordingError
+from dynident.recordings.types import Check, JointLimits, ModelChecks, Recording, RecordingError, RecordingMetadata
 
 
 def run_checks(
@@ -17,7 +18,7 @@ def run_checks(
     layout: Layout,
     limits: tuple[JointLimits, ...],
     found: tuple[Check, ...],
-    accept: tuple[str, ...],
+    metadata: RecordingMetadata,
     against: ModelChecks | None = None,
 ) -> tuple[Check, ...]:
     """Run the checks of motion and torque, `against` the robot among them, and judge them together with those of time.
@@ -29,12 +30,13 @@ def run_checks(
     RecordingError
         For the first finding that makes the file unusable; its `checks` hold all of them.
     """
+    accept = metadata.accept
     checks = list(found)
     checks += motion_checks(recording, sample, layout, limits)
     # Wrong units would only make the evidence of torque against motion misleading.
     if not any(check.status == "error" for check in _accepted(checks, accept)):
         checks += torque_checks(recording, sample, layout, limits, against)
-    judged = _accepted(checks, accept)
+    judged = cured(_accepted(checks, accept), metadata, recording.joint_names)
     wrong = [check for check in judged if check.status == "error"]
     if wrong:
         first = wrong[0]

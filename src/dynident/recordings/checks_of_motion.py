@@ -9,6 +9,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.recordings.columns import Column, Layout
 from dynident.recordings.phases import phase_shares
+from dynident.recordings.revisions import Revision
 from dynident.recordings.sampling import RawSample
 from dynident.recordings.types import Check, JointLimits, Recording, Status
 
@@ -141,6 +142,7 @@ def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[Join
                 f'{where[0]}, t = {where[1]:.6g} s); that looks like {unit}. Say "units": {{"q": "{unit}"}}.',
                 column,
                 *where,
+                Revision(units=_of_all_alike("q", unit, limit, limits)),
             )
         if limit.position is not None and doubtful is None:
             slack = 0.02 * (limit.position[1] - limit.position[0])
@@ -157,6 +159,13 @@ def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[Join
     return doubtful or Check(
         "position_unit", "ok", "Positions and speeds are those of a joint in rad (m if prismatic)."
     )
+
+
+def _of_all_alike(kind: str, unit: str, limit: JointLimits, limits: tuple[JointLimits, ...]) -> dict[str, str]:
+    """A unit of the signals of all joints of one kind."""
+    if all(other.kind == limit.kind for other in limits):
+        return {kind: unit}
+    return {f"{kind}{k + 1}": unit for k, other in enumerate(limits) if other.kind == limit.kind}
 
 
 def _other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
@@ -225,7 +234,7 @@ def _velocity(recording: Recording, seen: _Seen, layout: Layout) -> list[Check]:
         found = _ratio(layout.dq[joint], layout.q[joint], float(np.sqrt((given @ given) / (own @ own))), alike)
         if found is not None:
             row = int(np.flatnonzero(inner)[np.abs(given).argmax()])
-            status, detail = found
+            status, detail, units = found
             where = f" (fastest in row {seen.row[row]})."
             return [
                 Check(
@@ -235,23 +244,27 @@ def _velocity(recording: Recording, seen: _Seen, layout: Layout) -> list[Check]:
                     layout.dq[joint].source,
                     int(seen.row[row]),
                     float(seen.t[row]),
+                    Revision(units=units) if units else None,
                 )
             ]
     return [Check("velocity_unit", "ok", "The velocity columns are the derivatives of the positions.")]
 
 
-def _ratio(velocity: Column, position: Column, ratio: float, alike: float) -> tuple[Status, str] | None:
+def _ratio(velocity: Column, position: Column, ratio: float, alike: float) -> tuple[Status, str, dict[str, str]] | None:
     known = {
-        1.0 / DEGREE: 'one is in degrees, the other in radians. Say "units": {"dq": "deg/s"}, or {"q": …}',
-        DEGREE: 'positions look like degrees beside velocities in rad/s. Say "units": {"q": "deg"}',
-        30.0 / pi: 'that is rpm. Say "units": {"dq": "rpm"}',
+        1.0 / DEGREE: (
+            'one is in degrees, the other in radians. Say "units": {"dq": "deg/s"}, or {"q": …}',
+            {"dq": "deg/s"},
+        ),
+        DEGREE: ('positions look like degrees beside velocities in rad/s. Say "units": {"q": "deg"}', {"q": "deg"}),
+        30.0 / pi: ('that is rpm. Say "units": {"dq": "rpm"}', {"dq": "rpm"}),
     }
     claim = f"{velocity.source} is {ratio:.4g} times the derivative of {position.source}"
-    for factor, meaning in known.items():
+    for factor, (meaning, units) in known.items():
         if abs(ratio / factor - 1.0) < 0.1:
-            return "error", f"{claim}: {meaning}"
+            return "error", f"{claim}: {meaning}", units
     if alike < 0.0:
-        return "warning", f"{velocity.source} has the opposite sign of the derivative of {position.source}"
+        return "warning", f"{velocity.source} has the opposite sign of the derivative of {position.source}", {}
     if not 0.7 < ratio < 1.4:
-        return "warning", f"{claim}; it is not used, but one of the two has another unit, or is on the motor's side"
+        return "warning", f"{claim}; it is not used, but one of the two has another unit, or is on the motor's side", {}
     return None

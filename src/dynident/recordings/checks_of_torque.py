@@ -9,6 +9,7 @@ from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings import evidence as against_motion
 from dynident.recordings.columns import Layout
 from dynident.recordings.evidence import Evidence
+from dynident.recordings.revisions import Revision
 from dynident.recordings.sampling import RawSample
 from dynident.recordings.types import (
     Check,
@@ -26,6 +27,9 @@ RUN = 5
 
 AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
 """Joint evidence (standard errors) of a torque against its motion."""
+
+AROUND, MOST_STRETCHES = 0.2, 20
+"""s left out on either side of a plateau, about what filters smear; and so many stretches at most."""
 
 OWNED, LEAST_OWNED = 2e-3, 1e-3
 """Share of a torque's variance that another joint's friction has to explain to be seen, and what counts as nothing."""
@@ -99,8 +103,21 @@ def _saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimits, ..
                 layout.tau[joint].source,
                 int(row[first]),
                 float(t[first]),
+                _without(flat, t),
             )
     return worst or Check("saturation", "ok", "No torque stays at its extreme.")
+
+
+def _without(flat: BoolArray, t: FloatArray) -> Revision | None:
+    """The stretches of t around plateaus left out; None where they are too many to be a cure."""
+    at = t[flat]
+    starts = np.concatenate([[True], np.diff(at) > 2.0 * AROUND])
+    first = np.flatnonzero(starts)
+    if len(first) > MOST_STRETCHES:
+        return None
+    last = np.append(first[1:] - 1, len(at) - 1)
+    whole = zip(at[first], at[last], strict=True)
+    return Revision(exclude=tuple((float(start) - AROUND, float(end) + AROUND) for start, end in whole))
 
 
 def _plateaus(tau: FloatArray) -> BoolArray:
@@ -164,7 +181,16 @@ def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: Raw
         layout.tau[swapped[0]].source,
         int(sample.row[first]),
         float(sample.t[first]),
+        _reordered(owner, swapped),
     )
+
+
+def _reordered(owner: IntArray, swapped: list[int]) -> Revision:
+    """Every torque to the joint whose friction it shows, in the cycles that are surely exchanged."""
+    order = list(range(1, len(owner) + 1))
+    for column in {one for joint in swapped for one in _cycle(owner, joint)}:
+        order[owner[column]] = column + 1
+    return Revision(permutation={"tau": tuple(order)})
 
 
 def _surely_swapped(shares: FloatArray, certainty: FloatArray, owner: IntArray, joint: int) -> bool:
@@ -205,6 +231,7 @@ def _sign(recording: Recording, evidence: Evidence, layout: Layout, sample: RawS
             layout.tau[against[0]].source,
             int(sample.row[first]),
             float(sample.t[first]),
+            Revision(signs={f"tau{joint + 1}": -1.0 for joint in sorted(certain or doubtful)}),
         )
     ]
 
@@ -245,4 +272,5 @@ def _alignment(recording: Recording, evidence: Evidence, layout: Layout, sample:
         layout.tau[0].source,
         int(sample.row[first]),
         float(sample.t[first]),
+        Revision(torque_delay=float(f"{middle:.2g}")),
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray, IntArray
+from dynident.recordings.revisions import Rearrangement
 from dynident.recordings.types import (
     WRENCH_NAMES,
     Check,
@@ -215,17 +216,21 @@ class _Finder:
         self.joint_names = joint_names
         self.limits = limits
         self.metadata = metadata
+        self.arrangement = Rearrangement(metadata, joint_names)
         self._check_mapping()
 
     def find(self, kind: str, joint: int | None) -> Column | None:
         """Find the column of a signal of a joint (None: of a signal that belongs to no joint)."""
-        ours = (kind,) if joint is None else (f"{kind}_{self.joint_names[joint]}", f"{kind}{joint + 1}")
+        read = None if joint is None else self.arrangement.read(kind, joint)
+        ours = (kind,) if read is None else (f"{kind}_{self.joint_names[read]}", f"{kind}{read + 1}")
         source = self._source(ours)
         if source is None:
             return None
-        joint_kind: JointKind | None = None if joint is None else self.limits[joint].kind
+        joint_kind: JointKind | None = None if read is None else self.limits[read].kind
         unit, key = unit_for(self.metadata.units, kind, ours)
-        return Column(source, *conversion(kind, joint_kind, unit, key))
+        factor, offset = conversion(kind, joint_kind, unit, key)
+        times = 1.0 if joint is None else self.arrangement.factor(kind, joint)
+        return Column(source, factor * times, offset * times)
 
     def find_plain(self, name: str) -> Column | None:
         """Find a column that has no unit."""
@@ -270,7 +275,9 @@ class _Finder:
         whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
         shown = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
         hint = ""
-        if f"{kind}0" in self.names:
+        if all(name == f"column{number}" for number, name in enumerate(self.names, start=1)):
+            hint = " The file gives no names of the columns, so that they are counted here."
+        elif f"{kind}0" in self.names:
             hint = f" Joints are counted from 1 here, and the file has {kind}0: map them with columns."
         return RecordingError(
             f"No column {wanted} for {kind}{whose}{instead}. The file holds: {shown}. Name it by columns, "

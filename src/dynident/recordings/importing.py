@@ -16,6 +16,7 @@ from dynident.recordings.checks import run_checks
 from dynident.recordings.columns import Column, Layout, find_columns, surplus_columns
 from dynident.recordings.conditioning import Conditioner
 from dynident.recordings.raw import RawRows, RawSource, open_source
+from dynident.recordings.revisions import windows_without
 from dynident.recordings.sampling import RawSample, SampleCollector
 from dynident.recordings.sinks import ArraySink, ParquetSink
 from dynident.recordings.sources import ArraySource, ParquetSource
@@ -86,15 +87,18 @@ def import_recording(
         temporary = Path(unfinished.name)
     try:
         base = scan_time(source, layout, metadata.windows, part(progress, 0.0, 0.2))
+        used = windows_without(metadata.windows, metadata.exclude, base.first, base.last)
         with ParquetSink(temporary, tuple(joint_names), layout.kinds) as sink:
-            segments, sample = _convert(source, layout, base, metadata, sink, part(progress, 0.2, 0.8))
+            segments, sample = _convert(
+                source, layout, base, replace(metadata, windows=used), sink, part(progress, 0.2, 0.8)
+            )
             recording = Recording(
                 name=metadata.name,
                 joint_names=tuple(joint_names),
                 sampling_rate=1.0 / base.period,
                 segments=segments,
                 source=_stored(temporary, joint_names, layout),
-                windows=metadata.windows,
+                windows=used,
                 role=metadata.role,
                 payload=metadata.payload,
                 has_temperature=bool(layout.temperature),
@@ -105,7 +109,7 @@ def import_recording(
             sink.describe(recording)
         surplus = surplus_columns(source.names, len(joint_names), metadata)
         found = [torque_source, *([] if surplus is None else [surplus]), *time_checks(base, layout.t.source)]
-        checks = run_checks(recording, sample, layout, limits, tuple(found), metadata.accept, against)
+        checks = run_checks(recording, sample, layout, limits, tuple(found), metadata, against)
         progress(1.0, "stored")
         os.replace(temporary, destination)
     except BaseException:

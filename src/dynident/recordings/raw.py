@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -16,11 +15,13 @@ import pyarrow.parquet as pq
 from dynident.arrays import FloatArray, IntArray
 from dynident.recordings.arrow import streamed_parquet, to_floats
 from dynident.recordings.columns import Layout
+from dynident.recordings.dialects import Dialect, csv_dialect
+from dynident.recordings.lists import list_columns, spread, spread_names, stored_name
 from dynident.recordings.types import RecordingError
 
 BATCH_ROWS = 32768
 CSV_BLOCK_BYTES = 4 << 20
-_NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
+_WRITTEN = {"csv": "CSV", "parquet": "Parquet"}
 _NULLS = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None", "inf", "-inf", "Inf", "-Inf"]
 
 
@@ -45,21 +46,19 @@ class RawSource(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Dialect:
-    """How a CSV file is written."""
-
-    delimiter: str
-    decimal_point: str
-    names: tuple[str, ...]
-    lines_before_data: int
-
-
 class FileSource:
-    """A file of the user's with named columns."""
+    """A file of the user's with named columns; `units` are those that the file states, by its columns."""
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, names: Sequence[str], units: Mapping[str, str] | None = None) -> None:
         self.names = list(names)
+        self.units = dict(units or {})
+
+    def blocks(self) -> Iterator[FloatArray]:
+        """Give all columns as they are, (m, columns) at a time; what is no number is NaN."""
+        first = 0
+        for batch in self._batches(self.names):
+            yield np.column_stack([_floats(batch, name, first) for name in self.names])
+            first += batch.num_rows
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
         """Give t and segment alone; values are empty."""
@@ -95,14 +94,18 @@ class ParquetFileSource(FileSource):
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            super().__init__(pq.read_schema(path).names)
+            schema = pq.read_schema(path)
+            self._lists = list_columns(path, schema)
+            super().__init__(spread_names(schema, self._lists))
         except (pa.ArrowInvalid, pa.ArrowIOError) as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title="Unreadable file") from error
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         try:
             with streamed_parquet(self._path) as file:
-                yield from file.iter_batches(BATCH_ROWS, columns=columns, use_threads=False)
+                stored = list(dict.fromkeys(stored_name(name, self._lists) for name in columns))
+                for batch in file.iter_batches(BATCH_ROWS, columns=stored, use_threads=False):
+                    yield spread(batch, columns, self._lists) if self._lists else batch
         except (pa.ArrowInvalid, pa.ArrowIOError) as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title="Unreadable file") from error
 
@@ -113,7 +116,7 @@ class CsvFileSource(FileSource):
     def __init__(self, path: Path) -> None:
         self._path = path
         self._dialect = csv_dialect(path)
-        super().__init__(self._dialect.names)
+        super().__init__(self._dialect.names, self._dialect.units)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         dialect = self._dialect
@@ -147,46 +150,21 @@ def open_source(path: Path, file_format: str | None) -> FileSource:
     RecordingError
         If the file is empty, or not what it is said to be.
     """
-    with path.open("rb") as file:
-        start = file.read(4)
-    if not start:
-        raise RecordingError("The file is empty.", title="Unreadable file")
-    is_parquet = start == b"PAR1"
-    if file_format == "csv" and is_parquet:
-        raise RecordingError('The file is Parquet, not CSV; say "format": "parquet".', pointer="/format")
-    return ParquetFileSource(path) if is_parquet or file_format == "parquet" else CsvFileSource(path)
+    # They build on this module.
+    from dynident.recordings.formats import format_of, open_foreign
 
-
-def csv_dialect(path: Path) -> Dialect:
-    """Tell separator, decimal sign and column names of a CSV file from its first lines."""
-    with path.open("rb") as file:
-        start = file.read(1 << 16)
-    if b"\0" in start:
-        raise RecordingError("The file is neither Parquet nor text.", title="Unreadable file")
-    lines = start.decode("utf-8-sig", errors="replace").splitlines()
-    header = next((number for number, line in enumerate(lines) if line.strip(" \t#%")), None)
-    if header is None:
-        raise RecordingError("The file holds no line of column names.", title="Unreadable file")
-    # Further comment lines may stand before the names; the names are the last of them.
-    while header + 1 < len(lines) and lines[header + 1].lstrip().startswith(("#", "%")):
-        header += 1
-    text = lines[header].lstrip("#% ").rstrip("\r\n")
-    delimiter = max(",;\t|", key=text.count)
-    if text.count(delimiter) == 0:
-        delimiter = " " if " " in text.strip() else ","
-    names = tuple(name.strip().strip('"').strip() for name in text.split(delimiter))
-    if names and all(_NUMBER.match(name) for name in names if name):
+    found = format_of(path)
+    if file_format == "parquet" and found == "csv":
+        return ParquetFileSource(path)  # which says what is wrong with it
+    if file_format not in (None, found) and (found, file_format) != ("hdf5", "mat"):
         raise RecordingError(
-            "The first line of the file holds numbers; it has to hold the names of the columns (t, q1, …, tau1, …).",
-            title="Missing column names",
+            f'The file is {_WRITTEN.get(found, found)}, not {_WRITTEN.get(file_format, file_format)}; say "format": '
+            f'"{found}".',
+            pointer="/format",
         )
-    repeated = {name for name in names if name and names.count(name) > 1}
-    if repeated:
-        raise RecordingError(f"Column {min(repeated)} stands more than once in the file.", pointer=min(repeated))
-    data = [line for line in lines[header + 1 : header + 21] if line.strip()]
-    fields = [field.strip() for line in data for field in line.split(delimiter)]
-    comma = delimiter != "," and any("," in field and _NUMBER.match(field) for field in fields)
-    return Dialect(delimiter, "," if comma else ".", names, header + 1)
+    if found == "parquet":
+        return ParquetFileSource(path)
+    return CsvFileSource(path) if found == "csv" else open_foreign(path, found)
 
 
 def _floats(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.even_clock import EvenClock, EvenClockScan
 from dynident.recordings.raw import RawRows
+from dynident.recordings.revisions import Revision
 from dynident.recordings.types import Check, RecordingError
 
 GAP_PERIODS = 5.0
@@ -233,6 +234,7 @@ def _jitter(base: TimeBase, column: str) -> Check:
             column,
             1,
             base.first,
+            Revision(units={"t": unit}),
         )
     if spread > HOPELESS_SPREAD:
         return Check(

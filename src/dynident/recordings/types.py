@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
+
+if TYPE_CHECKING:
+    from dynident.recordings.revisions import Revision
 
 Windows = tuple[tuple[float, float], ...]
 Status = Literal["ok", "warning", "error"]
@@ -35,7 +38,8 @@ class Check:
     """One thing that was looked at in a recording, what was found, and what to do about it.
 
     `column` names the column of the user's file, `row` counts its data rows from 1, `time` is in seconds of t; each
-    is empty or `None` where the finding has no single place.
+    is empty or `None` where the finding has no single place. `apply` is what would have to be said of the file instead,
+    where that is known.
     """
 
     name: str
@@ -44,6 +48,7 @@ class Check:
     column: str = ""
     row: int | None = None
     time: float | None = None
+    apply: Revision | None = None
 
 
 class ModelChecks(Protocol):
@@ -109,6 +114,15 @@ class RecordingMetadata:
         Seconds by which the file's torque is late: it is read so much later than the positions of its row.
     accept : names of checks
         Findings of these checks are reported as warnings, whatever they are: the user knows better.
+    permutation : mapping
+        {"tau": (2, 1, 3)}: at place k the number, from 1, of the column that is joint k's; of "q" (with velocities and
+        commands) or "tau" (or currents). Columns and units are told before.
+    signs : mapping
+        {"tau2": -1}: 1 or -1 by which a joint's positions (q2, q_<joint>, q: all) or torques are taken.
+    scale : mapping
+        {"tau2": 0.1}: positive factors of the same.
+    exclude : pairs (from, to)
+        Seconds of t to leave out, of the windows or of all.
     """
 
     name: str = "recording"
@@ -120,6 +134,10 @@ class RecordingMetadata:
     payload: Mapping[str, Any] | None = None
     torque_delay: float = 0.0
     accept: tuple[str, ...] = ()
+    permutation: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    signs: Mapping[str, float] = field(default_factory=dict)
+    scale: Mapping[str, float] = field(default_factory=dict)
+    exclude: Windows = ()
 
     def __post_init__(self) -> None:
         if not abs(self.torque_delay) <= 1.0:
@@ -127,12 +145,13 @@ class RecordingMetadata:
                 f"torque_delay is {self.torque_delay} s; give a number of seconds between -1 and 1.",
                 pointer="/torque_delay",
             )
-        for index, (start, end) in enumerate(self.windows):
-            if not (np.isfinite(start) and np.isfinite(end) and start < end):
-                raise RecordingError(
-                    f"Window {index + 1} runs from {start} s to {end} s; the end has to come after the beginning.",
-                    pointer=f"/windows/{index}",
-                )
+        for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
+            for index, (start, end) in enumerate(pairs):
+                if not (np.isfinite(start) and np.isfinite(end) and start < end):
+                    raise RecordingError(
+                        f"Window {index + 1} runs from {start} s to {end} s; the end has to come after the beginning.",
+                        pointer=f"/{name}/{index}",
+                    )
 
 
 @dataclass(frozen=True)

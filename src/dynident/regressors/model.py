@@ -9,16 +9,26 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import DRIVE_PARAMETERS, Column, EffectChoice, Signals, columns_of, effect_by_id
+from dynident.effects import (
+    DRIVE_ROLES,
+    LINKS,
+    Column,
+    EffectChoice,
+    Role,
+    Signals,
+    columns_of,
+    effect_by_id,
+    role_of,
+)
 from dynident.errors import DynidentError
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, BaseParameters, base_parameters
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import observation_at_rest
-from dynident.robot.model import Robot
+from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
 # Where parameters of the motors' torque stand in `Model.reference`; the rotors' are found with the links'.
-_DRIVE_ROWS = {pair: row for row, pair in enumerate(DRIVE_PARAMETERS) if pair[0] != "rotor_inertia"}
+_DRIVE_ROWS: dict[Role | None, int] = {role: row for row, role in enumerate(DRIVE_ROLES) if role != "rotor"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,61 +77,61 @@ class Model:
         return tuple(c for k, c in enumerate(self.columns) if k not in kept and not effect_by_id(c.effect).is_inertia)
 
     def standard_inertia(self, values: FloatArray) -> FloatArray:
-        """Standard inertial parameters (10 n,) with these base parameters (b,), nearest to the description's.
+        """Standard inertial parameters (10 N,) of all N links with these base parameters (b,), nearest to the description's.
 
         The base parameters determine the torque; of all standard parameters that give them, those nearest to the
         description's are taken, since effects that reach beyond the base parameters (a tilted base) need a choice.
         Near is measured by how far a description is usually off; of rotors, which it does not know, anything is near.
         """
-        return self._inertial_solution(values)[: 10 * self.robot.n]
+        return self._inertial_solution(values)[: 10 * self.robot.tree.n]
 
     def _inertial_solution(self, values: FloatArray) -> FloatArray:
-        """Standard inertial parameters (10 n,) and, where all links are in the model, its rotors' inertias."""
-        rigid = [k for k, column in enumerate(self.columns) if column.effect == "rigid_body"]
-        nominal = np.zeros(10 * self.robot.n)
+        """Standard inertial parameters (10 N,) and, where all links are in the model, its rotors' inertias."""
+        rigid = [k for k, column in enumerate(self.columns) if role_of(column) == "link"]
+        nominal = np.zeros(10 * self.robot.tree.n)
         if self.robot.inertias is not None:
             nominal = self.robot.inertias.reshape(-1).astype(np.float64)
         if not rigid:
             return nominal
-        if len(rigid) != 10 * self.robot.n:
-            full = np.zeros(10 * self.robot.n)
+        if len(rigid) != 10 * self.robot.tree.n:
+            full = np.zeros(10 * self.robot.tree.n)
             for k, position in enumerate(self.base.kept):
                 column = self.columns[position]
-                if column.effect == "rigid_body":
+                if role_of(column) == "link":
                     full[self._standard_index(column)] = values[k]
             return full
-        rotors = [k for k, column in enumerate(self.columns) if column.effect == "rotor_inertia"]
+        rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
         inertial = [k for k, column in enumerate(self.kept) if effect_by_id(column.effect).is_inertia]
         everything = rigid + rotors
         grouping = self.base.grouping[np.ix_(inertial, everything)]
         seen = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)
         nominal = np.concatenate([nominal, np.zeros(len(rotors))])
-        of_rotors = usual_rotor_inertias(self.robot)[[self._joint(k) for k in rotors]]
-        scale = np.concatenate([usual_errors(self.robot).reshape(-1), of_rotors])
+        of_rotors = usual_rotor_inertias(self.robot.tree)[[self._joint(k) for k in rotors]]
+        scale = np.concatenate([usual_errors(self.robot.tree).reshape(-1), of_rotors])
         gap = values[inertial][seen] - grouping[seen] @ nominal
         return np.asarray(nominal + scale * (np.linalg.pinv(grouping[seen] * scale, rcond=1e-9) @ gap))
 
     def reference(self, values: FloatArray) -> FloatArray:
-        """What torque is predicted with (14 n,): standard inertial parameters, then Ia, Fc, Fv and b of all joints."""
-        n = self.robot.n
+        """What torque is predicted with (10 N + 4 n,): standard inertial parameters, then Ia, Fc, Fv and b of all joints."""
+        names, links = self.robot.joint_names, 10 * self.robot.tree.n
         inertial = self._inertial_solution(values)
-        drives = np.zeros((len(DRIVE_PARAMETERS), n))
-        rotors = [k for k, column in enumerate(self.columns) if column.effect == "rotor_inertia"]
-        for value, k in zip(inertial[10 * n :], rotors, strict=False):
-            drives[0, self._joint(k)] = value
+        drives = np.zeros((len(DRIVE_ROLES), self.robot.n))
+        rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
+        for value, k in zip(inertial[links:], rotors, strict=False):
+            if self.columns[k].link in names:
+                drives[0, names.index(self.columns[k].link)] = value
         for column, value in zip(self.kept, values, strict=True):
-            row = _DRIVE_ROWS.get((column.effect, column.parameter))
-            if row is not None:
-                drives[row, self.robot.joint_names.index(column.link)] += value
-        return np.concatenate([inertial[: 10 * n], drives.reshape(-1)])
+            row = _DRIVE_ROWS.get(role_of(column))
+            if row is not None and column.link in names:
+                drives[row, names.index(column.link)] += value
+        return np.concatenate([inertial[:links], drives.reshape(-1)])
 
     def _joint(self, column: int) -> int:
-        return self.robot.joint_names.index(self.columns[column].link)
+        return self.robot.tree.joint_names.index(self.columns[column].link)
 
     def _standard_index(self, column: Column) -> int:
-        link = self.robot.joint_names.index(column.link)
-        names = [spec.name for spec in effect_by_id("rigid_body").parameters]
-        return 10 * link + names.index(column.parameter)
+        link = self.robot.tree.joint_names.index(column.link)
+        return 10 * link + INERTIAL_NAMES.index(column.parameter)
 
 
 def build_model(
@@ -151,7 +161,7 @@ def build_model(
         For an unknown effect, an unfit joint, an effect chosen twice with the same columns, or no effect at all.
     """
     if not effects:
-        raise DynidentError("choose at least one effect, for instance rigid_body", pointer="/effects")
+        raise DynidentError(f"choose at least one effect, for instance {LINKS.effect}", pointer="/effects")
     signals = signals or Signals(robot)
     columns = columns_of(effects, signals)
     check_columns(columns)
@@ -174,4 +184,4 @@ def check_columns(columns: Sequence[Column]) -> None:
 def inertial_base_parameters(robot: Robot, *, tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:
     """The base inertial parameters of a robot: links alone, without rotors and friction."""
     signals = Signals(robot)
-    return base_parameters(robot, columns_of([EffectChoice("rigid_body")], signals), signals, tolerance=tolerance)
+    return base_parameters(robot, columns_of([LINKS], signals), signals, tolerance=tolerance)

@@ -51,7 +51,8 @@ class RowPhases:
         """What holds for the rows of a recording."""
         frictional = joints_with_friction(observation)
         remembering = np.zeros(observation.robot.n, dtype=bool)
-        remembering[[signal.joint for signal in observation.memory]] = True
+        for signal in observation.memory:
+            remembering[list(observation.robot.position_movers(signal.joint))] = True
         width = width_of(preprocessing, recording.sampling_rate)
         cutoff = preprocessing.position_cutoff
         # A thousandth of a period more, so that rounding does not decide.
@@ -104,7 +105,10 @@ def joints_with_friction(observation: Observation, first: int | None = None) -> 
     """(n,): joints whose friction is among the columns, or among the first so many of them."""
     # Offsets of a base sensor belong to no effect.
     names = {c.link for c in observation.columns[:first] if c.effect and effect_by_id(c.effect).is_friction}
-    return np.array([name in names for name in observation.robot.joint_names])
+    found = np.zeros(observation.robot.n, dtype=bool)
+    for name in names & set(observation.robot.tree.joint_names):
+        found[list(observation.robot.movers(name))] = True
+    return found
 
 
 def starting_joints(observation: Observation) -> BoolArray:
@@ -114,11 +118,11 @@ def starting_joints(observation: Observation) -> BoolArray:
 
 def lives_at_starts(observation: Observation) -> BoolArray:
     """(columns, n): columns of friction that shows where its joint starts: at low speed, or shortly after a halt."""
-    names = observation.robot.joint_names
+    names = observation.robot.tree.joint_names
     found = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     for k, column in enumerate(observation.columns):
         if column.effect and column.link in names and effect_by_id(column.effect).at_starts(dict(column.shape)):
-            found[k, names.index(column.link)] = True
+            found[k, list(observation.robot.movers(column.link))] = True
     return found
 
 
@@ -137,7 +141,7 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
     memory = {signal: signals.memory(signal) for signal in signals.memory_signals}
     for direction in (1.0, -1.0):
         for j in range(robot.n):
-            states = [symbol for signal, symbol in memory.items() if signal.joint == j]
+            states = [symbol for signal, symbol in memory.items() if j in robot.position_movers(signal.joint)]
             known = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
             still = ca.vertcat(direction * _TOUCH, 0.0, *([direction] * len(states)))
             # What becomes zero at rest is an entry still, so that it is known to have changed.

@@ -64,7 +64,7 @@ class SampleFunction:
         """Put the entries into `out` (m, number of entries)."""
         if block.starts_segment:
             self._memory.restart()
-        states = self._memory.push(block.q)
+        states = self._memory.push(self._observation.robot.positions(block.q))
         needed = np.flatnonzero(block.used)
         part = slice(int(needed[0]), int(needed[-1]) + 1) if len(needed) else slice(0, 0)
         out[: part.start] = 0.0

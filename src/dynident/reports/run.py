@@ -5,20 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynident.diagnosis import Comparison
-from dynident.recordings import Check, Recording
+from dynident.recordings import Check, Recording, Revision
 
 
 @dataclass(frozen=True, eq=False)
 class ReportedRun:
     """One recording, the checks it passed, and the model's prediction beside it.
 
-    `held_out` is true where no parameter was fitted to it.
+    `held_out` is true where no parameter was fitted to it; `edits` is what was said of its file since it was uploaded.
     """
 
     recording: Recording
     comparison: Comparison
     held_out: bool
     checks: tuple[Check, ...] = ()
+    edits: tuple[Revision, ...] = ()
 
     @property
     def name(self) -> str:

@@ -25,11 +25,9 @@ def place_text(joints: tuple[str, ...], robot: Robot) -> str:
 
 
 def shape_text(choice: EffectChoice) -> str:
-    """Shape constants with their units."""
-    units = {spec.name: spec.unit for spec in effect_by_id(choice.effect).shapes}
-    return ", ".join(
-        f"{name} = {value:.3g}{'' if units[name] == '-' else ' ' + units[name]}" for name, value in choice.shape
-    )
+    """Shape constants with their units; what is a choice between kinds in words."""
+    specs = {spec.name: spec for spec in effect_by_id(choice.effect).shapes}
+    return ", ".join(specs[name].told(value) for name, value in choice.shape)
 
 
 def interval_text(constant: ShapeConstant) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.errors import DynidentError
 from dynident.robot.json_fields import parse_json
 from dynident.robot.kinematics import joint_motion
 from dynident.robot.model import Joint, JointKind, Robot
@@ -20,6 +21,8 @@ from dynident.robot.urdf_xml import Element, parse
 
 BASE = -1
 """The joint of what does not move."""
+UNCHECKED = "COLLISION IS NOT CHECKED"
+"""How a note begins that says so of a link whose shape could not be read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,7 @@ def collision_geometry(
     Raises
     ------
     DynidentError
-        A shape in the description is not one (line, link).
+        A shape in the description is not one (line, link); or folders are named, and none holds any of the meshes.
     """
     shapes: dict[int, list[Shape]] = {index: [] for index in range(BASE, robot.n)}
     names = {BASE: "base"}
@@ -70,7 +73,7 @@ def collision_geometry(
             names[BASE] = link
         shapes[joint].extend(found)
     names |= {index: joint.link or joint.name for index, joint in enumerate(robot.joints)}
-    notes = [f"Collision meshes that could not be read, and are not checked: {listed(unread)}."] if unread else []
+    notes = [_unchecked_note(unread, mesh_folders)] if unread else []
     bare = [index for index in range(robot.n) if not shapes[index]]
     if link_radius is not None and bare:
         for index in [joint for joint in range(BASE, robot.n) if not shapes[joint]]:
@@ -94,6 +97,20 @@ def _of_urdf(
         name = link.attributes["name"]
         joint, placement = places[name]
         yield name, joint, reader.shapes_of(link, placement)
+    if mesh_folders and unread and not reader.found:
+        raise DynidentError(
+            f"none of the {len(unread)} collision meshes of the URDF is in {listed(map(str, mesh_folders))}, so that "
+            f"no collision could be checked. The first: {unread[0]}. Name the folder that holds the package of "
+            "package://…, or the folder of a relative name.",
+            pointer="/surroundings/mesh_folders",
+            title="Collision meshes not found",
+        )
+
+
+def _unchecked_note(unread: Sequence[str], mesh_folders: Sequence[Path]) -> str:
+    """Which meshes do not count, and what would let them count."""
+    cure = "" if mesh_folders else " Name the folders of the meshes (mesh_folders, --meshes FOLDER)."
+    return f"{UNCHECKED} for these meshes, which could not be read: {'; '.join(unread)}.{cure}"
 
 
 def _places(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:

@@ -15,7 +15,7 @@ def robot_document(robot: Robot) -> dict[str, Any]:
     return {
         "name": robot.name,
         "description": asdict(robot.description),
-        "limits": {joint.name: asdict(joint.limits) for joint in robot.joints},
+        "limits": {joint.name: asdict(joint.limits) for joint in robot.tree.joints},
         "drives": {
             joint.name: asdict(drive)
             for joint, drive in zip(robot.joints, robot.drives, strict=True)

@@ -9,11 +9,13 @@ from dynident.robot.model import Joint, Robot
 
 
 def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the frames of all joints in the base frame, (m, n, 4, 4), at configurations `q` (m, n).
+    """Return the frames of all joints in the base frame, (m, N, 4, 4), at configurations `q` (m, n).
 
-    A frame moves with its joint: the link's inertial parameters are constant in it.
+    A frame moves with its joint: the link's inertial parameters are constant in it. N > n where joints follow others.
     """
     q = np.asarray(q, dtype=float)
+    if robot.linkage is not None:
+        q, robot = robot.linkage.positions(q), robot.tree
     frames = np.empty((len(q), robot.n, 4, 4))
     for index, joint in enumerate(robot.joints):
         local = joint.placement @ joint_motion(joint, q[:, index])

@@ -23,7 +23,12 @@ _PREFIXES = ("package://", "model://", "file://")
 
 
 def mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
-    """The file that a mesh's name means, below one of the folders; `None` where there is none.
+    """The file that a mesh's name means, below one of the folders; `None` where there is none."""
+    return next((one for one in sought_files(uri, folders) if one.is_file()), None)
+
+
+def sought_files(uri: str, folders: Iterable[Path]) -> list[Path]:
+    """The files that a mesh's name may mean, in the order in which they are looked for.
 
     Of package://robot/meshes/x.stl both robot/meshes/x.stl and meshes/x.stl are looked for in the folders.
     """
@@ -36,7 +41,7 @@ def mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
     # A description may come from anywhere: it opens no file outside of the folders that its user names.
     if path.is_absolute() and any(path.resolve().is_relative_to(folder.resolve()) for folder in given):
         tried.insert(0, path)
-    return next((one for one in tried if one.is_file()), None)
+    return tried
 
 
 def _tails(path: Path, packaged: bool) -> list[Path]:

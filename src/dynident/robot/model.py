@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.html import block, paragraph, table
+
+if TYPE_CHECKING:
+    from dynident.robot.linkage import Linkage
 
 INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""
@@ -89,6 +94,9 @@ class Robot:
     Joints stand in an order in which every antecedent precedes its successors. `gravity` (3,) is the acceleration of
     gravity in the base frame (m/s²). `inertias` (n, 10) are the inertial parameters of the description in the order
     of `INERTIAL_NAMES`, or `None` where it gives none.
+
+    Where some joints follow others, `joints` are the driven ones alone: those that data, drives and limits are about.
+    `linkage` then has the tree that carries the links, and `inertias` (N, 10) are of all of its links.
     """
 
     name: str
@@ -98,6 +106,7 @@ class Robot:
     description: Description
     inertias: FloatArray | None = None
     locked_joints: Mapping[str, float] = field(default_factory=dict)
+    linkage: Linkage | None = None
 
     def __repr__(self) -> str:
         gains = sum(drive.gain is not None for drive in self.drives)
@@ -127,6 +136,29 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the moving joints in the robot's order."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def tree(self) -> Robot:
+        """The robot of all joints that carry links: this one, unless some of its joints follow others."""
+        return self if self.linkage is None else self.linkage.tree
+
+    def positions(self, q: FloatArray) -> FloatArray:
+        """(m, N): positions of the driven joints (m, n), and behind them of those that follow them."""
+        if self.linkage is None:
+            return q
+        return np.hstack([q, self.linkage.positions(q)[:, list(self.linkage.passive)]])
+
+    def movers(self, name: str) -> tuple[int, ...]:
+        """Indices of the driven joints that a joint of the tree moves with: itself, or those that it follows."""
+        if name in self.joint_names or self.linkage is None:
+            return (self.joint_names.index(name),)
+        return self.linkage.movers(self.tree.joint_names.index(name))
+
+    def position_movers(self, place: int) -> tuple[int, ...]:
+        """The same of a joint by its place in `positions`."""
+        if place < self.n or self.linkage is None:
+            return (place,)
+        return self.linkage.movers(self.linkage.passive[place - self.n])
 
     def subtree(self, joint: int) -> tuple[int, ...]:
         """Indices of the joints that move with `joint`, itself first."""

@@ -25,11 +25,18 @@ mass_properties         instead of inertia: mass, center_of_mass [x, y, z] and i
 capsules                what of the link can be touched: [{"from": [x, y, z], "to": [x, y, z], "radius": …}, …] in
                         frame j (m); without "to" a sphere
 link                    name of the link
+tie                     {"joint2": -1, …}: the joint is not driven but follows others; its variable is the sum of so
+                        many times theirs (what is constant belongs in theta or r). A parallelogram, a belt, a coupled
+                        wrist
+passive                 true: the joint is not driven; closed loops determine its position
+start                   position of the joint (rad, m) in a posture near which the loops are closed; 0 by default
 ======================  ================================================================================================
 
 Frame j is placed in its antecedent's frame by Rot(z, γ) Trans(z, b) Rot(x, α) Trans(x, d) Rot(z, θ) Trans(z, r); the
 joint turns about or slides along its own z axis. Where γ and b are 0, as in most serial arms, this is Craig's notation
-too: its α and a of index j - 1 are α and d of row j here. The top-level field `base_capsules` is what of the base can
+too: its α and a of index j - 1 are α and d of row j here. Where the machine has closed loops, the rows are those of the
+tree that is left when each is cut open, and the top-level field `loops` says what coincides at the cuts
+(`dynident.robot.cuts`). The top-level field `base_capsules` is what of the base can
 be touched; `title` and `source` are kept, not read.
 """
 
@@ -38,7 +45,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +53,7 @@ import pinocchio as pin
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
+from dynident.robot.cuts import loops_from
 from dynident.robot.json_fields import (
     expect_mapping,
     expect_number,
@@ -53,6 +61,7 @@ from dynident.robot.json_fields import (
     expect_text,
     parse_json,
 )
+from dynident.robot.linkage import Cuts, Tie, followers_locked, linked
 from dynident.robot.model import INERTIAL_NAMES, Description, Drive, JointKind, Limits, Robot
 from dynident.robot.pinocchio_model import PinocchioModel, dynamic_parameters, from_pinocchio, inertial_parameters
 from dynident.robot.pointers import listed, pointer
@@ -65,8 +74,8 @@ _RESERVED = ("base", "universe")
 _CONSTANTS = ("gamma", "b", "alpha", "d", "theta", "r")
 _LIMITS = ("position", "velocity", "acceleration", "jerk", "effort", "power")
 _MASS_PROPERTIES = ("mass", "center_of_mass", "inertia")
-_ROW = ("name", "antecedent", "sigma", *_CONSTANTS, "limits", "inertia", "mass_properties", "capsules", "link")
-_TABLE = ("joints", "gravity", "base_capsules", "title", "source")
+_ROW = ("name", "antecedent", "sigma", *_CONSTANTS, "limits", "inertia", "mass_properties", "capsules", "link", "tie", "passive", "start")
+_TABLE = ("joints", "gravity", "base_capsules", "loops", "title", "source")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +90,9 @@ class Row:
     inertia: FloatArray
     link: str
     capsules: tuple[Capsule, ...] = ()
+    tie: Tie | None = None
+    passive: bool = False
+    start: float | None = None
 
 
 def robot_from_modified_dh(
@@ -109,7 +121,10 @@ def robot_from_modified_dh(
     if gravity is None and isinstance(value, Mapping) and "gravity" in value:
         stated = expect_numbers(value["gravity"], 3, f"{pointer}/gravity", TITLE)
         settings = settings_from(limits, drives, locked_joints, gravity_from(stated).tolist())
-    return from_pinocchio(
+    ties = {row.name: row.tie for row in rows if row.tie is not None}
+    chosen = settings.locked_joints
+    settings = replace(settings, locked_joints=followers_locked(ties, chosen))
+    tree = from_pinocchio(
         _model(name, rows),
         name,
         Description("modified_dh", content),
@@ -118,6 +133,12 @@ def robot_from_modified_dh(
         links={row.name: row.link for row in rows},
         pointer=pointer,
     )
+    tree = replace(tree, locked_joints=dict(chosen))
+    starts = {row.name: row.start for row in rows if row.start is not None}
+    passive = tuple(row.name for row in rows if row.passive and row.name in tree.joint_names)
+    stated = value.get("loops", []) if isinstance(value, Mapping) else []
+    cuts = Cuts(loops_from(stated, tree, f"{pointer}/loops", TITLE), passive, starts)
+    return linked(tree, ties, title=TITLE, locked=settings.locked_joints, cuts=cuts)
 
 
 def table_rows(value: object, at: str = "") -> tuple[Row, ...]:
@@ -177,7 +198,28 @@ def _row(item: object, above: Sequence[Row], at: str) -> Row:
         inertia=_inertia(fields, at),
         link=expect_text(link, f"{at}/link", TITLE) if link else "",
         capsules=_capsules(fields.get("capsules", []), f"{at}/capsules"),
+        tie=_tie(fields["tie"], f"{at}/tie") if fields.get("tie") is not None else None,
+        passive=_passive(fields, f"{at}/passive"),
+        start=expect_number(fields["start"], f"{at}/start", TITLE) if "start" in fields else None,
     )
+
+
+def _passive(fields: Mapping[str, Any], at: str) -> bool:
+    value = fields.get("passive", False)
+    if not isinstance(value, bool):
+        raise DynidentError("Expected true or false.", pointer=at, title=TITLE)
+    if value and fields.get("tie") is not None:
+        detail = "A joint with a tie follows that; state either passive or tie, not both."
+        raise DynidentError(detail, pointer=at, title=TITLE)
+    return value
+
+
+def _tie(value: object, at: str) -> Tie:
+    if not isinstance(value, Mapping) or not value:
+        detail = 'Expected the joints that this one follows, each with its ratio, such as {"joint2": -1}.'
+        raise DynidentError(detail, pointer=at, title=TITLE)
+    ratios = {name: expect_number(ratio, pointer(name, within=at), TITLE) for name, ratio in value.items()}
+    return Tie(ratios, where=at)
 
 
 def _antecedent(value: object, above: Sequence[Row], at: str) -> int:

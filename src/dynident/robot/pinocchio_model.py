@@ -40,7 +40,11 @@ def inertial_parameters(dynamic: FloatArray) -> FloatArray:
 
 
 def to_pinocchio(robot: Robot) -> PinocchioModel:
-    """Return the Pinocchio model of the robot: same joints, order and frames; one coordinate a joint."""
+    """Return the Pinocchio model of the robot: same joints, order and frames; one coordinate a joint.
+
+    Where joints follow others, it is that of the whole tree: Pinocchio knows nothing of what holds it together.
+    """
+    robot = robot.tree
     model = pin.Model()
     model.name = robot.name
     model.gravity.linear = robot.gravity

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import pinocchio as pin
 
+from dynident.robot.linkage import followers_locked, linked
 from dynident.robot.model import Description, Drive, Limits, Robot
 from dynident.robot.pinocchio_model import from_pinocchio
 from dynident.robot.rounding import ROUNDING_TOLERANCE
 from dynident.robot.settings import settings_from
-from dynident.robot.urdf_xml import Element, checked, parse, urdf_error, write
+from dynident.robot.urdf_xml import TITLE, Element, checked, mimics, parse, urdf_error, write
 
 
 def robot_from_urdf(
@@ -27,7 +29,8 @@ def robot_from_urdf(
     """Return the robot that a URDF describes, on a fixed base.
 
     Revolute, continuous and prismatic joints about any axis move; fixed and locked joints are merged with their
-    inertias into the link before them. Joints stand in Pinocchio's order. Inertial parameters are about the origin of
+    inertias into the link before them. Mimic joints follow: their links are there, but data, drives and limits are of the
+    joints that they follow (`Robot.linkage`). Joints stand in Pinocchio's order. Inertial parameters are about the origin of
     the joint's frame. Meshes, colours and vendor extensions are not looked at.
 
     Parameters
@@ -50,13 +53,16 @@ def robot_from_urdf(
         joint), or a setting does not fit.
     """
     settings = settings_from(limits, drives, locked_joints, gravity)
-    tree = checked(parse(text, pointer), settings.locked_joints, pointer)
+    root = parse(text, pointer)
+    tree, ties = checked(root, pointer), mimics(root, pointer)
+    stated = settings.locked_joints
+    settings = replace(settings, locked_joints=followers_locked(ties, stated))
     try:
         model = pin.buildModelFromXML(write(tree))
     except (ValueError, RuntimeError) as error:
         raise urdf_error(f"Pinocchio cannot read the URDF: {error}", None, pointer) from error
     joints = {element.attributes["name"]: element for element in tree.all("joint")}
-    return from_pinocchio(
+    robot = from_pinocchio(
         model,
         name,
         Description("urdf", text),
@@ -67,6 +73,7 @@ def robot_from_urdf(
         tolerance=rounding_tolerance,
         pointer=pointer,
     )
+    return linked(replace(robot, locked_joints=dict(stated)), ties, title=TITLE, locked=settings.locked_joints)
 
 
 def _limits(joint: Element) -> Limits:

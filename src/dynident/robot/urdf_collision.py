@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dynident.arrays import FloatArray
-from dynident.robot.meshes import hulls_of_mesh, mesh_file
+from dynident.robot.meshes import hulls_of_mesh, mesh_file, sought_files
 from dynident.robot.shapes import Block, Capsule, Cylinder, Shape
 from dynident.robot.urdf_xml import Element, urdf_error
 
@@ -18,17 +18,23 @@ _SHAPES = ("box", "cylinder", "sphere", "capsule", "mesh")
 
 
 class CollisionReader:
-    """Reads the shapes of links; the names of meshes that cannot be read are added to `unread`.
+    """Reads the shapes of links; meshes that cannot be read are told of in `unread`.
 
     Parameters
     ----------
     mesh_folders : sequence of Path
     unread : list of str
+
+    Attributes
+    ----------
+    found : int
+        Meshes whose file was there.
     """
 
     def __init__(self, mesh_folders: Sequence[Path], unread: list[str]) -> None:
         self._folders = tuple(mesh_folders)
         self._unread = unread
+        self.found = 0
 
     def shapes_of(self, link: Element, placement: FloatArray) -> tuple[Shape, ...]:
         """The shapes of a link in the frame that `placement` (4, 4) takes the link's coordinates to.
@@ -66,8 +72,11 @@ class CollisionReader:
         scale = _numbers(element, "scale", owner, 3) if "scale" in element.attributes else np.ones(3)
         file = mesh_file(uri, self._folders)
         if file is None:
-            self._unread.append(f"{uri or 'a mesh without a filename'} of {owner} (not found)")
+            sought = ", ".join(map(str, sought_files(uri, self._folders)))
+            why = f"not found; sought {sought}" if sought else "not found"
+            self._unread.append(f"{uri or 'a mesh without a filename'} of {owner} ({why})")
             return []
+        self.found += 1
         try:
             return hulls_of_mesh(file, scale, placement)
         except ValueError as error:

@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
+from dynident.robot.linkage import Tie
 from dynident.robot.model import Joint, Robot
 from dynident.robot.pinocchio_model import dynamic_parameters
 from dynident.robot.urdf_xml import Element, number_text, write
@@ -20,7 +21,7 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
     Parameters
     ----------
     robot : Robot
-    inertias : ndarray (n, 10), optional
+    inertias : ndarray (N, 10), optional
         Inertial parameters in the order of `INERTIAL_NAMES` instead of the robot's own.
 
     Raises
@@ -30,12 +31,16 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
         then does not exist.
     """
     stated = robot.inertias if inertias is None else inertias
+    ties = {} if robot.linkage is None else robot.linkage.ties
+    robot = robot.tree
     links = link_names(robot)
     root = Element("robot", {"name": robot.name}, 0)
     root.children.append(Element("link", {"name": _BASE}, 0))
     for index, joint in enumerate(robot.joints):
         parent = _BASE if joint.parent < 0 else links[joint.parent]
         root.children.append(_joint(joint, parent, links[index]))
+        if joint.name in ties:
+            root.children[-1].children.append(_mimic(joint.name, ties[joint.name]))
         link = Element("link", {"name": links[index]}, 0)
         if stated is not None and np.any(stated[index]):
             link.children.append(inertial_element(stated[index], links[index]))
@@ -74,6 +79,19 @@ def _joint(joint: Joint, parent: str, child: str) -> Element:
         ]
     )
     return element
+
+
+def _mimic(joint: str, tie: Tie) -> Element:
+    if len(tie.ratios) != 1:
+        raise DynidentError(
+            f"Joint '{joint}' follows {len(tie.ratios)} joints, and a URDF's <mimic> follows one. Export MJCF, C code, a "
+            "CasADi function or JSON.",
+            title="Not expressible in URDF",
+        )
+    [(other, ratio)] = tie.ratios.items()
+    return Element(
+        "mimic", {"joint": other, "multiplier": number_text(ratio), "offset": number_text(tie.offset)}, 0
+    )
 
 
 def inertial_element(inertial: FloatArray, link: str) -> Element:

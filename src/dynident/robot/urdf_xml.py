@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from dynident.errors import DynidentError
+from dynident.robot.linkage import Tie
 from dynident.robot.pointers import listed
 
 TITLE = "Unusable URDF"
@@ -65,12 +66,12 @@ def parse(text: str, pointer: str = "") -> Element:
     return root
 
 
-def checked(root: Element, locked: Collection[str], pointer: str = "") -> Element:
+def checked(root: Element, pointer: str = "") -> Element:
     """Return the `<robot>` reduced to links, inertias, joints and limits, all of them checked.
 
     Dropping looks and vendor extensions also keeps the URDF parser below from complaining on the console. A joint
-    without `<limit>` gets one of zeros, and zeros also stand for infinite limits: both say nothing. `locked` joints may
-    be mimic joints.
+    without `<limit>` gets one of zeros, and zeros also stand for infinite limits: both say nothing. What mimic
+    joints follow is read by `mimics`.
     """
 
     def fail(detail: str, line: int) -> DynidentError:
@@ -83,7 +84,7 @@ def checked(root: Element, locked: Collection[str], pointer: str = "") -> Elemen
     if len(links) > MOST_LINKS:
         raise fail(f"The robot has {len(links)} links; at most {MOST_LINKS} are supported.", root.line)
     for name, joint in joints.items():
-        _check_kind(name, joint, name in locked, fail)
+        _check_kind(name, joint, fail)
     _check_tree(joints, links, fail)
     if all(joint.attributes["type"] == "fixed" for joint in joints.values()):
         raise fail("The robot has no moving joint; expected a revolute, continuous or prismatic one.", root.line)
@@ -91,6 +92,29 @@ def checked(root: Element, locked: Collection[str], pointer: str = "") -> Elemen
     robot.children.extend(_reduced_link(name, link, fail) for name, link in links.items())
     robot.children.extend(_reduced_joint(name, joint, fail) for name, joint in joints.items())
     return robot
+
+
+def mimics(root: Element, pointer: str = "") -> dict[str, Tie]:
+    """What the mimic joints of a `<robot>` follow, by name: multiplier (1 by default) and offset (0)."""
+
+    def fail(detail: str, line: int) -> DynidentError:
+        return urdf_error(detail, line, pointer)
+
+    found = {}
+    for joint in root.all("joint"):
+        mimic = joint.first("mimic")
+        if mimic is None or joint.attributes.get("type") == "fixed":
+            continue
+        owner = f"joint '{joint.attributes.get('name', '')}'"
+        other = mimic.attributes.get("joint", "")
+        if not other:
+            raise fail(f'The <mimic> of {owner} names no joint; expected <mimic joint="…"/>.', mimic.line)
+        ratio, offset = (
+            _number(mimic, attribute, owner, fail) if attribute in mimic.attributes else usual
+            for attribute, usual in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        found[joint.attributes.get("name", "")] = Tie({other: ratio}, offset, pointer, mimic.line)
+    return found
 
 
 def write(element: Element, indent: bool = False, depth: int = 0) -> str:
@@ -166,7 +190,7 @@ def _named(root: Element, tag: str, fail: _Fail) -> Iterator[tuple[str, Element]
         yield name, element
 
 
-def _check_kind(name: str, joint: Element, locked: bool, fail: _Fail) -> None:
+def _check_kind(name: str, joint: Element, fail: _Fail) -> None:
     kind = joint.attributes.get("type", "")
     if kind == "fixed":
         return
@@ -178,13 +202,6 @@ def _check_kind(name: str, joint: Element, locked: bool, fail: _Fail) -> None:
         )
     if kind not in MOVING:
         raise fail(f"Joint '{name}' has the type '{kind}'; expected {listed((*MOVING, 'fixed'))}.", joint.line)
-    mimic = joint.first("mimic")
-    if mimic is not None and not locked:
-        raise fail(
-            f"Joint '{name}' mimics '{mimic.attributes.get('joint', '')}'; coupled joints are not supported. Lock it "
-            "(locked_joints) or make it fixed.",
-            mimic.line,
-        )
 
 
 def _check_tree(joints: dict[str, Element], links: dict[str, Element], fail: _Fail) -> None:

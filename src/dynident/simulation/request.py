@@ -11,6 +11,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
+from dynident.effects.prediction import COULOMB, ROTOR_INERTIA, VISCOUS
 from dynident.errors import DynidentError
 from dynident.progress import Progress, part, silent
 from dynident.robot.model import INERTIAL_NAMES, Robot
@@ -23,7 +24,7 @@ from dynident.simulation.virtual_robot import VirtualRobot
 
 _TITLE = "Unusable simulation"
 _NUMBERED = re.compile(r"^([A-Z][A-Za-z]*?)(\d+)$")
-_FRICTION = {"Ia": "rotor_inertia", "Fc": "coulomb", "Fv": "viscous"}
+_FRICTION = {parameter: effect for effect, parameter in (ROTOR_INERTIA, COULOMB, VISCOUS)}
 
 
 @dataclass(frozen=True, eq=False)

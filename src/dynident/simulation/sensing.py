@@ -14,6 +14,7 @@ import numpy as np
 from scipy import signal
 
 from dynident.arrays import FloatArray
+from dynident.effects import effect_by_id
 from dynident.effects.memory import MemoryStates
 from dynident.expressions import Program
 from dynident.robot.model import Robot
@@ -21,7 +22,6 @@ from dynident.simulation.measurement import Truth
 from dynident.simulation.signals import SensorSignals, SimulatedSignals
 from dynident.simulation.truth import TrueEffect, true_columns, true_reference
 
-_LATE = "torque_delay"
 # Hz: links behind elastic gears do not follow what is faster.
 _ELASTIC_BAND = 25.0
 _ORDER = 3
@@ -58,9 +58,8 @@ class Sensing:
             for one in effects
             if not all(inside.moves(column.torque) for column in true_columns([one], inside).columns)
         )
-        late = [one for one in mine if one.effect == _LATE]
-        others = [one for one in mine if one.effect != _LATE]
-        delay = sum(dict(one.values).get("delay", 0.0) for one in late)
+        others = [one for one in mine if not _delays(one)]
+        delay = sum(dict(one.values).get(name, 0.0) for one in mine for name in _delays(one))
         reference = true_reference(robot, effects, inertias)
         added = _added(signals, others, reference) if others else None
         return cls(robot, tuple(others), delay, added, signals)
@@ -70,7 +69,7 @@ class Sensing:
         shown = truth.tau
         if self.added is not None:
             third, fourth = _higher_derivatives(t, truth.ddq)
-            memory = MemoryStates(self.signals.memory_signals).push(truth.q)
+            memory = MemoryStates(self.signals.memory_signals).push(self.signals.robot.positions(truth.q))
             present = np.array([float(one.is_in(run)) for one in self.effects])
             clock, period = t[:, None], np.array([_period(t)])
             state = (truth.q, truth.dq, truth.ddq, third, fourth)
@@ -79,6 +78,11 @@ class Sensing:
         if self.delay:
             shown = np.column_stack([np.interp(t - self.delay, t, column) for column in shown.T])
         return shown
+
+
+def _delays(one: TrueEffect) -> list[str]:
+    """Names of the parameters by which an effect makes torque late."""
+    return [spec.name for spec in effect_by_id(one.effect).parameters if spec.role == "delay"]
 
 
 def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: FloatArray) -> Program:

@@ -51,5 +51,5 @@ def sized(robot: Robot, effect: str, joint: str, torque: FloatArray) -> dict[str
 def _reference(robot: Robot) -> FloatArray:
     reference = np.zeros(reference_size(robot))
     if robot.inertias is not None:
-        reference[: 10 * robot.n] = robot.inertias.reshape(-1)
+        reference[: 10 * robot.tree.n] = robot.inertias.reshape(-1)
     return reference

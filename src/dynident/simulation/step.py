@@ -23,6 +23,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects import MemorySignal
+from dynident.effects.linked import all_positions
 from dynident.effects.memory import step_expression
 from dynident.expressions import Recurrence
 from dynident.simulation.dynamics import Dynamics, directions, rest_inputs
@@ -115,7 +116,7 @@ def build_step(dynamics: Dynamics) -> Step:
     predicted = velocity + 0.5 * h * before
     tau = feed_forward + stiffness * (reference - signals.q) + damping * (reference_rate - predicted)
     tau = ca.vertcat(*(_within(tau[j], robot.joints[j].limits.effort) for j in range(n)))
-    states = _moved(signals.memory_signals, memory, signals.q - last)
+    states = _moved(signals.memory_signals, memory, all_positions(signals.robot, signals.q) - all_positions(signals.robot, last))
     rigid = ca.Function("rigid", [signals.q, signals.dq], [parts.mass, parts.bias, parts.position_torque])
     mass, bias, position_torque = rigid(signals.q, predicted)
     known = _Known(h, velocity, mass, bias, tau - position_torque)

@@ -9,15 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import DRIVE_PARAMETERS, Column, EffectChoice, Signals, columns_of, effect_by_id
+from dynident.effects import DRIVE_ROLES, LINKS, Column, EffectChoice, Role, Signals, columns_of, effect_by_id
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 
 _TITLE = "Unusable virtual robot"
-# Torque that these scale takes energy out of the motion; with a negative value the virtual robot would run away.
-_NEVER_NEGATIVE = frozenset(
-    {("coulomb", "Fc"), ("viscous", "Fv"), ("rotor_inertia", "Ia"), ("presliding", "Fz"), ("break_away", "Fba")}
-)
+_DRIVE_ROWS: dict[Role | None, int] = {role: row for row, role in enumerate(DRIVE_ROLES)}
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ class TrueColumns:
 
 def may_be_negative(effect: str, parameter: str, runs: Sequence[str]) -> bool:
     """Whether nature allows a parameter below zero; what is in some runs alone is a difference from the others."""
-    return bool(runs) or (effect, parameter) not in _NEVER_NEGATIVE
+    return bool(runs) or not any(spec.resists for spec in effect_by_id(effect).parameters if spec.name == parameter)
 
 
 def on_each_joint(
@@ -84,9 +81,9 @@ def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
             pointer="/parameters",
             title=_TITLE,
         )
-    if chosen.shape != (robot.n, 10) or not np.all(np.isfinite(chosen)):
+    if chosen.shape != (robot.tree.n, 10) or not np.all(np.isfinite(chosen)):
         raise DynidentError(
-            f"inertial parameters have the shape {chosen.shape}; {robot.n} links x 10 finite numbers are needed",
+            f"inertial parameters have the shape {chosen.shape}; {robot.tree.n} links x 10 finite numbers are needed",
             pointer="/parameters",
             title=_TITLE,
         )
@@ -95,13 +92,15 @@ def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
 
 def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> FloatArray:
     """What the torque of motors is predicted with (14 n,): inertial parameters, then Ia, Fc, Fv and b of all joints."""
-    drives = np.zeros((len(DRIVE_PARAMETERS), robot.n))
+    drives = np.zeros((len(DRIVE_ROLES), robot.n))
     for effect in effects:
+        roles = {spec.name: spec.role for spec in effect_by_id(effect.effect).parameters}
         for name, value in effect.values:
+            role = roles.get(name)
             # Hysteresis is Coulomb friction once it slides.
-            pair = ("coulomb", "Fc") if (effect.effect, name) == ("presliding", "Fz") else (effect.effect, name)
-            if pair in DRIVE_PARAMETERS and effect.joint in robot.joint_names:
-                drives[DRIVE_PARAMETERS.index(pair), robot.joint_names.index(effect.joint)] += value
+            row = _DRIVE_ROWS.get("dry" if role == "dry_once_sliding" else role)
+            if row is not None and effect.joint in robot.joint_names:
+                drives[row, robot.joint_names.index(effect.joint)] += value
     return np.concatenate([inertias.reshape(-1), drives.reshape(-1)])
 
 
@@ -140,7 +139,7 @@ def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns
 
 def _check(effect: TrueEffect, robot: Robot, pointer: str) -> None:
     described = effect_by_id(effect.effect, pointer)
-    if effect.effect == "rigid_body":
+    if effect.effect == LINKS.effect:
         raise DynidentError(
             "the links of a virtual robot are given as inertial parameters, not as an effect",
             pointer=pointer,

@@ -10,7 +10,7 @@ import typer
 
 from dynident.excitation.request import DesignRequest
 from dynident_service.cli.asked import Asks, Typed
-from dynident_service.cli.files import TO_READ
+from dynident_service.cli.files import FOLDER_TO_READ, TO_READ
 from dynident_service.cli.options import Effects, Json, RobotArgument, RobotReading
 
 
@@ -39,6 +39,7 @@ class Beside:
     meshes: Annotated[
         list[Path] | None,
         typer.Option("--meshes", metavar="FOLDER", help="Where the URDF's collision meshes are; may be repeated."),
+        FOLDER_TO_READ,
     ] = None
     diagnosis: Annotated[
         Path | None,
@@ -75,7 +76,13 @@ def design(
     from dynident.progress import part
     from dynident_service.adapters.designs import describe_design
     from dynident_service.cli import inputs, tables, terminal
-    from dynident_service.cli.designing import limits_of, proposed_design, show_design, surroundings_of
+    from dynident_service.cli.designing import (
+        limits_of,
+        proposed_design,
+        show_design,
+        surroundings_of,
+        warn_of_unchecked,
+    )
     from dynident_service.models.common import plain
 
     tables.check_ending(out, tables.TRAJECTORY_ENDINGS)
@@ -97,6 +104,7 @@ def design(
     ):
         found = design_experiment(machine, request, part(progress, 0.1, 1.0), inputs.recordings_of(runs))
     tables.write_trajectory(found, out)
+    warn_of_unchecked(terminal.err(), found)
     if as_json:
         terminal.print_json(plain(describe_design(found)))
         return

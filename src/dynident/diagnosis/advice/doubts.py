@@ -13,11 +13,6 @@ from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
 from dynident.robot.model import Robot
 
 _MOST_RIVALS = 3
-_COMMON = ("presliding", "load_dependent_friction", "stribeck", "torque_ripple", "viscous_nonlinear", "torque_delay")
-"""What most arms have, most often missed first (found on the recordings of eight real arms).
-
-Whether anything else is there, that no data hint at, is not worth anybody's time on the robot: nobody doubted it.
-"""
 _CLOSE, _NEAR, _NEAR_T = 0.95, 0.8, 2.0
 """A rival is one that gains so much of what the pick gains (`_CLOSE`), or less (`_NEAR`) where stretches disagree which
 of the two gains more (t of the difference below `_NEAR_T`). What a simulated model gets wrong elsewhere shifts gains by
@@ -74,9 +69,18 @@ def doubts_of(
     for item in invisible:
         hidden.setdefault(item.effect, []).extend(item.joints)
     taken = {choice.effect for choice in recommended}
-    wondered = [name for name in dict.fromkeys((*asked, *_COMMON)) if name in hidden and name not in taken]
+    wondered = [name for name in dict.fromkeys((*asked, *_often_missed())) if name in hidden and name not in taken]
     doubts += [Doubt(_unseen(name, hidden[name], robot), (), tuple(recommended)) for name in wondered]
     return tuple(doubts)
+
+
+def _often_missed() -> list[str]:
+    """What most arms have, most often missed first.
+
+    Whether anything else is there, that no data hint at, is not worth anybody's time on the robot: nobody doubted it.
+    """
+    ranks = {name: effect.often_missed for name, effect in CATALOGUE.items() if effect.often_missed is not None}
+    return sorted(ranks, key=ranks.__getitem__)
 
 
 def _rivals(choice: EffectChoice, others: Iterable[Judged]) -> tuple[EffectChoice, ...]:
@@ -162,7 +166,7 @@ def _nearly_as_good(item: Judged, best: Judged | None, confused: bool) -> bool:
 def _unseen(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:
     """An effect that could not be seen, with the shape constants in the middle of those worth trying."""
     names = tuple(dict.fromkeys(joints))
-    first = robot.joint_names.index(names[0]) if names else 0
+    first = robot.movers(names[0])[0] if names else 0
     grid = CATALOGUE[effect].grid(robot, first)
     shape = grid[len(grid) // 2] if grid else {}
     return EffectChoice(effect, names, tuple(sorted((name, float(value)) for name, value in shape.items())))

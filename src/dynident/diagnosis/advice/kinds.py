@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ExperimentKind
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest
 from dynident.excitation.limits.bounds import Bounds
 
@@ -169,7 +169,7 @@ _ONE_BY_ONE = (
     '"friction" it would be left out of both.',
 )
 
-EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType(
+EXPERIMENTS: Mapping[ExperimentKind, Experiment] = MappingProxyType(
     {
         "constant_speeds": Experiment("Constant speeds both ways, slow and fast,", _constant_speeds, _ONE_BY_ONE),
         "slow_sweep": Experiment("A slow sweep over the whole range, both ways,", _slow_sweep, _ONE_BY_ONE),
@@ -184,7 +184,7 @@ EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType(
             ),
         ),
         "paces": Experiment("The same path at full speed, at half and at a quarter of it", _paces),
-        "payload": Experiment(
+        "with_payload": Experiment(
             "The same motion without and with a payload",
             _repeated,
             (

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.diagnosis.advice.doubts import Doubt
 from dynident.diagnosis.advice.kinds import EXPERIMENTS, Experiment, Question
-from dynident.diagnosis.advice.pairs import ALONE, experiment_for
+from dynident.diagnosis.advice.pairs import experiment_for
 from dynident.diagnosis.advice.separation import (
     Information,
     Rows,
@@ -237,7 +237,7 @@ def _worth_trying(question: Question) -> list[Experiment]:
     if question.of_place:
         # What shows the effect shows it wherever it is.
         return offered
-    offered += [EXPERIMENTS[ALONE[name]] for name in names if name in ALONE]
+    offered += [EXPERIMENTS[effect_by_id(name).experiment] for name in names]
     return list(dict.fromkeys(offered))
 
 
@@ -251,7 +251,7 @@ def _case_of(identification: Identification, data: _AtHand, doubt: Doubt, bounds
         effects=(*model.effects, *doubt.beside),
         suspect=doubt.suspect,
         rival=pairing.rival,
-        joints=tuple(names[j] for j in joints_of(doubt.suspect, model.robot)),
+        joints=tuple(model.robot.tree.joint_names[j] for j in joints_of(doubt.suspect, model.robot)),
         bounds=bounds,
         noise={name: _short(np.sqrt(raw_rate / rate) / weight) for name, weight in zip(names, weights, strict=True)},
         rate=_short(raw_rate),

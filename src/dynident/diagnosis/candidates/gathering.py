@@ -258,5 +258,6 @@ def _remembering(observation: Observation, signals: Signals) -> BoolArray:
     found = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     if observation.memory:
         for k, column in enumerate(observation.columns):
-            found[k, [signal.joint for signal in signals.memory_in(column.torque)]] = True
+            for signal in signals.memory_in(column.torque):
+                found[k, list(observation.robot.position_movers(signal.joint))] = True
     return found

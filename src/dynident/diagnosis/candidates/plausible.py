@@ -11,7 +11,7 @@ from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.candidates.products import Products
-from dynident.effects import Estimate, effect_by_id
+from dynident.effects import Estimate, effect_by_id, role_of, spec_of
 
 _GIVEN_BACK = 0.1
 # A parameter of the wrong sign counts from so many standard deviations on; filtered rows are worth a tenth each.
@@ -51,8 +51,8 @@ def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estima
         column = pool.observation.columns[k]
         effect = effect_by_id(column.effect)
         if effect.is_friction and column.link in joints:
-            spec = next(spec for spec in effect.parameters if spec.name == column.parameter)
-            if not spec.admits(estimate):
+            spec = spec_of(column)
+            if spec is not None and not spec.admits(estimate):
                 return False
     return True
 
@@ -65,7 +65,7 @@ def _passive(data: Products, pool: Pool, columns: IndexArray, values: FloatArray
     all_columns = pool.observation.columns
     for j in item.joints:
         where = data.position[j]
-        coulomb = [k for k in columns if all_columns[k].effect == "coulomb" and where[k] >= 0]
+        coulomb = [k for k in columns if role_of(all_columns[k]) == "dry" and where[k] >= 0]
         friction = [
             i for i, k in enumerate(columns) if effect_by_id(all_columns[k].effect).is_friction and where[k] >= 0
         ]

@@ -109,8 +109,8 @@ def pool_of(model: Model, choices: Sequence[EffectChoice]) -> Pool:
 
 
 def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
-    robot = model.robot
-    possible = effect.applicable(robot)
+    robot = model.robot.tree
+    possible = places_of(effect, model.robot)
     if not possible or (effect.needs_temperature and not leads.has_temperature):
         return []
     if effect.needs_session and leads.session < _SHORTEST_SESSION:
@@ -124,7 +124,8 @@ def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     free = [j for j in possible if not _taken(effect, model, robot.joint_names[j])]
     if effect.proposal == "angle_spectrum":
         name = effect.shapes[0].name
-        lines = [(robot.joint_names[j], k) for j, k in leads.angle_lines if j in free]
+        driven = model.robot.joint_names
+        lines = [(driven[j], k) for j, k in leads.angle_lines if robot.joint_names.index(driven[j]) in free]
         return [EffectChoice(effect.id, (joint,), ((name, k),)) for joint, k in lines]
     choices = [
         EffectChoice(effect.id, (robot.joint_names[j],), _key(shape)) for j in free for shape in effect.grid(robot, j)
@@ -139,8 +140,8 @@ def changes_in(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]
 
     Friction of all joints together is asked about where no temperature can say that they were warm.
     """
-    robot, since = model.robot, leads.since
-    possible = effect.applicable(robot)
+    robot, since = model.robot.tree, leads.since
+    possible = places_of(effect, model.robot)
     if not since or not possible:
         return []
     if effect.scope == "robot":
@@ -181,7 +182,7 @@ def _whole_robot(effect: Effect, model: Model, leads: Leads) -> list[EffectChoic
 
 def shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
     """Whether a choice's shape constants are large enough to be seen in the data."""
-    joints = [robot.joint_names.index(name) for name in choice.joints]
+    joints = [j for name in choice.joints for j in robot.movers(name)]
     specs = CATALOGUE[choice.effect].shapes
     return all(resolved.shows(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
 
@@ -192,15 +193,26 @@ def width_shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> boo
     A slip distance at the limit of resolution is still hysteresis, only sharper than the data can tell; a friction
     peak narrower than the limit is nothing that was seen. A refined constant may be half a step of the grid below.
     """
-    joints = [robot.joint_names.index(name) for name in choice.joints]
+    joints = [j for name in choice.joints for j in robot.movers(name)]
     specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by in ("speed", "travel")]
     values = [choice.shape_values.get(spec.name, spec.default) for spec in specs]
     return all(resolved.shows(s, v, joints, _HALF_A_STEP) for s, v in zip(specs, values, strict=True))
 
 
+def places_of(effect: Effect, robot: Robot) -> tuple[int, ...]:
+    """Joints of the tree that an effect is looked for on: of those that follow others, friction alone is sought.
+
+    A joint that turns so many times as far as a driven one has the same friction for all that can be seen.
+    """
+    possible, linkage = effect.applicable(robot.tree), robot.linkage
+    if linkage is None or effect.in_some_runs:
+        return possible
+    return tuple(j for j in possible if j in linkage.driven or (effect.is_friction and not linkage.repeats(j)))
+
+
 def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:
     """One friction family on all joints at once, where the shape constants are in the same units for all of them."""
-    robot = model.robot
+    robot = model.robot.tree
     if any(spec.relative_to_velocity for spec in effect.shapes):
         velocities = {robot.joints[j].limits.velocity for j in free}
         if len(velocities) > 1:

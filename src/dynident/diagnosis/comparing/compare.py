@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
+from dynident.effects import role_of
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, distance_to_band
 from dynident.estimation.statistics import NORMAL_95
@@ -236,7 +237,7 @@ def _parts(
     resting = SampleFunction(at_rest, identification.reference, recording)
     phases = RowPhases.of(observation, recording, identification.preprocessing)
     looked_at = phases.about(phases.frictional)
-    rigid = np.array([column.effect in ("rigid_body",) for column in observation.columns])
+    rigid = np.array([role_of(column) == "link" for column in observation.columns])
     load_values = np.where(rigid, identification.values, 0.0)
     unchanged = np.where(changed_at_rest(at_rest), 0.0, identification.values)
     covariance = identification.statistics.covariance

@@ -171,7 +171,7 @@ def without_idle_joints(
     effect = effect_by_id(chosen.candidate.effect)
     keep = []
     for name in chosen.candidate.joints:
-        j = pool.observation.robot.joint_names.index(name)
+        j = pool.observation.robot.movers(name)[0]
         gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
         spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
         share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)

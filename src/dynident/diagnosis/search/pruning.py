@@ -17,7 +17,6 @@ from dynident.diagnosis.search.acceptance import (
     shadowed,
 )
 from dynident.diagnosis.search.state import Finding, State, judge_all
-from dynident.diagnosis.search.transients import CONTACT
 from dynident.effects import effect_by_id
 
 _PRUNE_DROP, _PRUNE_T = 0.03, 2.5
@@ -55,7 +54,7 @@ def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
 
 def _can_be_held_out(finding: Finding) -> bool:
     """Whether stretches that an effect shows in can be left out: a contact happened once."""
-    return finding.judged.candidate.effect != CONTACT
+    return not effect_by_id(finding.judged.candidate.effect).is_transient
 
 
 def _again(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> Judged:
@@ -77,7 +76,7 @@ def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, .
             rest = tuple(k for k in base if k not in own)
             item = judge_all(data, pool, rest, [alone], state.noise)[0]
             gains[joint] = item.total_gain
-            j = pool.observation.robot.joint_names.index(joint)
+            j = pool.observation.robot.movers(joint)[0]
             large = gain_over_floor(item, j, state.floor, data) >= least_gain(effect_by_id(candidate.effect))
             least_t = JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE
             if not (item.lasts(JOINT_DROP, least_t) and large):

@@ -16,8 +16,8 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import fitted_errors
 from dynident.diagnosis.search.state import Finding
+from dynident.effects import effect_by_id
 
-CONTACT = "external_contact"
 _EXPLAINED, _LARGEST_P = 0.7, 1e-6
 
 
@@ -33,7 +33,7 @@ def find_contacts(
     band : float
         Hz: twice as many independent samples a second come out of the filter.
     """
-    tried = [candidate for candidate in pool.candidates if candidate.effect == CONTACT]
+    tried = [candidate for candidate in pool.candidates if effect_by_id(candidate.effect).is_transient]
     found: list[Finding] = []
     columns = base
     for candidate in tried:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from dynident.arrays import FloatArray
@@ -23,6 +24,8 @@ Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
 _SCHATTEN = 8.0
 # Eigenvalues below this share of the largest are rounding errors: W has lost rank.
 _FLOOR = 1e-14
+ENTRY_ROUNDING = 1e-12
+"""Entries of W below this share of the largest are zeros."""
 # M beyond this is inverted by its eigenvalues.
 _ILL_CONDITIONED = 1e11
 
@@ -135,24 +138,30 @@ def condition_plus_inverse_sigma(weight: float) -> Criterion:
 
 
 def equilibrated(weight: float) -> Criterion:
-    """Log of [12.13], cond(W) + k1 max|W| / min|W|, of columns instead of entries.
+    """Log of [12.13], cond(W) + k1 max|Wij| / min|Wij| over the entries that are not zero.
 
-    Of single entries the smallest one tends to zero wherever a signal crosses zero, so sizes are those of columns:
-    their root mean squares.
+    Both extremes are p-norms of the entries, as those of the singular values are.
     """
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
         log_condition, gradient = condition_number(w)
-        squares = np.einsum("ij,ij->j", w, w) + np.finfo(float).tiny
-        sizes = _Spectrum(squares, np.eye(len(squares)))
-        large, slope_large = sizes.log_norm(_SCHATTEN)
-        small, slope_small = sizes.log_norm(-_SCHATTEN)
+        present = nonzero_entries(w)
+        entries = _Spectrum(np.square(w[present]), np.empty((0, 0)))
+        large, slope_large = entries.log_norm(_SCHATTEN)
+        small, slope_small = entries.log_norm(-_SCHATTEN)
         condition, ratio = np.exp(log_condition), weight * np.exp(0.5 * (large + small))
         total = condition + ratio
-        of_ratio = w * (slope_large + slope_small)  # ½ · 2 w · slope
+        of_ratio = np.zeros_like(w)
+        of_ratio[present] = w[present] * (slope_large + slope_small)  # ½ · 2 w · slope
         return float(np.log(total)), (condition / total) * gradient + (ratio / total) * of_ratio
 
     return criterion
+
+
+def nonzero_entries(w: FloatArray) -> NDArray[np.bool_]:
+    """Which entries (r, b) count for [12.13], min|Wij| ≠ 0: those above the rounding errors of the largest."""
+    present: NDArray[np.bool_] = np.abs(w) > ENTRY_ROUNDING * np.abs(w).max()
+    return present
 
 
 def weighted(a_priori: FloatArray) -> Criterion:

@@ -8,6 +8,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.excitation.criteria.choice import CriterionChoice
+from dynident.excitation.criteria.smooth import nonzero_entries
 from dynident.excitation.criteria.variances import Deciding, sum_of_variances
 
 
@@ -59,8 +60,8 @@ def _as_written(
 ) -> float:
     condition = _ratio(float(sigma[0]), float(sigma[-1]))
     if choice.name == "equilibrated":
-        sizes = np.linalg.norm(w, axis=0)
-        return condition + choice.weight * _ratio(float(sizes.max()), float(sizes.min()))
+        sizes = np.abs(w[nonzero_entries(w)])
+        return condition + choice.weight * float(sizes.max() / sizes.min())
     if choice.name == "condition_plus_inverse_sigma":
         return condition + (choice.weight / float(sigma[-1]) if np.isfinite(condition) else np.inf)
     if choice.name == "weighted":

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import Column, EffectChoice, Signals, columns_of
+from dynident.effects import LINKS, Column, EffectChoice, Signals, columns_of, role_of
 from dynident.errors import DynidentError
 from dynident.excitation.observation.path_memory import PathMemory
 from dynident.excitation.trajectories.motion import Motion
@@ -26,7 +26,6 @@ JUMP_TIME = 0.02
 
 # Inertial parameters of a link where a load torque is needed and the description gives none: 3 kg, 10 cm off.
 _PLAUSIBLE_LINK = (0.05, 0.0, 0.0, 0.05, 0.0, 0.05, 0.1, 0.1, 0.1, 3.0)
-_LINKS = EffectChoice("rigid_body")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +70,8 @@ class DesignModel:
             return np.zeros(self.base.count)
         standard = np.zeros(len(self.columns))
         for k, column in enumerate(self.columns):
-            if column.effect == "rigid_body":
-                link = self.robot.joint_names.index(column.link)
+            if role_of(column) == "link":
+                link = self.robot.tree.joint_names.index(column.link)
                 standard[k] = self.robot.inertias[link, INERTIAL_NAMES.index(column.parameter)]
         values: FloatArray = self.base.grouping @ standard
         return values
@@ -188,19 +187,19 @@ def design_model(
             pointer="/effects",
         )
     known = np.zeros(signals.reference.numel())
-    known[: 10 * robot.n] = np.tile(np.array(_PLAUSIBLE_LINK), robot.n)
+    known[: 10 * robot.tree.n] = np.tile(np.array(_PLAUSIBLE_LINK), robot.tree.n)
     if reference is not None:
         known[: len(reference)] = reference
     elif robot.inertias is not None:
-        known[: 10 * robot.n] = robot.inertias.reshape(-1)
+        known[: 10 * robot.tree.n] = robot.inertias.reshape(-1)
     elif any(ca.depends_on(column.torque, signals.reference) for column in chosen):
         notes.append("The load torque is that of links of 3 kg each: the robot's description gives no inertias.")
     choices, columns = tuple(effects), list(chosen)
     if robot.inertias is not None:
-        present = {column.name for column in chosen if column.effect == "rigid_body"}
-        links = columns_of([_LINKS], signals)
+        present = {column.name for column in chosen if role_of(column) == "link"}
+        links = columns_of([LINKS], signals)
         columns += [column for column in links if column.name not in present]
-        choices += (_LINKS,)
+        choices += (LINKS,)
     base = base_parameters(robot, columns, signals)
     return DesignModel(
         robot, choices, signals, tuple(columns), len(chosen), base, known, tuple(notes), np.full(robot.n, True)

@@ -15,8 +15,6 @@ from dynident.arrays import FloatArray
 from dynident.effects import MemorySignal
 from dynident.effects.memory import MemoryStates
 
-_AT_STOP = 1.0 - 1e-12
-
 
 class PathMemory:
     """Hysteresis states of one path, and the gradient of any function of them over the path.
@@ -30,8 +28,6 @@ class PathMemory:
         self.signals = tuple(signals)
         self._joints = np.array([signal.joint for signal in self.signals], dtype=np.intp)
         self._slips = np.array([signal.slip for signal in self.signals])
-        self._stops = np.array([signal.operator == "stop" for signal in self.signals])
-        self._travels = np.array([signal.operator == "travel" for signal in self.signals])
 
     def along(self, q: FloatArray, *, periodic: bool) -> FloatArray:
         """States (m, k) along q (m, n); of a periodic path those of a later period, when the start is forgotten."""
@@ -62,11 +58,8 @@ class PathMemory:
         """∂z(k)/∂z(k-1) and ∂z(k)/∂(q(k) - q(k-1)), both (m, k)."""
         path = q[:, self._joints]
         moves = path - np.roll(path, 1, axis=0)
-        direction, before = np.sign(moves), np.roll(z, 1, axis=0)
-        forgets = self._travels & (direction * before <= 0)
-        inside = (np.abs(z) < _AT_STOP).astype(np.float64)
-        decay = np.exp(-np.abs(moves) / self._slips)
-        sliding = (1.0 - direction * np.where(forgets, 0.0, before)) * decay
-        passes = np.where(self._stops, inside, np.where(forgets, 0.0, decay))
-        follows = np.where(self._stops, inside, sliding) / self._slips
-        return passes, follows
+        before, ratio = np.roll(z, 1, axis=0), moves / self._slips
+        passes, follows = np.empty_like(z), np.empty_like(z)
+        for k, signal in enumerate(self.signals):
+            passes[:, k], follows[:, k] = signal.operator.slopes(before[:, k], z[:, k], ratio[:, k])
+        return passes, follows / self._slips

@@ -214,7 +214,7 @@ def _geometry(shape: Shape) -> tuple[Any, FloatArray, FloatArray]:
     points = coal.StdVec_Vec3s()
     for corner in shape.corners:
         points.append(corner)
-    return coal.Convex.convexHull(points, True, ""), np.eye(3), np.zeros(3)
+    return coal.Convex.convexHull(points, True, "Qt"), np.eye(3), np.zeros(3)
 
 
 def _turned_to(direction: FloatArray, length: float) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import Column, effect_by_id
+from dynident.effects import Column, Role, effect_by_id, role_of, spec_of
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, Solution
 from dynident.estimation.deviations import deviations, null_space
@@ -174,22 +174,24 @@ def _not_negative(model: Model) -> IndexArray:
 
     Beside other friction effects Coulomb and viscous friction are only parts of a sum, which alone has a sign.
     """
-    others = any(effect_by_id(c.effect).is_friction and c.effect not in _PLAIN_FRICTION for c in model.effects)
-    free = _PLAIN_FRICTION if others else ()
+    others = any(
+        effect_by_id(c.effect).is_friction and not effect_by_id(c.effect).held_in(_PLAIN_FRICTION)
+        for c in model.effects
+    )
     return np.array(
         [
             k
             for k, column in enumerate(model.columns)
             # Friction of some runs alone is a difference from the others': it may have any sign.
-            if (column.effect == "rotor_inertia" or _positive(column))
-            and not (column.effect in _PLAIN_FRICTION and (column.runs or column.effect in free))
+            if _positive(column) and not (role_of(column) in _PLAIN_FRICTION and (column.runs or others))
         ],
         dtype=np.intp,
     )
 
 
 def _positive(column: Column) -> bool:
-    return any(spec.positive for spec in effect_by_id(column.effect).parameters if spec.name == column.parameter)
+    spec = spec_of(column)
+    return spec is not None and (spec.positive or spec.resists)
 
 
-_PLAIN_FRICTION = ("coulomb", "viscous")
+_PLAIN_FRICTION: tuple[Role, ...] = ("dry", "damping")

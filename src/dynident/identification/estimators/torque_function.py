@@ -7,7 +7,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects import Signals, columns_of
-from dynident.effects.friction import slowest_velocity
+from dynident.effects.sizes import slowest_velocity
 from dynident.errors import DynidentError
 from dynident.estimation.kalman import TorqueSlopes
 from dynident.regressors.model import Model

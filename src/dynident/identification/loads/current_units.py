@@ -89,7 +89,7 @@ def identify_currents(
     check_recordings(robot, recordings, validation)
     model = build_model(robot, effects)
     chosen = preprocessing or choose_preprocessing(recordings)
-    zeros = np.zeros(10 * robot.n)
+    zeros = np.zeros(10 * robot.tree.n)
     training = reduce_recordings(model.observation, recordings, chosen, zeros)
     held_out = reduce_recordings(model.observation, validation, chosen, zeros) if validation else None
     rows = random_observation(model.observation, _STATES).reshape(_STATES, robot.n, model.n_parameters)

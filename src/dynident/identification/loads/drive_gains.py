@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, role_of
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
 from dynident.estimation.information import deviations_of
@@ -127,7 +127,7 @@ def identify_gains(
     unfelt = {
         (column.parameter, column.runs)
         for column in (data.model.columns[k] for k in data.model.base.without_effect)
-        if column.effect == "payload"
+        if role_of(column) == "load"
     }
     known = {
         data.payload_column(recording, name): value

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import DEFAULT_EFFECTS, OFFSETS, EffectChoice, effect_by_id, load_in, role_of
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.checks import check_recordings, check_reduction
@@ -20,7 +20,7 @@ from dynident.regressors.model import Model, build_model
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot import Robot
 
-PLAIN_EFFECTS = tuple(EffectChoice(n) for n in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
+PLAIN_EFFECTS = (*DEFAULT_EFFECTS, OFFSETS)
 """What is identified beside a payload or gains where nobody says more."""
 
 _TITLE = "Unusable payload"
@@ -54,7 +54,7 @@ class LoadedData:
     def payload_column(self, recording: Recording, parameter: str) -> int:
         """Number of a payload's parameter ("Mp", "MXp", …) among those of the model."""
         for k, column in enumerate(self.model.kept):
-            if column.effect == "payload" and column.parameter == parameter and column.runs == (recording.name,):
+            if role_of(column) == "load" and column.parameter == parameter and column.runs == (recording.name,):
                 return k
         raise DynidentError(
             f"{parameter} of the payload in {recording.name} dissolves in other parameters",
@@ -128,10 +128,10 @@ def loaded_data(
             )
     recordings = [*unloaded, *loaded]
     check_recordings(robot, recordings, ())
-    carried = [EffectChoice("payload", runs=(recording.name,)) for recording in loaded]
+    carried = [load_in(recording.name) for recording in loaded]
     model = build_model(robot, [*effects, *carried])
     chosen = preprocessing or choose_preprocessing(recordings)
-    reduction = reduce_recordings(model.observation, recordings, chosen, np.zeros(10 * robot.n), progress)
+    reduction = reduce_recordings(model.observation, recordings, chosen, np.zeros(10 * robot.tree.n), progress)
     check_reduction(model, reduction)
     return LoadedData(model, reduction, tuple(loaded))
 

@@ -10,10 +10,10 @@ any mass can be had: then there is no number to report.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot
 
-from dynident.effects import EffectChoice
+from dynident.effects import JOINT_FRICTION, EffectChoice
 from dynident.estimation import EstimationError
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, payload_mass
@@ -21,7 +21,6 @@ from dynident.identification.loads.payloads import PLAIN_EFFECTS
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 
-_OWN = ("coulomb", "viscous", "offset")
 # How far both masses may lie apart beside their noise, as a share; more uncertain than a quarter of itself is no mass.
 _AGREE, _CERTAIN = 0.1, 0.25
 
@@ -68,7 +67,7 @@ def payload_from_pair(
         return payload_mass(robot, unloaded, loaded, gains=gains, effects=(*effects, *own), preprocessing=preprocessing)
 
     alike = weighed(())
-    own = tuple(EffectChoice(name, runs=(loaded.name,)) for name in _OWN)
+    own = tuple(replace(choice, runs=(loaded.name,)) for choice in JOINT_FRICTION)
     try:
         apart = weighed(own)
     except EstimationError as error:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from dynident.identification.mistakes.search import Finding, mistakes_in
 from dynident.identification.mistakes.swaps import Kind, Mistake
+from dynident.recordings.revisions import Revision
 from dynident.recordings.types import Check, ModelChecks, Recording
 from dynident.robot.model import Robot
 
@@ -65,7 +66,19 @@ def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[s
         "error" if one.certain else "warning",
         f"{known} {told}: as the columns are, {why}. {_cure(one.mistake, q, tau)}{doubt}{otherwise}",
         columns[one.mistake.joints[0]],
+        apply=revision_of(one.mistake, recording.n),
     )
+
+
+def revision_of(one: Mistake, n: int) -> Revision:
+    """What has to be said of a file in which a mistake was made."""
+    kinds = [kind for kind, told in (("q", one.is_of_positions), ("tau", one.is_of_torques)) if told]
+    if len(one.joints) == 1:
+        return Revision(signs={f"{kind}{one.joints[0] + 1}": -1.0 for kind in kinds})
+    order = list(range(1, n + 1))
+    first, second = one.joints
+    order[first], order[second] = order[second], order[first]
+    return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
 
 
 def _told(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
-from dynident.effects import DEFAULT_EFFECTS, Signals, columns_of, effect_by_id
+from dynident.effects import DEFAULT_EFFECTS, Signals, columns_of, effect_by_id, role_of
 from dynident.errors import DynidentError
 from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
 from dynident.recordings import Recording, choose_preprocessing
@@ -129,7 +129,7 @@ class _Judge:
     def _grams(self, motion: Motion) -> FloatArray:
         """(blocks, n, c + 1, c + 1): inner products of [W | Y] where each joint moves."""
         robot, c = self._robot, self.n_columns
-        reference, memory = np.zeros(10 * robot.n), np.zeros((len(motion.q), self._observation.n_memory))
+        reference, memory = np.zeros(10 * robot.tree.n), np.zeros((len(motion.q), self._observation.n_memory))
         entries = self._observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
         slow = _SLOW * np.sqrt((motion.dq**2).mean(axis=0))
         grams = np.zeros((_BLOCKS, robot.n, c + 1, c + 1))
@@ -154,7 +154,7 @@ class _Judge:
         """Whether a joint's friction, in every fit, gives it energy, and more than what is left could be."""
         name, columns = self._robot.joint_names[joint], self._observation.columns
         friction = [k for k, one in enumerate(columns) if one.link == name and effect_by_id(one.effect).is_friction]
-        sign = next(k for k in friction if columns[k].effect == "coulomb")
+        sign = next(k for k in friction if role_of(columns[k]) == "dry")
         whole = grams[:, joint].sum(axis=0)
         work = values[:, friction] @ whole[sign, friction]
         size = np.einsum("bi,ik,bk->b", values[:, friction], whole[np.ix_(friction, friction)], values[:, friction])

@@ -43,9 +43,19 @@ class Mistake:
     joints: tuple[int, ...]
 
     @property
+    def is_of_positions(self) -> bool:
+        """Whether positions are wrong."""
+        return self.kind in _OF_POSITION
+
+    @property
+    def is_of_torques(self) -> bool:
+        """Whether torques are wrong."""
+        return self.kind in _OF_TORQUE
+
+    @property
     def is_of_whole_joints(self) -> bool:
         """Whether positions and torques are wrong alike."""
-        return self.kind in _OF_POSITION and self.kind in _OF_TORQUE
+        return self.is_of_positions and self.is_of_torques
 
     def mended(self, motion: Motion) -> Motion:
         """The recording without the mistake, if it is the one that was made."""
@@ -57,9 +67,9 @@ class Mistake:
         else:
             sign[self.joints[0]] = -1.0
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
-        if self.kind in _OF_POSITION:
+        if self.is_of_positions:
             q, dq, ddq = (signal[:, order] * sign for signal in (q, dq, ddq))
-        if self.kind in _OF_TORQUE:
+        if self.is_of_torques:
             tau = tau[:, order] * sign
         return Motion(q, dq, ddq, tau, motion.block)
 

@@ -59,7 +59,7 @@ def model_section(identification: Identification) -> Section:
 
 def _effect(choice: EffectChoice, robot: Robot, added: bool) -> EffectRow:
     effect = effect_by_id(choice.effect)
-    places = [robot.joint_names[j] for j in joints_of(choice, robot)]
+    places = [robot.tree.joint_names[j] for j in joints_of(choice, robot)]
     everywhere = len(places) == robot.n or effect.scope == "robot"
     return EffectRow(
         effect.id,

@@ -37,6 +37,7 @@ def provenance_section(identification: Identification, runs: Sequence[ReportedRu
         ("identified from", ", ".join(identification.measurement_names)),
         ("tried on", ", ".join(identification.validation_names) or "no held-out data"),
         ("shown", ", ".join(run.name for run in runs)),
+        *((f"said anew of {run.name}", "; then ".join(map(str, run.edits))) for run in runs if run.edits),
         ("models before this one", str(len(list(identification.ladder())) - 1)),
     )
     return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts))

@@ -15,9 +15,12 @@ export async function beginPage(target, wanted, signal) {
   const { items: robots } = await get("/robots", { limit: 100 }, signal);
   const steps = { robot: h("div"), measurements: h("div"), identification: h("div") };
   const state = { robots, robot: robots.find((one) => one.id === wanted.robot) ?? robots[0] ?? null, measurements: [] };
+  const forms = h("div");
 
   const choose = async (robot) => {
     state.robot = robot;
+    // What is stored belongs to the robot before; what is not yet sent stays for this one.
+    for (const done of forms.querySelectorAll(":scope > details")) done.remove();
     if (robot && !robots.includes(robot)) robots.unshift(robot);
     if (robot) remember({ view: "new", robot: robot.id });
     showRobots();
@@ -34,10 +37,11 @@ export async function beginPage(target, wanted, signal) {
     if (robot !== state.robot || signal.aborted) return;
     state.form = await identificationForm(robot);
     state.gains = driveGainsPanel(robot, choose, signal);
-    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { onStored: stored, onRobot: choose, count: () => state.measurements.length }), state.gains.element);
+    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { forms, chosen: () => state.robot, onStored: stored, onRobot: choose, count: () => state.measurements.length }), state.gains.element);
     showIdentification();
   };
   const stored = (measurement) => {
+    if (measurement.robot_id !== state.robot?.id) return;
     state.measurements.unshift(measurement);
     const list = steps.measurements.querySelector(".stored");
     list.replaceWith(measurementsTable(state.measurements));

@@ -3,7 +3,7 @@
 import { get, post } from "./api.js";
 import { placeOf, titleOf } from "./catalogue.js";
 import { h, numeric, put, row, table } from "./dom.js";
-import { number, pValue, quantity } from "./format.js";
+import { interval, number, pValue } from "./format.js";
 import { problemBox, showInForm } from "./problem.js";
 
 const SETS = [["", "leave out"], ["before", "before"], ["after", "after"]];
@@ -58,18 +58,24 @@ export function changesForm(model, ask, signal) {
 export function changesTable(model, result) {
   if (!result.changes) return null;
   if (!result.changes.length) return h("p", { class: "box good", id: "changes" }, "Nothing that these recordings can show has changed since the baseline.");
-  const rows = result.changes.flatMap((one) => [one, ...one.more].map((value) => row([
+  const rows = result.changes.flatMap((one) => changeRows(model, one));
+  const head = ["changed", "where", "parameter", right("before"), right("difference"), right("95 % interval"), right("p"), "evidence"];
+  return h("div", { id: "changes" }, table("Changes since the baseline", head, rows));
+}
+
+/** A row for each value of a change; `first` are cells before the others, of its first row. */
+export function changeRows(model, one, first = []) {
+  return [one, ...one.more].map((value) => row([
+    ...first.map((cell) => (value === one ? cell : "")),
     value === one ? titleOf(model.effects, one.effect) : "",
     value === one ? placeOf(model.effects, one, model.joints) : "",
     h("code", {}, value.parameter),
     numeric(number(value.before), value.before ?? ""),
     numeric(number(value.value), value.value),
-    { class: "n", text: value.interval[0] === null ? "–" : `${number(value.interval[0])} to ${quantity(value.interval[1], value.unit)}` },
+    { class: "n", text: interval(...value.interval, value.unit) },
     numeric(value === one ? pValue(one.p_value) : "", one.p_value),
     value === one ? said(model, one) : "",
-  ], { "data-change": value === one ? one.effect : null })));
-  const head = ["changed", "where", "parameter", right("before"), right("difference"), right("95 % interval"), right("p"), "evidence"];
-  return h("div", { id: "changes" }, table("Changes since the baseline", head, rows));
+  ], { "data-change": value === one ? one.effect : null }));
 }
 
 function said(model, one) {

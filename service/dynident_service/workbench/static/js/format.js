@@ -41,6 +41,16 @@ export function span(low, high, unit, digits = 3) {
   return `${number(low, digits)} … ${number(high, digits)}${SPACE}${unit}`;
 }
 
+/** The ends of an interval, with as many decimals as tell them apart. */
+export function interval(low, high, unit) {
+  if (low === null || high === null) return "–";
+  const size = Math.max(Math.abs(low), Math.abs(high));
+  if (size < 1e-4 || size >= 1e6) return `${number(low)} to ${quantity(high, unit)}`;
+  let places = decimals(size, 3);
+  while (places < 9 && low !== high && low.toFixed(places) === high.toFixed(places)) places += 1;
+  return minus(`${low.toFixed(places)} to ${high.toFixed(places)}`) + (unit === "-" || !unit ? "" : `${SPACE}${unit}`);
+}
+
 /** A count with its noun. */
 export function counted(count, noun, plural = `${noun}s`) {
   return `${grouped(count)} ${count === 1 ? noun : plural}`;

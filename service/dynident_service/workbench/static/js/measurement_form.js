@@ -44,11 +44,10 @@ function standing({ phases }) {
   return phases ? `${phases.standing.map((share) => (100 * share).toFixed(0)).join(", ")} %` : "–";
 }
 
-/** Where recordings are dropped; a form appears for each. */
-export function measurementForm(robot, { onStored, onRobot, count }) {
-  const forms = h("div");
+/** Where recordings are dropped; a form appears for each. `forms` are kept when another robot is chosen: what was filled in stays. */
+export function measurementForm(robot, { forms, chosen, onStored, onRobot, count }) {
   const add = (files) => {
-    for (const file of files) forms.append(fileForm(robot, file, onStored, count() + forms.childElementCount ? "validation" : "identification"));
+    for (const file of files) forms.append(fileForm(chosen, file, onStored, count() + forms.childElementCount ? "validation" : "identification"));
     forms.lastChild?.querySelector("input")?.focus();
   };
   return h(
@@ -61,7 +60,8 @@ export function measurementForm(robot, { onStored, onRobot, count }) {
   );
 }
 
-function fileForm(robot, file, onStored, role) {
+/** The form of one file; it belongs to the robot that is `chosen()` when it is sent. */
+function fileForm(chosen, file, onStored, role) {
   const name = h("input", { name: "name", required: true, value: file.name.replace(/\.[^.]*$/, ""), maxlength: 200 });
   const mass = h("input", { name: "mass", type: "number", step: "any", min: 0, placeholder: "2.5" });
   const load = field("Mass of the load (kg)", mass, { pointer: "/metadata/payload", hint: "What is known to be carried." });
@@ -78,7 +78,7 @@ function fileForm(robot, file, onStored, role) {
   const accepted = new Set();
 
   const metadata = () => ({
-    robot_id: robot.id,
+    robot_id: chosen().id,
     name: name.value,
     role: roles.value,
     payload: roles.value === "payload" && mass.value ? { mass: Number(mass.value) } : null,

@@ -3,6 +3,7 @@
 import { content, get, post, apiKey } from "./api.js";
 import { choiceInWords, placeOf, titleOf } from "./catalogue.js";
 import { announce, h, put } from "./dom.js";
+import { daysSection } from "./days.js";
 import { errorsSection } from "./errors.js";
 import { exportLinks } from "./exports.js";
 import { failureSection } from "./failure.js";
@@ -34,6 +35,7 @@ export async function modelPage(target, wanted, signal) {
     errorsSection(model),
     ladderSection(model, signal),
     missingSection(model, signal),
+    daysSection(model, signal),
     validationsSection(model, signal),
     torqueSection(model, signal),
     failureSection(model, signal),

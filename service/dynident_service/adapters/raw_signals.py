@@ -1,0 +1,70 @@
+"""Signals as they were recorded, between the contract and the science."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.recordings import JointLimits
+from dynident.recordings.as_recorded import AsRecorded, FileOfRobot
+from dynident.robot import Robot, coupling_matrix
+from dynident_service.adapters.revisions import metadata_of
+from dynident_service.models.measurements import MeasurementMetadata
+from dynident_service.models.raw_signals import RawSignals
+
+
+def as_recorded(path: Path, robot: Robot, said: MeasurementMetadata, wanted: list[str]) -> AsRecorded:
+    """Open signals of a file; `RecordingError` for one that is not there."""
+    return AsRecorded(
+        FileOfRobot(
+            path,
+            metadata_of(said),
+            robot.joint_names,
+            [JointLimits(joint.kind) for joint in robot.joints],
+            [drive.gain for drive in robot.drives],
+            coupling_matrix(robot),
+        ),
+        wanted,
+    )
+
+
+def thinned(found: AsRecorded, points: int, start: float | None, end: float | None) -> RawSignals:
+    """Show signals thinned for drawing."""
+    total, rows = found.thinned(points, start, end)
+    return RawSignals(
+        units=found.units,
+        t=_numbers(rows.t),
+        signals={name: _numbers(rows.values[:, k]) for k, name in enumerate(found.names)},
+        n_samples=total,
+    )
+
+
+def streamed(found: AsRecorded, start: float | None, end: float | None) -> Iterator[bytes]:
+    """Show all of the signals in the same form, one after the other, so that none is ever in memory whole."""
+    yield f'{{"units": {json.dumps(found.units)}, "t": ['.encode()
+    total = 0
+    for block in found.rows((), start, end):
+        yield _part(block.t, first=not total)
+        total += len(block.t)
+    yield b'], "signals": {'
+    for index, name in enumerate(found.names):
+        yield f"{', ' if index else ''}{json.dumps(name)}: [".encode()
+        for number, block in enumerate(found.rows((name,), start, end)):
+            yield _part(block.values[:, 0], first=not number)
+        yield b"]"
+    yield f'}}, "n_samples": {total}}}'.encode()
+
+
+def _part(values: FloatArray, *, first: bool) -> bytes:
+    text = json.dumps(_numbers(values))[1:-1]
+    return (text if first else f", {text}").encode()
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    if np.isfinite(values).all():
+        return [float(value) for value in values]
+    return [float(value) if np.isfinite(value) else None for value in values]

@@ -1,0 +1,72 @@
+"""What is said of files, and said anew, between the contract and the science."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from dynident.recordings import Check, RecordingMetadata, Revision
+from dynident_service.models import measurements as wire
+from dynident_service.models.revisions import RevisionRequest
+
+
+def metadata_of(said: wire.MeasurementMetadata) -> RecordingMetadata:
+    """Take what is said of a file; `RecordingError` for a window or a delay that cannot be."""
+    return RecordingMetadata(
+        name=said.name,
+        format=said.format,
+        columns=said.columns,
+        units=said.units,
+        role=said.role,
+        windows=tuple(said.windows),
+        payload=said.payload,
+        torque_delay=said.torque_delay,
+        accept=tuple(said.accept),
+        permutation={kind: tuple(order) for kind, order in said.permutation.items()},
+        signs=said.signs,
+        scale=said.scale,
+        exclude=tuple(said.exclude),
+    )
+
+
+def revision_of(asked: RevisionRequest) -> Revision:
+    """Take a revision."""
+    return Revision(
+        windows=None if asked.windows is None else tuple(asked.windows),
+        exclude=None if asked.exclude is None else tuple(asked.exclude),
+        columns=asked.columns or {},
+        units=asked.units or {},
+        permutation={kind: tuple(order) for kind, order in (asked.permutation or {}).items()},
+        signs=asked.signs or {},
+        scale=asked.scale or {},
+        torque_delay=asked.torque_delay,
+        role=asked.role,
+        name=asked.name,
+    )
+
+
+def show_revision(found: Revision) -> RevisionRequest:
+    """Show a revision."""
+    return RevisionRequest.model_validate({name: getattr(found, name) for name in found.changes})
+
+
+def revised(said: wire.MeasurementMetadata, asked: RevisionRequest) -> wire.MeasurementMetadata:
+    """What is said of a file with a revision."""
+    after = revision_of(asked).of(metadata_of(said))
+    return wire.MeasurementMetadata.model_validate({"robot_id": said.robot_id, **asdict(after)})
+
+
+def checks_of(shown: Sequence[wire.CheckView]) -> tuple[Check, ...]:
+    """Take checks that were shown."""
+    return tuple(
+        Check(
+            one.name,
+            one.status,
+            one.detail,
+            one.column,
+            one.row,
+            one.time,
+            None if one.apply is None else revision_of(one.apply),
+        )
+        for one in shown
+    )

@@ -1,0 +1,44 @@
+"""Signals of measurements as they were recorded."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from fastapi.responses import Response, StreamingResponse
+
+from dynident_service.models.measurements import MeasurementMetadata
+from dynident_service.models.raw_signals import RawSignals
+from dynident_service.problems import not_found
+from dynident_service.services import ServicesDep
+
+router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
+
+
+@router.get("/{measurement_id}/raw", response_model=RawSignals)
+def get_raw_signals(
+    measurement_id: str,
+    services: ServicesDep,
+    signals: Annotated[
+        str | None,
+        Query(description="q1,tau_elbow,… or the file's own columns, with commas between; else all q and tau"),
+    ] = None,
+    start: Annotated[float | None, Query(alias="from", allow_inf_nan=False, description="s")] = None,
+    end: Annotated[float | None, Query(alias="to", allow_inf_nan=False, description="s")] = None,
+    points: Annotated[int | None, Query(ge=12, le=100_000, description="About how many; all where not given")] = None,
+) -> Response:
+    """Give signals as they were recorded; with `points` thinned so that extremes survive, else all of them."""
+    from dynident_service.adapters.raw_signals import as_recorded, streamed, thinned
+    from dynident_service.adapters.robots import robot_of
+
+    found = services.resources.get("measurement", measurement_id)
+    original = found.objects.get("original")
+    if original is None:
+        raise not_found("file of measurement", measurement_id)
+    said = MeasurementMetadata.model_validate(found.request)
+    robot = robot_of(services.resources.get("robot", said.robot_id).request)
+    wanted = [name.strip() for name in (signals or "").split(",") if name.strip()]
+    opened = as_recorded(services.objects.path(original.key), robot, said, wanted)
+    if points is None:
+        return StreamingResponse(streamed(opened, start, end), media_type="application/json")
+    return Response(thinned(opened, points, start, end).model_dump_json(), media_type="application/json")

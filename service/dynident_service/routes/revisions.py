@@ -1,0 +1,107 @@
+"""Revisions of measurements: something else is said of the same file, and nothing is uploaded."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from anyio import to_thread
+from fastapi import APIRouter, Request, Response
+
+from dynident_service.models.common import plain
+from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
+from dynident_service.models.revisions import RevisionRequest
+from dynident_service.problems import Problem, ProblemError, not_found, unusable
+from dynident_service.routes.common import RetryKeyDep, again, make
+from dynident_service.routes.measurements import IMPORT, LONGEST_IMPORT, MEDIA_TYPES, show
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn
+
+router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
+
+_NUMBERED = re.compile(r" r\d+$")
+
+
+@router.post("/{measurement_id}/revisions", status_code=201)
+async def revise_measurement(
+    measurement_id: str,
+    body: RevisionRequest,
+    request: Request,
+    services: ServicesDep,
+    retry: RetryKeyDep,
+    response: Response,
+) -> MeasurementView:
+    """Say something else of a measurement's file: a new measurement, checked anew, whose parent is this one."""
+    key = retry.of(body)
+    parent, known = await to_thread.run_sync(
+        lambda: (services.resources.get("measurement", measurement_id), services.resources.known(key))
+    )
+    if known is not None:
+        return show(again(known, response))
+    said, edits = await to_thread.run_sync(_said, parent, body)
+    folder = services.settings.uploads_dir
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        destination = Path(name) / "recording.parquet"
+        asked = await to_thread.run_sync(_to_import, services, parent, said, destination)
+        try:
+            result = await services.awaited.call(request, IMPORT, asked, LONGEST_IMPORT)
+        except ProblemError as error:
+            raise _of_body(error.problem) from error
+
+        def store() -> Resource:
+            stored = services.resources.put(destination)
+            needs = (
+                RestsOn(said.robot_id, "robot", "robot", "/"),
+                RestsOn(parent.id, "measurement", "parent", "/"),
+            )
+            new = NewResource(
+                "measurement",
+                plain(said),
+                name=said.name,
+                result={**result, "edits": edits},
+                rests_on=needs,
+                objects=(
+                    parent.objects["original"],
+                    Owned("recording", stored.key, stored.size, MEDIA_TYPES["parquet"]),
+                ),
+                retry=key,
+            )
+            return make(services, new, response)
+
+        return await to_thread.run_sync(lambda: show(store()))
+
+
+def _said(parent: Resource, body: RevisionRequest) -> tuple[MeasurementMetadata, list[dict[str, Any]]]:
+    """What is said of the file from now on, and all that was said anew since it was uploaded."""
+    from dynident_service.adapters.revisions import revised
+
+    change = plain(body)
+    if not change:
+        raise unusable("give at least one field that is to change", "/", title="Nothing to revise")
+    edits = [*(parent.result or {}).get("edits", []), change]
+    own_name = f"{_NUMBERED.sub('', parent.name or 'measurement')[:190]} r{len(edits)}"
+    return revised(
+        MeasurementMetadata.model_validate(parent.request), body.model_copy(update={"name": body.name or own_name})
+    ), edits
+
+
+def _of_body(problem: Problem) -> ProblemError:
+    """What is wrong with a file, told by the fields of a revision: there is no form around them."""
+    fields = [one.model_copy(update={"pointer": one.pointer.removeprefix("/metadata")}) for one in problem.errors or []]
+    return ProblemError.of(problem.model_copy(update={"errors": fields or None}))
+
+
+def _to_import(services: Services, parent: Resource, said: MeasurementMetadata, destination: Path) -> dict[str, Any]:
+    original = parent.objects.get("original")
+    if original is None:
+        raise not_found("file of measurement", parent.id)
+    return {
+        "source": str(services.objects.path(original.key)),
+        "destination": str(destination),
+        "robot": dict(services.resources.get("robot", said.robot_id).request),
+        "metadata": plain(said),
+        "sha256": original.key if parent.result is None else parent.result["sha256"],
+    }

@@ -1,0 +1,128 @@
+// A robot over many days: what has changed since when, and every parameter's course.
+
+import { get, post } from "./api.js";
+import { changeRows } from "./changes.js";
+import { courseFigure } from "./courses.js";
+import { announce, h, put, table } from "./dom.js";
+import { computed, progressBar } from "./jobs.js";
+import { problemBox, showInForm } from "./problem.js";
+
+/** Asks which measurement is of which day, and shows the newest series of the model. */
+export function daysSection(model, signal) {
+  const body = h("div", { id: "series" });
+  const said = h("div");
+  const state = { latest: null };
+
+  async function known() {
+    const { items } = await get("/series", { identification_id: model.id, limit: 20 }, signal);
+    state.latest = items.find((one) => one.status === "succeeded") ?? null;
+    if (state.latest) put(body, shown(model, state.latest, signal));
+  }
+  async function ask(asked) {
+    const made = await post("/series", { identification_id: model.id, ...asked });
+    const bar = progressBar(made.job_id, "Following the days");
+    put(said, bar.element);
+    state.latest = await computed("/series", made, bar.update, signal).finally(() => put(said));
+    put(body, shown(model, state.latest, signal));
+    announce(state.latest.result.summary);
+  }
+
+  const choices = daysForm(model, state, ask, said, signal);
+  known().catch((error) => { if (!signal.aborted) put(said, problemBox(error)); });
+  return h(
+    "section",
+    { "aria-labelledby": "days-title" },
+    h("h2", { id: "days-title" }, "Over the days"),
+    h("p", { class: "note" }, "The same robot recorded again and again: what is different, from which day on, and each parameter day by day."),
+    choices,
+    said,
+    body,
+  );
+}
+
+/** Which measurement is of which day; those of the series that is there are kept and not read again. */
+function daysForm(model, state, ask, said, signal) {
+  const places = h("div", { class: "list-of-choices", id: "days-of-series" });
+  const wrong = h("div");
+  const days = new Map();
+  const submit = h("button", { class: "main", id: "follow-days" }, "Follow them");
+
+  async function fill() {
+    try {
+      const { items } = await get("/measurements", { robot_id: model.robot.id, limit: 200 }, signal);
+      const kept = await keptIn(state.latest, signal);
+      const own = items.filter((one) => !kept.has(one.id)).reverse();
+      days.clear();
+      put(
+        places,
+        kept.size ? h("p", { class: "note" }, `${kept.size} measurements of the series below come first and are not read again.`) : null,
+        own.length ? own.map((one, index) => line(one, index + 1)) : h("p", { class: "note" }, "Upload another day's measurement to go on."),
+      );
+      submit.disabled = !own.length;
+    } catch (error) {
+      if (!signal.aborted) put(wrong, problemBox(error));
+    }
+  }
+  function line(one, day) {
+    const control = h("input", { type: "number", min: 1, step: 1, value: day, id: `series-${one.id}`, class: "short" });
+    days.set(one, control);
+    return h("p", {}, h("label", { for: control.id }, one.name ?? one.id), " day ", control);
+  }
+  async function send(event) {
+    event.preventDefault();
+    put(wrong);
+    const asked = inOrder(days);
+    if (asked.length + (state.latest ? 1 : 0) < 2) {
+      put(wrong, h("p", { class: "box warning" }, "Give at least two days a number; leave empty what is to be left out."));
+      return;
+    }
+    submit.disabled = true;
+    try {
+      await ask({ days: asked, continues: state.latest?.id ?? null });
+      await fill();
+    } catch (error) {
+      if (!signal.aborted) showInForm(form, said, error);
+    }
+    submit.disabled = !days.size;
+  }
+  const form = h("form", { onsubmit: (event) => send(event) }, h("p", { class: "note" }, "Measurements with the same number are of one day; without a number they are left out."), places, h("p", { class: "actions" }, submit), wrong);
+  return h("details", { id: "days-form", ontoggle: (event) => { if (event.target.open) fill(); } }, h("summary", {}, "Which measurement is of which day?"), form);
+}
+
+/** Every measurement of a series and of those that it goes on from. */
+async function keptIn(latest, signal) {
+  const kept = new Set();
+  for (let one = latest; one; one = one.request.continues ? await get(`/series/${one.request.continues}`, {}, signal) : null) {
+    for (const day of one.request.days) for (const id of day.measurement_ids) kept.add(id);
+  }
+  return kept;
+}
+
+function inOrder(days) {
+  const groups = new Map();
+  for (const [measurement, control] of days) {
+    if (control.value === "") continue;
+    const day = Number(control.value);
+    groups.set(day, [...(groups.get(day) ?? []), measurement.id]);
+  }
+  return [...groups.keys()].sort((a, b) => a - b).map((day) => ({ measurement_ids: groups.get(day) }));
+}
+
+function shown(model, series, signal) {
+  const { result } = series;
+  const head = ["since", "changed", "where", "parameter", right("before"), right("difference"), right("95 % interval"), right("p"), "evidence"];
+  return [
+    h("p", { class: result.changes.length ? "box warning" : "box good", id: "series-summary" }, result.summary),
+    result.changes.length ? table("Changes over the days", head, result.changes.flatMap((one) => changeRows(model, one, [sinceWhen(one)]))) : null,
+    courseFigure(result, signal),
+  ];
+}
+
+function sinceWhen(one) {
+  const span = one.earliest === one.latest ? "" : `, or any day from ${one.earliest} to ${one.latest}`;
+  return `${one.since}${span}`;
+}
+
+function right(text) {
+  return { text, class: "n" };
+}

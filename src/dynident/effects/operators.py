@@ -1,0 +1,121 @@
+"""Rules by which a joint's path leaves a state behind: what hysteresis and friction after a halt are functions of.
+
+A rule of one's own is a subclass of `Operator`, given to `MemorySignal`: nothing else has to know of it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import lru_cache
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from dynident.arrays import FloatArray
+
+_AT_STOP = 1.0 - 1e-12
+
+
+class Operator(ABC):
+    """How a state z in [-1, 1] of one joint goes on with its path, whatever the speed; it begins at 0.
+
+    Displacements are in units of the signal's slip. `forgets_at_halts`: it matters whether the joint stood in between.
+    Two operators of one class with the same attributes are the same.
+    """
+
+    name: ClassVar[str]
+    forgets_at_halts: ClassVar[bool] = False
+
+    @abstractmethod
+    def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
+        """The state (1, 1) after one displacement (1, 1)."""
+
+    @abstractmethod
+    def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
+        """States (m, k) along displacements (m, k) since the beginning of a stroke in one direction, at (k,)."""
+
+    def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """∂z'/∂z and ∂z'/∂ratio of steps, both of the shape of the states `before` and `after` them."""
+        made = _differentiated(self).map(before.size)(before.reshape(1, -1), ratio.reshape(1, -1))
+        passes, follows = (np.asarray(ca.DM(one), dtype=np.float64).reshape(before.shape) for one in made)
+        return passes, follows
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and vars(self) == vars(other)
+
+    def __hash__(self) -> int:
+        return hash((type(self).__module__, type(self).__qualname__))
+
+
+class Stop(Operator):
+    """z follows Δq / slip, cut at ±1: an element of the generalised Maxwell-slip model (Al-Bender and Swevers 2005)."""
+
+    name = "stop"
+
+    def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
+        """sat(z + Δq / slip)."""
+        return ca.fmin(1, ca.fmax(-1, state + ratio))
+
+    def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
+        """The same: in one direction it is cut once."""
+        return np.asarray(np.clip(begun + ratio, -1.0, 1.0))
+
+    def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """1 inside; at its stop the past is lost."""
+        inside = (np.abs(after) < _AT_STOP).astype(np.float64)
+        return inside, inside
+
+
+class Dahl(Operator):
+    """dz = dq/slip (1 - z sign q̇) (Dahl 1968)."""
+
+    name = "dahl"
+
+    def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
+        """s - (s - z) exp(-|Δq| / slip) with s = sign Δq."""
+        direction = ca.sign(ratio)
+        return direction - (direction - state) * ca.exp(-ca.fabs(ratio))
+
+    def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
+        """The same over the whole stroke: exponentials multiply."""
+        direction = np.sign(ratio)
+        return np.asarray(direction - (direction - begun) * np.exp(-np.abs(ratio)))
+
+    def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """exp(-|Δq| / slip), and that times 1 - z sign Δq."""
+        decay = np.exp(-np.abs(ratio))
+        return decay, (1.0 - np.sign(ratio) * before) * decay
+
+
+class Travel(Dahl):
+    """|z| = 1 - exp(-s / slip), with the motion's sign; s is the way since the joint last turned or stood still."""
+
+    name = "travel"
+    forgets_at_halts = True
+
+    def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
+        """Dahl's; what was travelled the other way, or before a standstill, is forgotten."""
+        direction = ca.sign(ratio)
+        return super().step(direction * ca.fmax(0, direction * state), ratio)
+
+    def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
+        """Dahl's, from 0 where the stroke goes the other way."""
+        return super().stroke(np.where(begun * np.sign(ratio[-1]) <= 0, 0.0, begun), ratio)
+
+    def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Dahl's; nothing passes where it forgets."""
+        forgets = np.sign(ratio) * before <= 0
+        passes, follows = super().slopes(np.where(forgets, 0.0, before), after, ratio)
+        return np.where(forgets, 0.0, passes), follows
+
+
+STOP, DAHL, TRAVEL = Stop(), Dahl(), Travel()
+
+
+@lru_cache(maxsize=64)
+def _differentiated(operator: Operator) -> ca.Function:
+    """(z, ratio) -> ∂z'/∂z, ∂z'/∂ratio."""
+    state, ratio = ca.SX.sym("z"), ca.SX.sym("ratio")
+    after = operator.step(state, ratio)
+    return ca.Function("slopes", [state, ratio], [ca.jacobian(after, state), ca.jacobian(after, ratio)])

@@ -1,0 +1,151 @@
+"""What the columns of a sample are by themselves: which is a clock, which never changes, which is the slope of which."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray
+
+SLOPE = 0.9
+"""Correlation from which on one column is taken for the slope of another."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Consecutive rows of a file: its columns' names, values (m, columns), and the units that it states itself."""
+
+    names: tuple[str, ...]
+    values: FloatArray
+    units: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The column that holds time, how to get seconds of it, and what speaks for it."""
+
+    column: int
+    unit: str
+    factor: float
+    rate: float
+    jitter: float
+    sure: bool
+    reason: str
+
+
+_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_SLOWEST, _FASTEST = 8.0, 8000.0
+"""Hz: a robot's recording has a rate between them, so that one unit alone, in steps of a thousand, fits."""
+
+
+def changing(values: FloatArray) -> BoolArray:
+    """(columns,): columns that hold numbers, and more than one."""
+    finite = np.isfinite(values)
+    enough = finite.mean(axis=0) > 0.9
+    low = np.where(finite, values, np.inf).min(axis=0)
+    high = np.where(finite, values, -np.inf).max(axis=0)
+    return np.asarray(enough & (high > low))
+
+
+def clock_like(values: FloatArray) -> list[int]:
+    """Columns that run forward and never back, nearly evenly."""
+    found = []
+    for column in range(values.shape[1]):
+        steps = np.diff(values[:, column])
+        if not np.isfinite(steps).all() or not len(steps):
+            continue
+        forward = steps >= 0
+        middle = float(np.median(steps))
+        # A clock may start again with every run of a file.
+        if middle > 0 and forward.mean() > 0.995 and np.mean(np.abs(steps - middle) < 0.9 * middle) > 0.7:
+            found.append(column)
+    return found
+
+
+def clock_of(values: FloatArray, column: int, unit: str | None) -> Clock | None:
+    """Read a column as a clock; `unit` is what its name states. None where no unit gives a rate of a robot's."""
+    steps = np.diff(values[:, column])
+    steps = steps[steps > 0]
+    middle = float(np.median(steps))
+    jitter = float(np.std(steps[steps < 5 * middle]) / middle)
+    mean = float(np.mean(steps[steps < 5 * middle]))
+    fits = [name for name, factor in _FACTORS.items() if _SLOWEST <= 1.0 / (mean * factor) <= _FASTEST]
+    if unit in _FACTORS:
+        rate = 1.0 / (mean * _FACTORS[unit])
+        sure = _SLOWEST / 4 <= rate <= 4 * _FASTEST
+        return Clock(column, unit, _FACTORS[unit], rate, jitter, sure, f"its name says {unit}; that gives {rate:.4g} Hz")
+    if len(fits) != 1:
+        return None
+    (found,) = fits
+    rate = 1.0 / (mean * _FACTORS[found])
+    return Clock(column, found, _FACTORS[found], rate, jitter, True, f"its steps give {rate:.4g} Hz in {found}")
+
+
+def is_counter(values: FloatArray, column: int) -> bool:
+    """Whether a column counts rows: it goes up by one."""
+    return bool((np.diff(values[:, column]) == 1.0).mean() > 0.999)
+
+
+def smoothed(values: FloatArray, width: int) -> FloatArray:
+    """(m, columns): means over `width` rows, twice, without the ends; what is no number is the value before it."""
+    if width <= 1:
+        return values
+    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
+    once = (total[width:] - total[:-width]) / width
+    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), once]), axis=0)
+    return np.asarray((total[width:] - total[:-width]) / width)
+
+
+def filled(values: FloatArray) -> FloatArray:
+    """The values with numbers everywhere: between those that there are, in a straight line."""
+    result = np.array(values, dtype=np.float64)
+    rows = np.arange(len(values))
+    for column in range(values.shape[1]):
+        good = np.isfinite(values[:, column])
+        if good.any() and not good.all():
+            result[:, column] = np.interp(rows, rows[good], values[good, column])
+    return result
+
+
+def slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Which column is the slope of which.
+
+    Parameters
+    ----------
+    t : (m,) in s; values : (m, c)
+
+    Returns
+    -------
+    correlation, factor : (c, c)
+        Of the slope of column i with column j; and column j = factor x slope of column i.
+    """
+    rate = len(t) / max(float(t[-1] - t[0]), 1e-9)
+    width = max(1, int(rate * 0.04))
+    steady = smoothed(np.column_stack([t, filled(values)]), width)
+    t, values = steady[:, 0], steady[:, 1:]
+    reach = max(1, width)
+    step = t[2 * reach :] - t[: -2 * reach]
+    good = (step > 0) & (step < 20 * max(float(np.median(step)), 1e-12))
+    rise = (values[2 * reach :] - values[: -2 * reach])[good] / step[good][:, None]
+    middle = values[reach:-reach][good]
+    if len(rise) < 16:
+        nothing = np.zeros((values.shape[1], values.shape[1]))
+        return nothing, nothing
+    size = np.sqrt((rise**2).sum(axis=0))
+    other = np.sqrt((middle**2).sum(axis=0))
+    inner = rise.T @ middle
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.nan_to_num(inner / (size[:, None] * other[None, :]))
+        factor = np.nan_to_num(inner / (size[:, None] ** 2))
+    return np.asarray(correlation), np.asarray(factor)
+
+
+def roughness(t: FloatArray, values: FloatArray) -> FloatArray:
+    """(c,): how much of a column's change from row to row is not smooth: near 0 for positions, large for torques."""
+    values = filled(values)
+    first, second = np.diff(values, axis=0), np.diff(values, n=2, axis=0)
+    size = values.std(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        del first
+        return np.asarray(np.nan_to_num(np.sqrt((second**2).mean(axis=0)) / size))

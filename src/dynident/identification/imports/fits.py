@@ -1,0 +1,50 @@
+"""What the robot's own dynamics leave of the torque when the columns are taken in one way or another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.errors import DynidentError
+from dynident.identification.mistakes.search import Finding, left_of, mistakes_of, motion_of
+from dynident.identification.mistakes.swaps import Motion
+from dynident.recordings import recording_from_arrays
+from dynident.robot import Robot
+
+FEWEST_ROWS = 200
+
+
+class Fits:
+    """Fits a robot to the columns of a sample: t (m,) in s."""
+
+    def __init__(self, robot: Robot, t: FloatArray, segment: FloatArray | None = None) -> None:
+        self.robot = robot
+        self._t = t
+        self._segment = None if segment is None else segment.astype(np.int64)
+
+    def motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
+        """Filtered rows of positions (m, n) in rad or m and torques (m, n) in any unit; None where there are too few."""
+        if len(self._t) < FEWEST_ROWS:
+            return None
+        good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+        segment = None if self._segment is None else self._segment[good]
+        try:
+            recording = recording_from_arrays(
+                self._t[good], q[good], tau[good], joint_names=self.robot.joint_names, segment=segment
+            )
+            return motion_of(recording)
+        except DynidentError:
+            return None
+
+    def left(self, q: FloatArray, tau: FloatArray) -> float | None:
+        """Share of an average joint's torque that is not explained; None where it cannot be told."""
+        motion = self.motion(q, tau)
+        if motion is None or not len(motion.q) or not (np.ptp(motion.q, axis=0) > 0).any():
+            return None
+        found = left_of(self.robot, motion)
+        return found if np.isfinite(found) else None
+
+    def mistakes(self, q: FloatArray, tau: FloatArray) -> tuple[tuple[Finding, ...], float] | None:
+        """Gross mistakes in order and signs, and what is left without them."""
+        motion = self.motion(q, tau)
+        return None if motion is None else mistakes_of(self.robot, motion)

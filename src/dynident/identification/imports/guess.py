@@ -1,0 +1,353 @@
+"""From a sample of a file's columns and a robot to proposed metadata: what is told by names is held against the data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.identification.imports import units as of_units
+from dynident.identification.imports.effort import classify_effort
+from dynident.identification.imports.facts import (
+    SLOPE,
+    Clock,
+    Sample,
+    changing,
+    clock_like,
+    clock_of,
+    filled,
+    is_counter,
+    slopes,
+)
+from dynident.identification.imports.fits import Fits
+from dynident.identification.imports.groups import Group, groups_of
+from dynident.identification.imports.proposal import EffortKind, Guess, Proposal, Question
+from dynident.identification.imports.unnamed import Kinds, is_in_order, kinds_of, own_torques
+from dynident.identification.imports.words import Named, read_name
+from dynident.robot import Robot
+
+_SOUND = 0.5
+"""Share of an average joint's torque left, from which on the columns are taken for wrong."""
+_SAME = 0.98
+
+
+def propose(sample: Sample, robot: Robot) -> Proposal:
+    """Guess what the columns are. Where that is not sure, the proposal has questions."""
+    return _Guesser(sample, robot).run()
+
+
+@dataclass
+class _Guesser:
+    sample: Sample
+    robot: Robot
+    columns: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    guesses: list[Guess] = field(default_factory=list)
+    questions: list[Question] = field(default_factory=list)
+
+    def run(self) -> Proposal:
+        sample, n = self.sample, self.robot.n
+        self.named = [read_name(name, sample.units.get(name, "")) for name in sample.names]
+        self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
+        kind: EffortKind = "unknown"
+        clock = self._clock()
+        if clock is None:
+            return self._done(kind)
+        self.t = sample.values[:, clock.column] * clock.factor
+        segment = self._segment()
+        good = np.isfinite(self.t)
+        self.values = filled(sample.values[good])
+        self.t = self.t[good]
+        self.fits = Fits(self.robot, self.t, None if segment is None else segment[good])
+        others = [one for index, one in enumerate(self.named) if index != clock.column]
+        places = [index for index in range(len(self.named)) if index != clock.column]
+        local, rest = groups_of(others, self.robot.joint_names)
+        groups = [_moved(group, places) for group in local]
+        groups += self._unnamed(groups, [places[index] for index in rest], n)
+        position = self._position(groups)
+        effort, kind = self._effort(groups, position)
+        if position is None or effort is None:
+            return self._done(kind)
+        q = self._positions(position, effort)
+        if q is not None:
+            self._rates(groups, position, q)
+            kind = self._efforts(effort, q, kind)
+        return self._done(kind)
+
+    def _done(self, kind: EffortKind) -> Proposal:
+        return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
+
+    def _say(self, name: str, value: str, confidence: float, reason: str) -> None:
+        self.guesses.append(Guess(name, value, round(confidence, 2), reason))
+
+    def _ask(self, name: str, detail: str, choices: tuple[str, ...] = ()) -> None:
+        self.questions.append(Question(name, detail, choices))
+
+    def _clock(self) -> Clock | None:
+        names, values = self.sample.names, self.sample.values
+        running = clock_like(values) if len(values) > 2 else []
+        found = [one for column in running if (one := clock_of(values, column, self.named[column].unit)) is not None]
+        told = [one for one in found if self.named[one.column].signal == "t"]
+        even = [one for one in found if not is_counter(values, one.column) or self.named[one.column].signal == "t"]
+        choice = next(iter(told or even or found), None)
+        if choice is None:
+            self._ask("columns/t", "No column runs as a clock does: which one is the time, and in which unit?", names)
+            return None
+        sure = choice.sure and bool(told or even)
+        if not told and is_counter(values, choice.column):
+            sure = False
+        name = names[choice.column]
+        self.columns["t"] = name
+        if choice.unit != "s":
+            self.units["t"] = choice.unit
+        told_by = "its name, and " if told else "it runs forward evenly; "
+        self._say("columns/t", name, 0.98 if sure else 0.5, f"{told_by}{choice.reason}; jitter {choice.jitter:.1%}")
+        if not sure:
+            self._ask("units/t", f"Is {name} the time, in {choice.unit}? {choice.reason}.", ("s", "ms", "us", "ns"))
+        return choice
+
+    def _segment(self) -> FloatArray | None:
+        for index, one in enumerate(self.named):
+            values = self.sample.values[:, index]
+            if one.signal == "segment" and np.isfinite(values).all() and (values == np.rint(values)).all():
+                if len(np.unique(values)) < max(2, len(values) // 20):
+                    self.columns["segment"] = one.name
+                    self._say("columns/segment", one.name, 0.9, "whole numbers that stay for long: runs")
+                    return np.asarray(values)
+        return None
+
+    def _unnamed(self, groups: list[Group], rest: list[int], n: int) -> list[Group]:
+        """Groups of the columns whose names say no signal."""
+        have = {group.signal for group in groups}
+        if "q" in have and have & {"tau", "current", "effort"}:
+            return []
+        silent = [index for group in groups if group.signal is None for index in group.columns]
+        pool = sorted({*(index for index in rest if self.named[index].signal is None), *silent})
+        pool = [index for index in pool if self.alive[index]]
+        whole = [group for group in groups if group.signal is None]
+        kinds = kinds_of(self.t, self.values, pool, n) if pool else None
+        if kinds is None:
+            return self._by_elimination(groups, whole)
+        groups[:] = [group for group in groups if group.signal is not None]
+        for group in whole:
+            # Names that count the joints tell the order, the content the signal.
+            for signal, columns in (("q", kinds.positions), ("dq", kinds.rates), ("tau", kinds.efforts)):
+                if set(group.columns) == set(columns):
+                    groups.append(Group(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))  # type: ignore[arg-type]
+        if {group.signal for group in groups} >= {"q", "tau"}:
+            return []
+        return self._ordered(kinds)
+
+    def _by_elimination(self, groups: list[Group], whole: list[Group]) -> list[Group]:
+        """One group without a signal beside positions is the torque, or the other way round."""
+        have = {group.signal for group in groups}
+        if len(whole) == 1 and not have & {"tau", "current", "effort"} and "q" in have:
+            one = whole[0]
+            return [Group(one.columns, "effort", one.unit, one.rank, one.named, "it is the only signal left")]
+        return []
+
+    def _ordered(self, kinds: Kinds) -> list[Group]:
+        """Unnamed columns of every kind in the robot's order: that of the file, if nothing speaks against it."""
+        named = [self.named[columns[0]] for columns in (kinds.positions, kinds.efforts)]
+        positions, efforts = list(kinds.positions), list(kinds.efforts)
+        regular = is_in_order(positions) and is_in_order(efforts)
+        reason = f"{kinds.reason}; the joints in the order of the file"
+        if not regular:
+            self._ask("columns", "The names of the columns do not say which joint they are of, and their order neither.")
+            q, tau = self.values[:, positions], self.values[:, efforts]
+            order, _ = own_torques(self.t, q, tau)
+            efforts = [efforts[index] for index in order]
+        groups = [
+            Group(tuple(positions), "q", None, 0, named[0], reason),
+            Group(tuple(efforts), "effort", None, 0, named[1], reason),
+        ]
+        if kinds.rates and regular and is_in_order(kinds.rates):
+            groups.append(Group(kinds.rates, "dq", None, 0, self.named[kinds.rates[0]], reason))
+        return groups
+
+    def _position(self, groups: list[Group]) -> Group | None:
+        found = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
+        if not found:
+            detail = "No columns were recognised as the positions of all joints: name them, q1 and so on."
+            self._ask("columns/q", detail, self.sample.names)
+            return None
+        if len(found) > 1 and found[1].rank == found[0].rank:
+            names = tuple(self._shown(group) for group in found if group.rank == found[0].rank)
+            self._ask("columns/q", "Several sets of columns may be the measured positions: which one?", names)
+        elif found[0].rank >= 4:
+            self._ask("columns/q", f"{self._shown(found[0])} are commanded positions: where are the measured ones?")
+        self._map("q", found[0])
+        return found[0]
+
+    def _effort(self, groups: list[Group], position: Group | None) -> tuple[Group | None, EffortKind]:
+        found = [group for group in groups if group.signal in ("tau", "current", "effort") and group is not position]
+        found = [group for group in found if self.alive[list(group.columns)].any()]
+        # Torque goes before current: it needs no gains.
+        found.sort(key=lambda group: (group.rank, group.signal != "tau"))
+        if not found:
+            self._ask("columns/tau", "No columns were recognised as torques or currents of all joints.", self.sample.names)
+            return None, "unknown"
+        best = found[0]
+        equal = [group for group in found[1:] if group.rank == best.rank and group.signal == best.signal]
+        if equal:
+            names = tuple(self._shown(group) for group in [best, *equal])
+            self._ask("columns/tau", "Several sets of columns may be the measured torque: which one?", names)
+        kind: EffortKind = "unknown"
+        if best.named.external:
+            kind = "external"
+        elif best.named.compensated:
+            kind = "gravity_compensated"
+        elif best.rank >= 4:
+            kind = "commanded"
+        if kind != "unknown":
+            self._refuse_kind(kind, self._shown(best))
+        return best, kind
+
+    def _refuse_kind(self, kind: EffortKind, shown: str) -> None:
+        why = {
+            "external": "external torques: what the robot's own dynamics need was taken out of them",
+            "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
+            "commanded": "commanded and not measured",
+        }[kind]
+        self._ask("effort_kind", f"{shown} are {why}. Nothing can be identified from them; give the measured torque.")
+
+    def _positions(self, position: Group, effort: Group) -> FloatArray | None:
+        """Positions (m, n) in SI."""
+        q = np.array(self.values[:, list(position.columns)])
+        tau = self.values[:, list(effort.columns)]
+        units = [self.named[index].unit for index in position.columns]
+        turning = [unit for unit, joint in zip(units, self.robot.joints, strict=True) if joint.kind == "revolute"]
+        stated = turning[0] if turning and len(set(turning)) == 1 else None
+        turned = of_units.position_unit(self.robot, q, stated, tau, self.fits)
+        mixed = any(joint.kind == "prismatic" for joint in self.robot.joints)
+        for index, joint in enumerate(self.robot.joints):
+            if joint.kind == "revolute":
+                assert turned is not None
+                guess = turned
+            else:
+                guess = of_units.stroke_unit(q[:, index], joint.limits.position, units[index])
+            q[:, index] *= of_units.factor_of("q", joint.kind, guess.unit)
+            if mixed or index == 0:
+                key = f"q{index + 1}" if mixed else "q"
+                self._unit(key, guess, "m" if joint.kind == "prismatic" else "rad")
+        return q
+
+    def _unit(self, key: str, guess: of_units.UnitGuess, usual: str) -> None:
+        if guess.unit != usual:
+            self.units[key] = guess.unit
+        self._say(f"units/{key}", guess.unit, guess.confidence, guess.reason)
+        if guess.confidence < of_units.SURE:
+            choices = {"q": ("rad", "deg"), "t": ("s", "ms"), "c": ("A", "mA")}.get(key[0], ("N m", "mN m"))
+            self._ask(f"units/{key}", f"In which unit is {key}? {guess.reason}.", choices)
+
+    def _rates(self, groups: list[Group], position: Group, q: FloatArray) -> None:
+        """Velocities that are the slope of the positions, and commanded positions that run beside them."""
+        found = sorted((group for group in groups if group.signal == "dq"), key=lambda group: group.rank)
+        if found:
+            group = found[0]
+            values = self.values[:, list(group.columns)]
+            n = q.shape[1]
+            correlation, factor = slopes(self.t, np.column_stack([q, values]))
+            own = np.array([correlation[j, n + j] for j in range(n)])
+            ratio = np.array([factor[j, n + j] for j in range(n)])
+            moving = q.std(axis=0) > 0.02 * q.std(axis=0).max()
+            guesses = [
+                of_units.rate_unit("dq", joint.kind, 1.0 / ratio[j] if ratio[j] > 0 else 0.0, group.unit)
+                for j, joint in enumerate(self.robot.joints)
+            ]
+            fine = [g is not None and own[j] > SLOPE for j, g in enumerate(guesses)]
+            kinds = {joint.kind for joint in self.robot.joints}
+            same = {g.unit for j, g in enumerate(guesses) if g is not None and moving[j]}
+            if all(fine[j] for j in np.flatnonzero(moving)) and len(kinds) == 1 and len(same) == 1:
+                self._map("dq", group)
+                usual = "rad/s" if kinds == {"revolute"} else "m/s"
+                (unit,) = same
+                self._unit("dq", of_units.UnitGuess(unit, 0.97, "it is the slope of the positions"), usual)
+            else:
+                self._say("columns/dq", self._shown(group), 0.5, "not used: it is not the slope of these positions")
+
+    def _efforts(self, effort: Group, q: FloatArray, kind: EffortKind) -> EffortKind:
+        tau = self.values[:, list(effort.columns)]
+        gains = [drive.gain for drive in self.robot.drives]
+        signal = effort.signal
+        reach = of_units.reach_of(self.robot)
+        by_data = classify_effort(self.fits, q, tau, signal, effort.unit)
+        if kind == "unknown":
+            kind = by_data.kind
+            if kind in ("gravity_compensated", "external", "commanded"):
+                self._refuse_kind(kind, f"{self._shown(effort)} look as if they were ({by_data.reason}); they")
+        self._say("effort_kind", kind, by_data.confidence, by_data.reason)
+        if effort.unit in ("permille", "percent"):
+            signal = "current"
+            self._map("current", effort)
+            unit = f"{effort.unit} of the rated torque"
+            self._say("units/current", unit, 0.9, f"its name says {effort.unit}; drive gains are then N m per {effort.unit}")
+            if any(gain is None for gain in gains):
+                self._ask("drives", f"{self._shown(effort)} are in {effort.unit}: give the drive gains in N m per {effort.unit}.")
+            kind = "motor_torque" if kind == "unknown" else kind
+        elif signal == "effort":
+            if kind == "unknown":
+                detail = f"What are {self._shown(effort)}: torques of the joints, or currents of the motors?"
+                self._ask("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
+            signal = "current" if kind == "motor_current" else "tau"
+            self._map(signal, effort)
+        else:
+            self._map("tau" if signal == "tau" else "current", effort)
+        if effort.unit not in ("permille", "percent"):
+            self._effort_unit(signal or "tau", tau, effort, gains, reach)
+        self._check(q, tau)
+        return kind
+
+    def _effort_unit(
+        self, signal: str, tau: FloatArray, effort: Group, gains: list[float | None], reach: float
+    ) -> None:
+        if signal == "current":
+            guess = of_units.current_unit(tau, gains, self.robot, effort.unit)
+            self._unit("current", guess, "A")
+            if any(gain is None for gain in gains):
+                self._ask("drives", f"{self._shown(effort)} are currents: give the drive gains of the joints in N m/A.")
+            return
+        guess = of_units.torque_unit(self.robot, tau, effort.unit, reach)
+        for index, joint in enumerate(self.robot.joints):
+            mixed = len({one.kind for one in self.robot.joints}) > 1
+            if mixed or index == 0:
+                unit = guess.unit.replace(" m", "") if joint.kind == "prismatic" else guess.unit
+                key = f"tau{index + 1}" if mixed else "tau"
+                self._unit(key, of_units.UnitGuess(unit, guess.confidence, guess.reason), joint.effort_unit)
+
+    def _check(self, q: FloatArray, tau: FloatArray) -> None:
+        """Hold the columns against the robot's dynamics: exchanged joints are asked about."""
+        looked = self.fits.mistakes(q, tau)
+        if looked is None:
+            self._say("check", "none", 0.5, "the sample moves too little to be held against the robot's dynamics")
+            return
+        found, left = looked
+        for one in found:
+            if one.certain:
+                joints = " and ".join(self.robot.joint_names[j] for j in one.mistake.joints)
+                detail = (
+                    f"The data say that {one.mistake.kind} ({joints}): {one.left_with:.0%} of the torque is not "
+                    f"explained as the columns are, and {one.left_without:.0%} otherwise. Is the mapping right?"
+                )
+                self._ask("columns", detail)
+        self._say("check", f"{left:.0%} left", 0.9 if left < _SOUND else 0.4, "what the robot's dynamics do not explain")
+
+    def _map(self, signal: str, group: Group) -> None:
+        for joint, column in enumerate(group.columns):
+            self.columns[f"{signal}{joint + 1}"] = self.sample.names[column]
+        self._say(f"columns/{signal}", self._shown(group), 0.95 if group.rank < 4 else 0.6, group.reason)
+
+    def _shown(self, group: Group) -> str:
+        first, last = (self.sample.names[group.columns[place]] for place in (0, -1))
+        return f"{first} … {last}" if first != last else first
+
+
+def _moved(group: Group, places: list[int]) -> Group:
+    columns = tuple(places[index] for index in group.columns)
+    return Group(columns, group.signal, group.unit, group.rank, group.named, group.reason)
+
+
+def says_nothing(named: Named) -> bool:
+    """Whether a name tells neither signal nor unit."""
+    return named.signal is None and named.unit is None

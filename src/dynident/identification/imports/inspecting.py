@@ -1,0 +1,79 @@
+"""A look at a file: its format, what it most probably holds, and its first rows."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.identification.imports.facts import Sample
+from dynident.identification.imports.guess import propose
+from dynident.identification.imports.proposal import Proposal
+from dynident.recordings.formats import format_of
+from dynident.recordings.raw import open_source
+from dynident.robot import Robot
+
+MOST_ROWS = 1 << 16
+SHOWN_ROWS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What was found in a file; `proposal` is None without a robot. `rows` (m, columns) are its first ones."""
+
+    format: str
+    sha256: str
+    columns: tuple[str, ...]
+    rows: FloatArray
+    n_rows_seen: int
+    proposal: Proposal | None
+
+
+def inspect_file(path: Path, robot: Robot | None) -> Inspection:
+    """Look at a sample of a file, at most its first 65536 rows.
+
+    Raises
+    ------
+    RecordingError
+        For a file that cannot be read.
+    """
+    sample = sample_of(path)
+    return Inspection(
+        format=format_of(path),
+        sha256=_digest(path),
+        columns=sample.names,
+        rows=sample.values[:SHOWN_ROWS],
+        n_rows_seen=len(sample.values),
+        proposal=None if robot is None else propose(sample, robot),
+    )
+
+
+def sample_of(path: Path) -> Sample:
+    """Read the first rows of a file.
+
+    Raises
+    ------
+    RecordingError
+        For a file that cannot be read.
+    """
+    source = open_source(path, None)
+    parts: list[FloatArray] = []
+    seen = 0
+    for block in source.blocks():
+        parts.append(block[: MOST_ROWS - seen])
+        seen += len(parts[-1])
+        if seen >= MOST_ROWS:
+            break
+    values = np.concatenate(parts) if parts else np.empty((0, len(source.names)))
+    return Sample(tuple(source.names), values, source.units)
+
+
+def _digest(path: Path) -> str:
+    found = hashlib.sha256()
+    with path.open("rb") as file:
+        while part := file.read(1 << 20):
+            found.update(part)
+    return found.hexdigest()

@@ -1,0 +1,56 @@
+"""A guess at what a file holds, as it is told to whoever has to confirm it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+EffortKind = Literal[
+    "motor_current",
+    "motor_torque",
+    "joint_torque",
+    "gravity_compensated",
+    "external",
+    "commanded",
+    "unknown",
+]
+"""What a column of "effort" is: a motor's current or torque, a joint's, or one of those that are no measurement of it."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One thing that was guessed: the field of the metadata, its value, how sure (0 to 1), and why."""
+
+    field: str
+    value: str
+    confidence: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Question:
+    """What has to be answered before the file can be used; `choices` are the answers that make sense."""
+
+    field: str
+    detail: str
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Metadata that are proposed for a file.
+
+    `columns` are ours to the file's, `units` by kind of signal, as `RecordingMetadata` takes them.
+    """
+
+    columns: Mapping[str, str]
+    units: Mapping[str, str]
+    effort_kind: EffortKind
+    guesses: tuple[Guess, ...]
+    questions: tuple[Question, ...]
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it can be used as it is."""
+        return not self.questions

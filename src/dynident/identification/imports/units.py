@@ -1,0 +1,207 @@
+"""Which unit the numbers of a signal are in: by its name, by what a robot of this size can do, by its slope, by a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.identification.imports.fits import Fits
+from dynident.recordings.units import FACTORS
+from dynident.robot import Robot
+
+LEAST_MOTION = np.deg2rad(3.5)
+"""rad: whoever records a robot moves one joint at least so far."""
+MOST_MOTION = 4.0 * np.pi * 1.05
+_MORE = 1.05
+_CLEARLY = 1.25
+"""Times what another unit has to leave of the torque to be ruled out."""
+_PLACEHOLDER = 5000.0
+"""N m, and more than a hundred times what the robot's size needs: such limits of effort say nothing."""
+_STROKE = (0.008, 4.0)
+
+
+@dataclass(frozen=True)
+class UnitGuess:
+    """A unit, how sure it is (0 to 1), why; below `SURE` it has to be confirmed."""
+
+    unit: str
+    confidence: float
+    reason: str
+
+
+SURE = 0.8
+
+
+def factor_of(signal: str, kind: str, unit: str) -> float:
+    """Factor from a unit to SI."""
+    return FACTORS[signal, kind][unit]  # type: ignore[index]
+
+
+def position_unit(
+    robot: Robot, q: FloatArray, stated: str | None, tau: FloatArray | None, fits: Fits
+) -> UnitGuess | None:
+    """The unit of the revolute joints' positions (m, n); None where there is no such joint."""
+    turning = [index for index, joint in enumerate(robot.joints) if joint.kind == "revolute"]
+    if not turning:
+        return None
+    low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
+    reach = float((high - low).max())
+    possible = [unit for unit in ("rad", "deg", "mrad", "rev") if _possible(robot, turning, low, high, unit)]
+    likely = [unit for unit in possible if factor_of("q", "revolute", unit) * reach >= LEAST_MOTION]
+    if stated is not None and stated in FACTORS["q", "revolute"]:
+        if stated in possible:
+            return UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
+        return UnitGuess(stated, 0.5, f"its name says {stated}, but that goes beyond the robot's limits")
+    usual = [unit for unit in likely if unit in ("rad", "deg")]
+    left = _left(robot, q, tau, fits, likely) if len(likely) > 1 else {}
+    if left:
+        ranked = sorted(left, key=lambda unit: left[unit])
+        best = ranked[0]
+        clear = len(ranked) == 1 or left[ranked[1]] > _CLEARLY * left[best]
+        if clear and len(left) == len(likely) and best in usual:
+            others = ", ".join(f"{left[unit]:.0%} as {unit}" for unit in ranked[1:])
+            return UnitGuess(best, 0.97, f"as {best} the robot's dynamics leave {left[best]:.0%} of the torque, {others}")
+        if clear and len(left) == len(likely):
+            return UnitGuess(best, 0.6, f"as {best} the robot's dynamics explain the torque best")
+    if len(usual) == 1:
+        ranges = f"the widest motion is then {np.rad2deg(reach * factor_of('q', 'revolute', usual[0])):.0f} deg"
+        return UnitGuess(usual[0], 0.9, f"{ranges}; the other usual unit is out of the question")
+    return UnitGuess(usual[0] if usual else "rad", 0.4, "several units are possible")
+
+
+def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str) -> bool:
+    factor = factor_of("q", "revolute", unit)
+    for place, joint in enumerate(turning):
+        limits = robot.joints[joint].limits.position
+        if factor * (high[place] - low[place]) > MOST_MOTION:
+            return False
+        if limits is not None and limits[1] > limits[0]:
+            room = 0.05 * (limits[1] - limits[0]) + 0.1
+            # A turn more or less is the same place, and other zeros are in use.
+            if factor * (high[place] - low[place]) > _MORE * (limits[1] - limits[0]) + room:
+                return False
+        if abs(factor) * max(abs(low[place]), abs(high[place])) > MOST_MOTION:
+            return False
+    return True
+
+
+def _left(
+    robot: Robot, q: FloatArray, tau: FloatArray | None, fits: Fits, units: Sequence[str]
+) -> dict[str, float]:
+    if tau is None:
+        return {}
+    found = {}
+    for unit in units:
+        scaled = np.array(q)
+        for index, joint in enumerate(robot.joints):
+            if joint.kind == "revolute":
+                scaled[:, index] *= factor_of("q", "revolute", unit)
+            else:
+                scaled[:, index] *= _sliding_factor(q[:, index])
+        left = fits.left(scaled, tau)
+        if left is not None:
+            found[unit] = left
+    return found
+
+
+def _sliding_factor(q: FloatArray) -> float:
+    return 1.0 if float(np.nanmax(q) - np.nanmin(q)) < _STROKE[1] else 1e-3
+
+
+def stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated: str | None) -> UnitGuess:
+    """The unit of a prismatic joint's positions (m,)."""
+    if stated in FACTORS["q", "prismatic"]:
+        assert stated is not None
+        return UnitGuess(stated, 0.99, f"its name says {stated}")
+    reach = float(np.nanmax(q) - np.nanmin(q))
+    most = float(np.nanmax(np.abs(q)))
+    if limits is not None and limits[1] > limits[0]:
+        fits = [unit for unit, factor in (("m", 1.0), ("mm", 1e-3)) if factor * reach <= 1.1 * (limits[1] - limits[0])]
+        fits = [unit for unit in fits if (1.0 if unit == "m" else 1e-3) * reach > 1e-3 * (limits[1] - limits[0])]
+        if len(fits) == 1:
+            return UnitGuess(fits[0], 0.95, f"its stroke is {reach:.3g}, and the joint's limits allow that in {fits[0]}")
+    if most < _STROKE[1] and reach < 2.0:
+        return UnitGuess("m", 0.9, f"its stroke is {reach:.3g}: in mm that would be hardly any motion")
+    if reach > 8.0:
+        return UnitGuess("mm", 0.9, f"its stroke is {reach:.3g}: in m that would be a crane")
+    return UnitGuess("m", 0.5, f"its stroke is {reach:.3g}")
+
+
+def rate_unit(signal: str, kind: str, factor: float, stated: str | None) -> UnitGuess | None:
+    """The unit of a velocity or acceleration that is 1/`factor` of what the positions' slope gives in SI.
+
+    None where no unit does.
+    """
+    known: dict[str, float] = FACTORS[signal, kind]  # type: ignore[index]
+    near = {unit: abs(np.log(value / factor)) for unit, value in known.items()} if factor > 0 else {}
+    best = min(near, key=lambda unit: near[unit], default=None)
+    if best is None or near[best] > 0.12:
+        return None
+    if stated in near and near[stated] <= 0.12:
+        best = stated
+    assert best is not None
+    return UnitGuess(best, 0.97, "it is the slope of the position")
+
+
+def reach_of(robot: Robot) -> float:
+    """Length in m of the robot from its base, all links stretched; 0.3 where the tree says nothing."""
+    return max(0.3, sum(float(np.linalg.norm(joint.placement[:3, 3])) for joint in robot.joints))
+
+
+def torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float) -> UnitGuess:
+    """The unit of torques (m, n) by what a robot of this reach (m) needs, and by its limits of effort."""
+    kind = next((joint.kind for joint in robot.joints if joint.kind == "revolute"), "prismatic")
+    known: dict[str, float] = FACTORS["tau", kind]
+    of_kind = [index for index, joint in enumerate(robot.joints) if joint.kind == kind]
+    most = float(np.nanmax(np.abs(tau[:, of_kind])))
+    allowed = [robot.joints[index].limits.effort for index in of_kind]
+    usual = 9.81 * reach**4 if kind == "revolute" else 9.81 * 10 * reach**3
+    base = "N m" if kind == "revolute" else "N"
+    small, large = ("mN m", "kN m") if kind == "revolute" else ("mN", "kN")
+
+    def fits(unit: str) -> bool:
+        in_si = known[unit] * most
+        for index, limit in zip(of_kind, allowed, strict=True):
+            own = known[unit] * float(np.nanmax(np.abs(tau[:, index])))
+            if limit and limit < max(_PLACEHOLDER, 100 * usual) and own > 1.6 * limit:
+                return False
+        limits = [limit for limit in allowed if limit and limit < _PLACEHOLDER]
+        if limits:
+            return in_si > 4e-3 * max(limits)
+        return 0.2 * usual <= in_si <= 200 * usual
+
+    if stated is not None and stated in known:
+        if fits(stated):
+            return UnitGuess(stated, 0.99, f"its name says {stated}")
+        return UnitGuess(stated, 0.82, f"its name says {stated}, though {most:.3g} {stated} is strange for this robot")
+    found = [unit for unit in (base, small, large) if fits(unit)]
+    if len(found) == 1:
+        return UnitGuess(found[0], 0.92, f"its largest value, {most:.4g}, is what a robot of this size needs in {found[0]}")
+    return UnitGuess(base, 0.4, f"its largest value is {most:.4g}; {' or '.join(found) or 'no unit'} would be possible")
+
+
+def current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robot, stated: str | None) -> UnitGuess:
+    """The unit of currents (m, n): by the torque that they make with the drive gains, or by their size."""
+    if stated in ("A", "mA"):
+        return UnitGuess(stated, 0.99, f"its name says {stated}")
+    most = np.nanmax(np.abs(i), axis=0)
+    shares = [
+        abs(gain) * most[index] / limit
+        for index, (gain, joint) in enumerate(zip(gains, robot.joints, strict=True))
+        if gain is not None and (limit := joint.limits.effort) and limit < _PLACEHOLDER
+    ]
+    if shares:
+        share = max(shares)
+        if 0.01 <= share <= 2.0:
+            return UnitGuess("A", 0.95, f"with the drive gains they make at most {share:.0%} of the limits of torque")
+        if 10.0 <= share <= 2000.0:
+            return UnitGuess("mA", 0.95, f"as A they would make {share:.0f} times the limits of torque")
+    peak = float(most.max())
+    if peak > 150.0:
+        return UnitGuess("mA", 0.9, f"the largest is {peak:.4g}, which no joint of a robot draws in A")
+    if peak < 60.0:
+        return UnitGuess("A", 0.9 if peak > 0.1 else 0.6, f"the largest is {peak:.4g}")
+    return UnitGuess("A", 0.5, f"the largest is {peak:.4g}")

@@ -1,0 +1,162 @@
+"""What the name of a column says: the kind of signal, the joint, the unit, and whether it was measured."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+Signal = Literal["t", "q", "dq", "ddq", "tau", "current", "effort", "temperature", "segment", "other"]
+
+_WORDS: dict[Signal, frozenset[str]] = {
+    "t": frozenset("t time timestamp stamp zeit clock temps tiempo".split()),
+    "q": frozenset(
+        "q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos".split()
+    ),
+    "dq": frozenset(
+        "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd".split()
+    ),
+    "ddq": frozenset("ddq qdd acc accel acceleration accelerations qddot beschleunigung".split()),
+    "tau": frozenset("tau torque torques trq moment moments drehmoment mom tq jtrq".split()),
+    "current": frozenset("current currents cur curr amp amps ampere strom iq i".split()),
+    "effort": frozenset("effort efforts eff load".split()),
+    "temperature": frozenset("temp temperature temperatur temperatures".split()),
+    "segment": frozenset("segment run episode".split()),
+}
+_OTHER = frozenset(
+    "tcp cartesian cart force fx fy fz quaternion quat digital analog io status mode state_id safety voltage volt "
+    "power payload gripper error err residual bits".split()
+)
+_COMMANDED = frozenset(
+    "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned".split()
+)
+_MEASURED = frozenset("act actual meas measured ist real feedback fb fbk msr".split())
+_EXTERNAL = frozenset("ext external contact extern".split())
+_COMPENSATED = frozenset("gravity grav compensated gravcomp comp".split())
+_MOTOR = frozenset("motor mot rotor".split())
+_LINK = frozenset("link".split())
+
+_UNITS = {
+    "rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "grad": "deg", "mrad": "mrad",
+    "rev": "rev", "m": "m", "mm": "mm", "cm": "cm", "rad/s": "rad/s", "deg/s": "deg/s", "°/s": "deg/s", "rpm": "rpm",
+    "1/min": "rpm", "u/min": "rpm", "rev/s": "rev/s", "mrad/s": "mrad/s", "m/s": "m/s", "mm/s": "mm/s", "cm/s": "cm/s",
+    "rad/s^2": "rad/s^2", "deg/s^2": "deg/s^2", "rad/s2": "rad/s^2", "deg/s2": "deg/s^2", "nm": "N m", "n m": "N m",
+    "n*m": "N m", "n·m": "N m", "n.m": "N m", "mnm": "mN m", "mn m": "mN m", "knm": "kN m", "ncm": "N cm",
+    "nmm": "N mm", "n": "N", "mn": "mN", "kn": "kN", "a": "A", "ma": "mA", "amp": "A", "ampere": "A", "s": "s",
+    "sec": "s", "seconds": "s", "ms": "ms", "us": "us", "µs": "us", "μs": "us", "ns": "ns", "permille": "permille",
+    "‰": "permille", "promille": "permille", "%": "percent", "percent": "percent", "degc": "degC", "°c": "degC",
+    "k": "K",
+}  # fmt: skip
+_SUFFIXES = frozenset(
+    "rad deg degrees mrad rev mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille promille percent degc".split()
+)
+_PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
+          ("degs", ""): "deg/s", ("rads", ""): "rad/s", ("mn", "m"): "mN m", ("n", "m"): "N m"}  # fmt: skip
+_BRACKET = re.compile(r"\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*$")
+_ENDING = re.compile(r"[_ .\-](mA|mNm|kNm|Nm|mrad|rpm|permille|promille|ms|us|ns|mm|cm)$", re.IGNORECASE)
+_PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]")
+
+
+@dataclass(frozen=True)
+class Named:
+    """What a name says; `stem` is the same for the columns of one signal of all joints, `numbers` tell them apart.
+
+    `stem` holds a mark in the place of each number.
+    """
+
+    name: str
+    signal: Signal | None
+    unit: str | None
+    words: tuple[str, ...]
+    numbers: tuple[int, ...]
+    commanded: bool
+    measured: bool
+    external: bool
+    compensated: bool
+    motor: bool
+    link: bool
+
+    @property
+    def rank(self) -> int:
+        """The lower, the more it is the measured signal of a joint."""
+        return 8 * self.external + 8 * self.compensated + 4 * self.commanded + 2 * self.motor + 2 * self.link - self.measured
+
+
+def read_name(name: str, unit: str = "") -> Named:
+    """Take a column's name apart; `unit` is what the file states elsewhere."""
+    bracket = _BRACKET.search(name)
+    inner = bracket.group(1) if bracket else ""
+    stated = _UNITS.get((unit or inner).casefold())
+    text = name if bracket is None or stated is None else name[: bracket.start()]
+    ending = _ENDING.search(text)
+    if stated is None and ending is not None:
+        stated, text = _UNITS[ending.group(1).casefold()], text[: ending.start()]
+    words = tuple(word.casefold() for word in _PART.findall(text))
+    words, stated = _without_unit(words, stated)
+    plain = [word for word in words if not word.isdigit()]
+    signal = _signal(plain, words)
+    return Named(
+        name,
+        signal,
+        stated,
+        words,
+        tuple(int(word) for word in words if word.isdigit()),
+        commanded=any(word in _COMMANDED for word in plain),
+        measured=any(word in _MEASURED for word in plain),
+        external=any(word in _EXTERNAL for word in plain),
+        compensated=any(word in _COMPENSATED for word in plain),
+        motor=any(word in _MOTOR for word in plain),
+        link=any(word in _LINK for word in plain) and not any(word == "joint" for word in plain),
+    )
+
+
+def signal_of_unit(unit: str | None) -> Signal | None:
+    """The kind of signal that a unit belongs to, where it is one alone."""
+    if unit is None:
+        return None
+    if unit in ("rad", "deg", "mrad", "rev"):
+        return "q"
+    if unit in ("rad/s", "deg/s", "rpm", "mrad/s", "rev/s", "m/s", "mm/s", "cm/s"):
+        return "dq"
+    if unit in ("rad/s^2", "deg/s^2"):
+        return "ddq"
+    if unit in ("N m", "mN m", "kN m", "N cm", "N mm"):
+        return "tau"
+    if unit in ("A", "mA"):
+        return "current"
+    if unit in ("s", "ms", "us", "ns"):
+        return "t"
+    return None
+
+
+def _without_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, ...], str | None]:
+    """Take a unit off the end of the words: angle_1_deg."""
+    if stated is None and len(words) >= 3 and words[-2:] in _PAIRS:
+        return words[:-2], _PAIRS[words[-2:][0], words[-2:][1]]
+    if stated is None and len(words) >= 2 and words[-1] in _SUFFIXES:
+        # A lone letter behind nothing but a number is a name: q_1_a is not in amperes, but i_1_a is.
+        return words[:-1], _UNITS[words[-1]]
+    return words, stated
+
+
+def _signal(plain: list[str], words: tuple[str, ...]) -> Signal | None:
+    if any(word in _OTHER for word in plain):
+        return "other"
+    found: Signal | None = None
+    for word in plain:
+        for signal, known in _WORDS.items():
+            if word not in known or (word == "i" and len(plain) > 2):
+                continue
+            # The last word of a kind is the one that counts: position_current is no current.
+            if found is None or len(word) > 1:
+                found = signal
+    derived = "".join(plain)
+    if found == "q" and derived.startswith(("dq", "dtheta")):
+        return "dq"
+    if "current" in plain and found in ("q", "dq", "tau") and not _is_last(plain, "current"):
+        return found
+    return found
+
+
+def _is_last(plain: list[str], word: str) -> bool:
+    return plain[-1] == word

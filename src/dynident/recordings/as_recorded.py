@@ -1,0 +1,143 @@
+"""Signals of a user's file as they were recorded: nothing filtered, mended or resampled; all of them, or thinned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray, IntArray
+from dynident.recordings.columns import Column, Layout, find_columns
+from dynident.recordings.raw import FileSource, open_source
+from dynident.recordings.types import JointLimits, RecordingError, RecordingMetadata
+
+_UNITS = {
+    "q": ("rad", "m"),
+    "q_command": ("rad", "m"),
+    "dq": ("rad/s", "m/s"),
+    "ddq": ("rad/s^2", "m/s^2"),
+    "tau": ("N m", "N"),
+    "temperature": ("degC", "degC"),
+}
+
+
+class Rows(NamedTuple):
+    """Rows of some signals: t (m,) in s, values (m, c)."""
+
+    t: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True)
+class FileOfRobot:
+    """A user's file, what is said of it, and the robot that it is of, one entry a joint."""
+
+    path: Path
+    metadata: RecordingMetadata
+    joint_names: Sequence[str]
+    limits: Sequence[JointLimits]
+    gains: Sequence[float | None]
+    coupling: FloatArray | None = None
+
+
+class AsRecorded:
+    """Some signals of a file, in SI as far as it is known what they are.
+
+    Parameters
+    ----------
+    file : FileOfRobot
+    wanted : names
+        q1, tau_<joint>, dq, ddq, q_command, temperature likewise, or the file's own columns, which are given as they
+        stand there; all positions and torques where none is named. Torques of motors that act on several joints are
+        the motors'.
+
+    Raises
+    ------
+    RecordingError
+        For a signal that the file does not hold, and what the layout of the file does not allow.
+    """
+
+    def __init__(self, file: FileOfRobot, wanted: Sequence[str] = ()) -> None:
+        self._source: FileSource = open_source(file.path, file.metadata.format)
+        layout, _ = find_columns(
+            self._source.names, file.joint_names, file.gains, file.limits, file.metadata, file.coupling
+        )
+        known = _known(layout, file)
+        names = list(dict.fromkeys(wanted)) or [f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(len(layout.q))]
+        own = {name: (Column(name), "") for name in self._source.names}
+        for name in names:
+            if name not in known and name not in own:
+                raise RecordingError(
+                    f"there is no signal {name!r}; there are: {', '.join(known)}, and the file's own columns: "
+                    f"{', '.join(self._source.names[:40])}",
+                    pointer="signals",
+                    title="Unknown signal",
+                )
+        found = {name: known.get(name) or own[name] for name in names}
+        self._t = layout.t
+        self._columns = {name: column for name, (column, _) in found.items()}
+        self.names = tuple(names)
+        self.units = {name: unit for name, (_, unit) in found.items()}
+
+    def rows(self, names: Sequence[str], start: float | None = None, end: float | None = None) -> Iterator[Rows]:
+        """Give the rows from `start` to `end` in s, in blocks, of some of the signals."""
+        layout = Layout(self._t, None, tuple(self._columns[name] for name in names), ())
+        for block in self._source.rows(layout) if names else self._source.times(layout):
+            inside = _inside(block.t, start, end)
+            if inside.any():
+                yield Rows(block.t[inside], block.values[inside])
+
+    def count(self, start: float | None = None, end: float | None = None) -> int:
+        """Number of rows from `start` to `end`."""
+        return sum(len(block.t) for block in self.rows((), start, end))
+
+    def thinned(self, points: int, start: float | None = None, end: float | None = None) -> tuple[int, Rows]:
+        """Give how many rows there are, and about `points` of them, the extremes of every signal among them."""
+        total = self.count(start, end)
+        width = max(1, -(-2 * len(self.names) * total // points))
+        blocks = self.rows(self.names, start, end)
+        kept = list(blocks) if width <= 2 else [_extremes(part) for part in _parted(blocks, width)]
+        if not kept:
+            return 0, Rows(np.empty(0), np.empty((0, len(self.names))))
+        return total, Rows(np.concatenate([one.t for one in kept]), np.concatenate([one.values for one in kept]))
+
+
+def _inside(t: FloatArray, start: float | None, end: float | None) -> BoolArray:
+    inside = np.ones(len(t), dtype=bool)
+    if start is not None:
+        inside &= t >= start
+    if end is not None:
+        inside &= t <= end
+    return inside
+
+
+def _parted(blocks: Iterator[Rows], width: int) -> Iterator[Rows]:
+    """The same rows in parts of `width`."""
+    waiting: Rows | None = None
+    for block in blocks:
+        both = block if waiting is None else Rows(*(np.concatenate(pair) for pair in zip(waiting, block, strict=True)))
+        whole = len(both.t) // width * width
+        for first in range(0, whole, width):
+            yield Rows(both.t[first : first + width], both.values[first : first + width])
+        waiting = Rows(both.t[whole:], both.values[whole:])
+    if waiting is not None and len(waiting.t):
+        yield waiting
+
+
+def _extremes(part: Rows) -> Rows:
+    """The rows in which a signal is largest or smallest."""
+    low, high = (np.where(np.isnan(part.values), worst, part.values) for worst in (np.inf, -np.inf))
+    at: IntArray = np.unique(np.concatenate([low.argmin(axis=0), high.argmax(axis=0)]))
+    return Rows(part.t[at], part.values[at])
+
+
+def _known(layout: Layout, file: FileOfRobot) -> dict[str, tuple[Column, str]]:
+    found: dict[str, tuple[Column, str]] = {}
+    for kind, units in _UNITS.items():
+        for joint, column in enumerate(getattr(layout, kind)):
+            unit = units[file.limits[joint].kind == "prismatic"]
+            found[f"{kind}{joint + 1}"] = found[f"{kind}_{file.joint_names[joint]}"] = (column, unit)
+    return found

@@ -1,0 +1,95 @@
+"""Files that hold arrays by name: those of one length are the columns of the recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+
+from dynident.arrays import FloatArray
+from dynident.recordings.arrow import from_numbers
+from dynident.recordings.raw import BATCH_ROWS, FileSource
+from dynident.recordings.types import RecordingError
+
+FEWEST_ROWS = 8
+"""Arrays that are shorter both ways are settings, not signals."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredArray:
+    """One array of a file: its name, its shape (one or two axes), and what reads it from `first` to `last`.
+
+    `read` takes the axis that the rows run along, and gives (rows, width) or (rows,).
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    read: Callable[[int, int, int], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    stored: StoredArray
+    axis: int
+    index: int
+
+
+class ArrayFileSource(FileSource):
+    """The arrays of a file as columns: an array q of m x 6 is q1 … q6, whichever way it lies."""
+
+    def __init__(self, arrays: Sequence[StoredArray]) -> None:
+        self._places: dict[str, _Placed] = {}
+        arrays = [one for one in arrays if 1 <= len(one.shape) <= 2 and max(one.shape) >= FEWEST_ROWS]
+        if not arrays:
+            raise RecordingError("The file holds no arrays of numbers with rows.", title="Unreadable file")
+        self._length = _length(arrays)
+        prefix = _prefix([one.name for one in arrays])
+        for one in arrays:
+            if self._length not in one.shape:
+                continue
+            axis = one.shape.index(self._length)
+            width = one.shape[1 - axis] if len(one.shape) == 2 else 1
+            name = one.name[len(prefix) :] or "column"
+            joint = "_" if name[-1].isdigit() else ""
+            for index in range(width):
+                column = name if width == 1 else f"{name}{joint}{index + 1}"
+                self._places[column] = _Placed(one, axis, index)
+        super().__init__(list(self._places))
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        for first in range(0, self._length, BATCH_ROWS):
+            last = min(first + BATCH_ROWS, self._length)
+            read: dict[int, FloatArray] = {}
+            values = []
+            for column in columns:
+                place = self._places[column]
+                whole = read.get(id(place.stored))
+                if whole is None:
+                    whole = place.stored.read(first, last, place.axis).reshape(last - first, -1)
+                    read[id(place.stored)] = whole
+                values.append(from_numbers(np.asarray(whole[:, place.index], dtype=np.float64)))
+            yield pa.RecordBatch.from_arrays(values, names=columns)
+
+
+def _length(arrays: Sequence[StoredArray]) -> int:
+    """The number of rows: the length that most columns share, and of these the largest."""
+    shared: Counter[int] = Counter()
+    for one in arrays:
+        for axis, size in enumerate(one.shape):
+            if size >= FEWEST_ROWS:
+                shared[size] += min(64, one.shape[1 - axis]) if len(one.shape) == 2 else 1
+    return max(shared, key=lambda size: (shared[size], size))
+
+
+def _prefix(names: Sequence[str]) -> str:
+    """The group that all arrays are in, which says nothing."""
+    if len(names) < 2:
+        return ""
+    shortest = min(names, key=len)
+    for cut in range(len(shortest), 0, -1):
+        if shortest[cut - 1] in "./" and all(name.startswith(shortest[:cut]) for name in names):
+            return shortest[:cut]
+    return ""

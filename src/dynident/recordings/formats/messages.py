@@ -1,0 +1,182 @@
+"""The messages of a bag that hold signals of joints, as samples: a topic, a time, names and values."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.recordings.types import RecordingError
+
+_JOINT_STATES = "sensor_msgs/msg/JointState"
+_WRENCHES = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench")
+_DYNAMIC = "control_msgs/msg/DynamicJointState"
+_CONTROLLER = (
+    "control_msgs/msg/JointTrajectoryControllerState",
+    "control_msgs/msg/JointControllerState",
+)
+KNOWN = (_JOINT_STATES, *_WRENCHES, _DYNAMIC, *_CONTROLLER)
+
+
+class Sample(NamedTuple):
+    """What one message says: its topic, its time in s, and values by field and joint."""
+
+    topic: str
+    time: float
+    names: tuple[str, ...]
+    values: FloatArray
+
+
+class _Packed(NamedTuple):
+    """A message as it is stored; `definition` is the text of its type where the file gives it."""
+
+    topic: str
+    type: str
+    definition: str
+    stamp: int
+    data: bytes
+
+
+def samples_of(path: Path, name: str) -> Iterator[Sample]:
+    """Read the messages that hold signals of joints, in the order of the file.
+
+    Raises
+    ------
+    RecordingError
+        For a file that cannot be read.
+    """
+    read = {"rosbag": _ros1, "rosbag2": _ros2, "mcap": _mcap}[name]
+    unpack = _Unpacker(ros1=name == "rosbag")
+    try:
+        for packed in read(path):
+            yield from _samples(packed, unpack(packed))
+    except (ModuleNotFoundError, RecordingError):
+        raise
+    except Exception as error:  # the readers' own kinds of error are many, and are all about the file
+        raise RecordingError(f"The file cannot be read as {name}: {error}", title="Unreadable file") from error
+
+
+def _plain(type_name: str) -> str:
+    """sensor_msgs/JointState, as ROS 1 writes it, is sensor_msgs/msg/JointState."""
+    return type_name if "/msg/" in type_name else type_name.replace("/", "/msg/", 1)
+
+
+def _ros1(path: Path) -> Iterator[_Packed]:
+    from rosbags.rosbag1 import Reader
+
+    with Reader(path) as reader:
+        wanted = [one for one in reader.connections if _plain(one.msgtype) in KNOWN]
+        if not wanted:
+            return
+        for connection, stamp, data in reader.messages(connections=wanted):
+            text = connection.msgdef.data
+            yield _Packed(connection.topic, _plain(connection.msgtype), text, stamp, bytes(data))
+
+
+def _ros2(path: Path) -> Iterator[_Packed]:
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
+        topics = {key: (name, kind) for key, name, kind in base.execute("SELECT id, name, type FROM topics")}
+        tables = {name for (name,) in base.execute("SELECT name FROM sqlite_master")}
+        texts: dict[str, str] = {}
+        if "message_definitions" in tables:
+            rows = base.execute("SELECT topic_type, encoded_message_definition FROM message_definitions")
+            texts = dict(rows.fetchall())
+        wanted = [key for key, (_, kind) in topics.items() if kind in KNOWN]
+        marks = ",".join("?" * len(wanted))
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp"
+        for key, stamp, data in base.execute(query, wanted):
+            topic, kind = topics[key]
+            yield _Packed(topic, kind, texts.get(kind, ""), stamp, data)
+
+
+def _mcap(path: Path) -> Iterator[_Packed]:
+    from mcap.reader import make_reader
+
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            if schema is None or _plain(schema.name) not in KNOWN or channel.message_encoding != "cdr":
+                continue
+            text = schema.data.decode(errors="replace") if schema.encoding == "ros2msg" else ""
+            yield _Packed(channel.topic, _plain(schema.name), text, message.log_time, message.data)
+
+
+class _Unpacker:
+    """Unpacks messages, with the types that the file defines beside those that ROS brings."""
+
+    def __init__(self, *, ros1: bool) -> None:
+        from rosbags.typesys import Stores, get_typestore
+
+        self._store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+        self._unpack = self._store.deserialize_ros1 if ros1 else self._store.deserialize_cdr
+
+    def __call__(self, packed: _Packed) -> Any:
+        if packed.type not in self._store.types and packed.definition:
+            self._learn(packed)
+        return self._unpack(packed.data, packed.type)
+
+    def _learn(self, packed: _Packed) -> None:
+        from rosbags.typesys import get_types_from_msg
+
+        first, *others = packed.definition.split("=" * 80 + "\n")
+        self._store.register(get_types_from_msg(first, packed.type))
+        for other in others:
+            head, _, text = other.partition("\n")
+            name = _plain(head.removeprefix("MSG: ").strip())
+            if name not in self._store.types:
+                self._store.register(get_types_from_msg(text, name))
+
+
+def _samples(packed: _Packed, message: Any) -> Iterator[Sample]:
+    header = getattr(message, "header", None)
+    time = packed.stamp * 1e-9
+    if header is not None:
+        stamp = header.stamp
+        seconds = stamp.sec + stamp.nanosec * 1e-9
+        time = seconds or time
+    topic = packed.topic.strip("/")
+    names, values = _content(packed.type, message)
+    if names:
+        yield Sample(topic, time, tuple(names), np.array(values, dtype=np.float64))
+
+
+def _content(kind: str, message: Any) -> tuple[list[str], list[float]]:
+    if kind == _JOINT_STATES:
+        return _of_joints(message.name, message)
+    if kind in _WRENCHES:
+        wrench = getattr(message, "wrench", message)
+        parts = [
+            (f"{part}_{axis}", getattr(getattr(wrench, part), axis)) for part in ("force", "torque") for axis in "xyz"
+        ]
+        return [name for name, _ in parts], [float(value) for _, value in parts]
+    names: list[str] = []
+    values: list[float] = []
+    if kind == _DYNAMIC:
+        for joint, interface in zip(message.joint_names, message.interface_values, strict=True):
+            names += [f"{field}_{joint}" for field in interface.interface_names]
+            values += [float(value) for value in interface.values]
+        return names, values
+    joints = getattr(message, "joint_names", [])
+    for part, ours in (("actual", ""), ("feedback", ""), ("desired", "commanded_"), ("reference", "commanded_")):
+        point = getattr(message, part, None)
+        if point is not None and hasattr(point, "positions"):
+            for field, own in (("positions", "position"), ("velocities", "velocity"), ("effort", "effort")):
+                for joint, value in zip(joints, getattr(point, field, ()), strict=False):
+                    names.append(f"{ours}{own}_{joint}")
+                    values.append(float(value))
+    return names, values
+
+
+def _of_joints(joints: Any, message: Any) -> tuple[list[str], list[float]]:
+    names: list[str] = []
+    values: list[float] = []
+    for field in ("position", "velocity", "effort"):
+        # A field may be left empty; it is never shorter otherwise.
+        for joint, value in zip(joints, getattr(message, field), strict=False):
+            names.append(f"{field}_{joint}")
+            values.append(float(value))
+    return names, values

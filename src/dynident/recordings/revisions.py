@@ -1,0 +1,188 @@
+"""What is said of a file, changed afterwards: another window, another order, a sign, a unit; the file stays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from dynident.recordings.types import Check, RecordingError, RecordingMetadata, Windows
+
+_BY_KEY = ("columns", "units", "permutation", "signs", "scale")
+
+
+@dataclass(frozen=True)
+class Revision:
+    """What is to be said of a file from now on; None, or an empty mapping: as before.
+
+    Mappings are merged with what was said, key by key; the rest replaces it. The fields mean what they mean in
+    `RecordingMetadata`. `windows` and `exclude` may be empty: all of it, nothing.
+    """
+
+    windows: Windows | None = None
+    exclude: Windows | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    permutation: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    signs: Mapping[str, float] = field(default_factory=dict)
+    scale: Mapping[str, float] = field(default_factory=dict)
+    torque_delay: float | None = None
+    role: str | None = None
+    name: str | None = None
+
+    def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
+        """What is then said of the file.
+
+        Raises
+        ------
+        RecordingError
+            For a window or a delay that cannot be.
+        """
+        changed: dict[str, Any] = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if one.name in _BY_KEY:
+                changed[one.name] = {**getattr(metadata, one.name), **value}
+            elif value is not None:
+                changed[one.name] = value
+        return replace(metadata, **changed)
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Names of the fields that change anything."""
+        return tuple(one.name for one in fields(self) if getattr(self, one.name) not in (None, {}))
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} {_written(getattr(self, name))}" for name in self.changes) or "nothing"
+
+
+def cured(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Sequence[str]) -> tuple[Check, ...]:
+    """Checks whose cures go on from what is said of the file already.
+
+    A check sees the recording as it was read, and knows neither the order nor the signs nor the delay that were said.
+    """
+    before = Rearrangement(metadata, joint_names)
+    return tuple(
+        check if check.apply is None else replace(check, apply=_after(check.apply, metadata, before))
+        for check in checks
+    )
+
+
+def _after(found: Revision, metadata: RecordingMetadata, before: Rearrangement) -> Revision:
+    n = before.n
+    permutation = {
+        kind: tuple(before.read(kind, column - 1) + 1 for column in order) for kind, order in found.permutation.items()
+    }
+    signs: dict[str, float] = {}
+    scale: dict[str, float] = {}
+    for kind in ("q", "tau"):
+        order = found.permutation.get(kind, tuple(range(1, n + 1)))
+        for said, new, changed in ((before.sign, found.signs, signs), (before.scale, found.scale, scale)):
+            for joint, column in enumerate(order):
+                # A sign goes with its column to the joint that reads it from now on.
+                value = new.get(f"{kind}{joint + 1}", 1.0) * said(kind, column - 1)
+                if value != said(kind, joint):
+                    changed[f"{kind}{joint + 1}"] = value
+    delay = None if found.torque_delay is None else metadata.torque_delay + found.torque_delay
+    exclude = None if found.exclude is None else (*metadata.exclude, *found.exclude)
+    return replace(found, permutation=permutation, signs=signs, scale=scale, torque_delay=delay, exclude=exclude)
+
+
+def windows_without(windows: Windows, exclude: Windows, first: float, last: float) -> Windows:
+    """Windows to use with some seconds of t left out; `first` and `last` are those of the recording.
+
+    Raises
+    ------
+    RecordingError
+        Where nothing is left.
+    """
+    left = [(float(start), float(end)) for start, end in (windows or ((first, last),))]
+    if not exclude:
+        return windows
+    for start, end in exclude:
+        parts = [((a, min(b, start)), (max(a, end), b)) for a, b in left]
+        left = [part for pair in parts for part in pair if part[1] > part[0]]
+    if not left:
+        raise RecordingError(
+            f"exclude leaves nothing of the recording, which runs from {first:.6g} to {last:.6g} s.",
+            pointer="/exclude",
+            title="Empty window",
+        )
+    return tuple(left)
+
+
+class Rearrangement:
+    """Which joint's columns each joint reads, and the factor that they are taken by."""
+
+    def __init__(self, metadata: RecordingMetadata, joint_names: Sequence[str]) -> None:
+        self._names = tuple(joint_names)
+        self._metadata = metadata
+        self._check()
+
+    def read(self, kind: str, joint: int) -> int:
+        """The joint, from 0, whose column is read for a signal of a joint."""
+        order = self._metadata.permutation.get(_GROUPS.get(kind, ""))
+        return joint if order is None else order[joint] - 1
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self._names)
+
+    def factor(self, kind: str, joint: int) -> float:
+        """What the column that is read is multiplied by, beside its unit."""
+        group = _GROUPS.get(kind)
+        return 1.0 if group is None else self.sign(group, joint) * self.scale(group, joint)
+
+    def sign(self, group: str, joint: int) -> float:
+        """1 or -1 of a joint's position ("q") or torque ("tau")."""
+        return self._said(self._metadata.signs, group, joint)
+
+    def scale(self, group: str, joint: int) -> float:
+        """The factor of a joint's position or torque."""
+        return self._said(self._metadata.scale, group, joint)
+
+    def _said(self, given: Mapping[str, float], group: str, joint: int) -> float:
+        keys = (f"{group}{joint + 1}", f"{group}_{self._names[joint]}", group)
+        return float(next((given[key] for key in keys if key in given), 1.0))
+
+    def _check(self) -> None:
+        n, metadata = len(self._names), self._metadata
+        for kind, order in metadata.permutation.items():
+            if kind not in ("q", "tau") or sorted(order) != list(range(1, n + 1)):
+                raise RecordingError(
+                    f"permutation gives {kind!r} the order {list(order)}; give q or tau the numbers 1 to {n}, each "
+                    "once: at place k stands the number of the column that is joint k's.",
+                    pointer=f"/permutation/{kind}",
+                    title="Unusable order",
+                )
+        endings = ["", *(str(joint + 1) for joint in range(n)), *(f"_{name}" for name in self._names)]
+        known = {f"{kind}{ending}" for kind in ("q", "tau") for ending in endings}
+        for field_name, given in (("signs", metadata.signs), ("scale", metadata.scale)):
+            for key, value in given.items():
+                if key not in known:
+                    raise RecordingError(
+                        f"{field_name} names {key!r}; name q, tau, or one joint's: tau2, tau_{self._names[0]}.",
+                        pointer=f"/{field_name}/{key}",
+                        title="Unknown column",
+                    )
+                right = abs(value) == 1.0 if field_name == "signs" else np.isfinite(value) and value > 0.0
+                if not right:
+                    wanted = "1 or -1" if field_name == "signs" else "a number above 0"
+                    raise RecordingError(
+                        f"{field_name} of {key} is {value}; give {wanted}.", pointer=f"/{field_name}/{key}"
+                    )
+
+
+_GROUPS = {"q": "q", "q_command": "q", "dq": "q", "ddq": "q", "tau": "tau", "current": "tau"}
+"""Signals that change place and sign together."""
+
+
+def _written(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key}: {_written(one)}" for key, one in value.items())
+    if isinstance(value, tuple):
+        return " ".join(f"{one[0]:g}:{one[1]:g}" if isinstance(one, tuple) else str(one) for one in value) or "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,255 @@
+"""Machines whose joints are not all free: which joints of the tree are driven, and what the others follow.
+
+Data, drives and limits are those of the driven joints q_a (n,). The links hang on the tree's joints q (N,), which follow
+from them: q = f(q_a), q̇ = G q̇_a with G = ∂f/∂q_a, and the torques of the driven joints are Γ = Gᵀ Γ_tree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.errors import DynidentError
+from dynident.robot.loops import TITLE as CLOSURE_TITLE
+from dynident.robot.loops import Closure, Loop
+from dynident.robot.pointers import listed
+
+if TYPE_CHECKING:
+    from dynident.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A joint that follows others: q = Σ ratio q_other + offset. `where`, `line`: of the description, for messages."""
+
+    ratios: Mapping[str, float]
+    offset: float = 0.0
+    where: str = ""
+    line: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Linkage:
+    """The tree that carries the links of a machine, and how it follows the driven joints.
+
+    `driven` (n,) are the driven joints' places among the tree's; q = `ratios` (N, n + p) [q_a; x] + `offsets` (N,), with
+    the p passive coordinates x that closed loops determine, if there are any (`closure`).
+    """
+
+    tree: Robot
+    driven: tuple[int, ...]
+    ratios: FloatArray
+    offsets: FloatArray
+    ties: Mapping[str, Tie] = field(default_factory=dict)
+    closure: Closure | None = None
+
+    @property
+    def passive(self) -> tuple[int, ...]:
+        """Places of the other joints among the tree's."""
+        return tuple(j for j in range(self.tree.n) if j not in self.driven)
+
+    def positions(self, q: FloatArray) -> FloatArray:
+        """Positions of all joints (m, N) from those of the driven ones (m, n)."""
+        free = q if self.closure is None else np.hstack([q, self.closure.passive(q)])
+        return np.asarray(free @ self.ratios.T + self.offsets)
+
+    def rates(self, q: FloatArray) -> FloatArray:
+        """G (m, N, n) at driven positions q (m, n)."""
+        if self.closure is None:
+            return np.broadcast_to(self.ratios, (len(q), *self.ratios.shape))
+        n, x = q.shape[1], self.closure.passive(q)
+        slopes = np.array([np.asarray(self.closure.rates(*state)) for state in zip(q, x, strict=True)])
+        return np.asarray(self.ratios[:, :n] + self.ratios[:, n:] @ slopes)
+
+    def motion(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and acceleration of all joints (m, N) from those of the driven ones (m, n)."""
+        if self.closure is None:
+            return self.positions(q), dq @ self.ratios.T, ddq @ self.ratios.T
+        states = zip(q, self.closure.passive(q), dq, ddq, strict=True)
+        passive = np.array([np.asarray(self.closure.accelerations(*state)).ravel() for state in states])
+        speed = np.einsum("mij,mj->mi", self.rates(q), dq)
+        return self.positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
+
+    def repeats(self, joint: int) -> bool:
+        """Whether a joint of the tree turns, or slides, so many times as far as one driven joint."""
+        return np.count_nonzero(self.ratios[joint, : len(self.driven)]) < 2 and not np.any(
+            self.ratios[joint, len(self.driven) :]
+        )
+
+    def movers(self, joint: int) -> tuple[int, ...]:
+        """Places among the driven joints of those that a joint of the tree moves with."""
+        n, found = len(self.driven), set()
+        for place in np.flatnonzero(self.ratios[joint]):
+            if place < n:
+                found.add(int(place))
+            elif self.closure is not None:
+                found |= set(self.closure.movers(int(place) - n))
+        return tuple(sorted(found))
+
+
+def followers_locked(ties: Mapping[str, Tie], locked: Mapping[str, float]) -> dict[str, float]:
+    """The locked joints, and those that stand because all that they follow are locked."""
+    found = dict(locked)
+    while True:
+        more = {
+            name: sum(ratio * found[other] for other, ratio in tie.ratios.items()) + tie.offset
+            for name, tie in ties.items()
+            if name not in found and all(other in found for other in tie.ratios)
+        }
+        if not more:
+            return found
+        found |= more
+
+
+@dataclass(frozen=True)
+class Cuts:
+    """What a description says of closed loops: the loops, the passive joints in them, where joints start (rad or m)."""
+
+    loops: tuple[Loop, ...] = ()
+    passive: tuple[str, ...] = ()
+    starts: Mapping[str, float] = field(default_factory=dict)
+
+
+def linked(
+    tree: Robot, ties: Mapping[str, Tie], *, title: str, locked: Mapping[str, float], cuts: Cuts | None = None
+) -> Robot:
+    """The machine of a tree some of whose joints follow others; the tree itself where none does.
+
+    Raises
+    ------
+    DynidentError
+            A joint follows itself, directly or by way of others, or one that does not exist; or a ratio is none. Or loops
+        do not close, or do not determine the passive joints.
+    """
+    cuts = Cuts() if cuts is None else cuts
+    ties = {name: tie for name, tie in ties.items() if name in tree.joint_names}
+    if not ties and not cuts.loops and not cuts.passive:
+        return tree
+    ratios, offsets = _solved(tree, ties, title, locked)
+    driven = tuple(j for j, name in enumerate(tree.joint_names) if name not in ties and name not in cuts.passive)
+    loose = tuple(j for j, name in enumerate(tree.joint_names) if name in cuts.passive)
+    if not driven:
+        raise DynidentError(
+            f"No joint is driven: all of {listed(tree.joint_names)} follow others or are passive. Drive at least one.",
+            pointer=cuts.loops[0].where if cuts.loops else "",
+            title=title,
+        )
+    ratios = ratios[:, [*driven, *loose]]
+    closure = _closure(tree, cuts, driven, loose, ratios, offsets)
+    linkage = Linkage(tree, driven, ratios, offsets, ties, closure)
+    for name in (*ties, *cuts.passive):
+        if tree.drives[tree.joint_names.index(name)] != type(tree.drives[0])():
+            raise DynidentError(
+                f"Joint '{name}' follows other joints, so it has no drive; driven joints: "
+                f"{listed(tree.joint_names[j] for j in driven)}.",
+                pointer=f"/drives/{name}",
+                title=title,
+            )
+    return driven_robot(linkage)
+
+
+def driven_robot(linkage: Linkage) -> Robot:
+    """The robot whose joints are the driven ones of a linkage; the antecedent of each is the driven joint before it."""
+    tree, driven = linkage.tree, linkage.driven
+    joints = []
+    for j in driven:
+        before = [k for k in tree.ancestors(j)[:-1] if k in driven]
+        joints.append(replace(tree.joints[j], parent=driven.index(before[-1]) if before else -1))
+    return replace(
+        tree, joints=tuple(joints), drives=tuple(tree.drives[j] for j in driven), linkage=linkage, inertias=tree.inertias
+    )
+
+
+def _closure(
+    tree: Robot,
+    cuts: Cuts,
+    driven: tuple[int, ...],
+    loose: tuple[int, ...],
+    ratios: FloatArray,
+    offsets: FloatArray,
+) -> Closure | None:
+    if not cuts.loops and not loose:
+        return None
+    if not cuts.loops:
+        raise DynidentError(
+            f"No loop holds the passive joints {listed(cuts.passive)}; drive or tie them, or close a loop with them.",
+            pointer="/loops",
+            title=CLOSURE_TITLE,
+        )
+    free = [tree.joints[j] for j in (*driven, *loose)]
+    start = np.array([cuts.starts.get(joint.name, 0.0) for joint in free])
+    reach = {"revolute": math.pi, "prismatic": 1.0}
+    bounds = [
+        joint.limits.position or (at - reach[joint.kind], at + reach[joint.kind])
+        for joint, at in zip(free, start, strict=True)
+    ]
+    for place, (low, high) in enumerate(bounds[: len(driven)]):
+        if free[place].name not in cuts.starts and not low <= 0.0 <= high:
+            start[place] = 0.5 * (low + high)
+    low, high = (np.array(one) for one in zip(*bounds[: len(driven)], strict=True))
+    names = tuple(joint.name for joint in free)
+    closure = Closure(tree.joints, cuts.loops, ratios, offsets, start, low, high, names)
+    closure.check()
+    return closure
+
+
+def check_ratio(value: float) -> bool:
+    """Whether a joint can follow another by this ratio."""
+    return math.isfinite(value) and value != 0
+
+
+def _solved(
+    tree: Robot, ties: Mapping[str, Tie], title: str, locked: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Ratios (N, N) to the joints that are tied to none, and offsets (N,)."""
+    names = tree.joint_names
+    ratios, offsets = np.zeros((tree.n, tree.n)), np.zeros(tree.n)
+    done: set[str] = set()
+
+    def solve(name: str, path: tuple[str, ...]) -> None:
+        if name in done:
+            return
+        j = names.index(name)
+        tie = ties.get(name)
+        if tie is None:
+            ratios[j, j] = 1.0
+        else:
+            if name in path:
+                way = " follows ".join(f"'{one}'" for one in (*path[path.index(name) :], name))
+                raise _error(f"Joint {way}: a joint cannot follow itself. Leave one of them free.", tie, title)
+            offsets[j] = tie.offset
+            for other, ratio in tie.ratios.items():
+                if other in locked:
+                    offsets[j] += ratio * locked[other]
+                    continue
+                if other not in names:
+                    raise _error(
+                        f"Joint '{name}' follows '{other}', which is no moving joint; moving joints: "
+                        f"{listed(one for one in names if one != name)}.",
+                        tie,
+                        title,
+                    )
+                if not check_ratio(ratio):
+                    raise _error(
+                        f"Joint '{name}' follows '{other}' by {ratio}; expected a number other than 0 (make a joint "
+                        "that stands still fixed).",
+                        tie,
+                        title,
+                    )
+                solve(other, (*path, name))
+                ratios[j] += ratio * ratios[names.index(other)]
+                offsets[j] += ratio * offsets[names.index(other)]
+        done.add(name)
+
+    for name in names:
+        solve(name, ())
+    return ratios, offsets
+
+
+def _error(detail: str, tie: Tie, title: str) -> DynidentError:
+    return DynidentError(f"line {tie.line}: {detail}" if tie.line else detail, pointer=tie.where, title=title)

@@ -1,0 +1,39 @@
+"""A file that would be refused is read as its checks propose, if asked, and that is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pytest
+from running_commands import ROBOT, dynident, write_run
+
+from dynident.robot import urdf_from_robot
+
+
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a robot and a run whose first torque has the opposite sign."""
+    folder = tmp_path_factory.mktemp("turned")
+    (folder / "arm.urdf").write_text(urdf_from_robot(ROBOT), encoding="utf-8")
+    table = pacsv.read_csv(write_run(folder / "right.csv", 1))
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    pacsv.write_csv(pa.table(columns | {"tau1": -columns["tau1"]}), folder / "wrong.csv")
+    return folder
+
+
+def test_a_refusal_names_the_option_that_cures_it(turned: Path) -> None:
+    answer = dynident("identify", turned / "arm.urdf", turned / "wrong.csv", "--json")
+    assert answer.code == 2
+    assert "--cure" in answer.err
+    (found,) = [one for one in answer.document["checks"] if one["status"] == "error"]
+    assert found["apply"] == {"signs": {"tau1": -1.0}}
+
+
+def test_a_cured_file_gives_the_model_of_the_right_one(turned: Path) -> None:
+    cured = dynident("identify", turned / "arm.urdf", turned / "wrong.csv", "--cure", "--json").document
+    right = dynident("identify", turned / "arm.urdf", turned / "right.csv", "--json").document
+    assert cured["residual"]["relative_total"] == pytest.approx(right["residual"]["relative_total"], rel=1e-6)
+    told = [one["detail"] for one in cured["measurements"][0]["checks"] if one["name"] == "cure"]
+    assert told == ["Read as if it had been said: signs tau1: -1."]

@@ -1,0 +1,159 @@
+"""Every block of the pages runs as it is written, or says on the line before it why not."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from written_commands import run_commands
+
+import dynident as dy
+from dynident.robot import robot_from_library, urdf_from_robot
+from dynident_client import Client
+
+sys.path.append(str(Path(__file__).parents[1] / "service"))
+from service_helpers import serving
+
+from dynident_service.settings import Settings
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+# Pages whose blocks another test runs from the page's own text; what it does not run is marked in the page.
+ELSEWHERE = {
+    "README.md": "tests/project/test_readme.py",
+    "tutorial.md": "docs/figures.py",
+    "exports.md": "tests/project/test_exports_page.py",
+    "notebook.md": "tests/desk/test_the_page_about_notebooks.py",
+    "own-effects.md": "tests/effects/test_own_effects.py",
+}
+MARK = re.compile(r"<!-- not run: \S.+ -->\n\Z")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: its language, its text, and whether the page says why it is not run."""
+
+    language: str
+    text: str
+    marked: bool
+
+
+def blocks_of(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    found = re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return [Block(one[1], one[2], bool(MARK.search(text[: one.start()]))) for one in found]
+
+
+def to_run(page: str, language: str) -> list[str]:
+    """The blocks of a page in docs/ in one language, without those that it says are not run."""
+    return [one.text for one in blocks_of(ROOT / "docs" / page) if one.language == language and not one.marked]
+
+
+def commands(block: str) -> list[str]:
+    """Its commands, one a line, without comments and continued lines joined."""
+    lines = re.sub(r"\\\n\s*", "", block).splitlines()
+    return [re.sub(r"\s+# .*", "", line) for line in lines if line.strip()]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_block_is_run_by_a_test_or_says_why_not(page: Path) -> None:
+    open_ones = [one for one in blocks_of(page) if not one.marked]
+    if not open_ones:
+        return
+    runner = ROOT / ELSEWHERE.get(page.name, str(Path(__file__).relative_to(ROOT)))
+    assert f'"{page.name}"' in runner.read_text(encoding="utf-8"), f"{page.name} is run by no test"
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a SCARA's URDF, recordings under every name that the pages use, and a model."""
+    folder = tmp_path_factory.mktemp("cell")
+    (folder / "arm.urdf").write_text(urdf_from_robot(robot_from_library("scara")), encoding="utf-8")
+    for seed, name in enumerate(("run1", "run2", "june", "july", "night1", "night2", "night3")):
+        run_commands(folder, f"dynident simulate arm.urdf --rate 100 --seed {seed} --out {name}.csv")
+    run_commands(folder, "dynident identify arm.urdf run1.csv -v run2.csv --out model.npz")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["methods.md", "diagnosis.md"])
+def test_commands_of_the_page_run(cell: Path, page: str) -> None:
+    for block in to_run(page, "sh"):
+        assert run_commands(cell, "\n".join(commands(block)))
+
+
+@pytest.mark.slow
+def test_every_design_of_the_page_gives_its_file(cell: Path) -> None:
+    for command in commands(to_run("experiments.md", "sh")[0]):
+        # The page's own commands take minutes: here with little time and few samples.
+        run_commands(cell, f"{command} --time-budget 1 --rate 50")
+        assert (cell / command.split("--out ")[1]).stat().st_size > 0
+
+
+@pytest.mark.slow
+def test_the_days_of_the_page_are_followed_in_python(cell: Path) -> None:
+    model = dy.load_model(cell / "model.npz")
+    runs = dy.read_recordings(cell / "run1.csv", cell / "run2.csv", robot=model.robot)
+    names: dict[str, Any] = {"dy": dy, "model": model, "runs": runs}
+    exec(to_run("diagnosis.md", "python")[0], names)
+    assert names["followed"].summary
+
+
+@pytest.mark.slow
+def test_the_surroundings_of_the_page_are_kept(tmp_path: Path) -> None:
+    (tmp_path / "cell.json").write_text(to_run("surroundings.md", "json")[0], encoding="utf-8")
+    asked = "design franka_panda --kind random --surroundings cell.json"
+    arms = {**json.loads((tmp_path / "cell.json").read_text()), "may_touch": [["joint5", "joint7"]], "link_radius": 0.05}
+    # The library's arm has no links by these names.
+    (tmp_path / "cell.json").write_text(json.dumps(arms), encoding="utf-8")
+    assert "box 'table'" in run_commands(tmp_path, f"dynident {asked} --rate 50 --json")
+
+
+@pytest.mark.parametrize("page", ["my-robot.md", "drive-chain.md"])
+def test_the_robot_of_the_page_can_be_read(tmp_path: Path, page: str) -> None:
+    document = json.loads(to_run(page, "json")[0])
+    text = urdf_from_robot(robot_from_library("franka_panda"))
+    finger = '<link name="finger"/><joint name="finger_joint" type="prismatic"><parent link="{}"/><child link="finger"/>'
+    finger += '<axis xyz="0 1 0"/><limit lower="0" upper="0.04" velocity="1" effort="1"/></joint></robot>'
+    last = re.findall(r'<child link="([^"]+)"', text)[-1]
+    document["description"]["content"] = text.replace("</robot>", finger.format(last))
+    (tmp_path / "robot.json").write_text(json.dumps(document), encoding="utf-8")
+    robot = dy.load_robot(tmp_path / "robot.json")
+    assert set(document["drives"]) == {drive.joint for drive in robot.drives if drive != Drive(drive.joint)}
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[str]:
+    with serving(Settings(data_dir=tmp_path / "data", workers=2, port=0, log_level="warning")) as url:
+        yield url
+
+
+@pytest.mark.slow
+def test_the_requests_of_the_page_are_accepted(cell: Path, service: str) -> None:
+    if shutil.which("curl") is None:
+        pytest.skip("NO CURL: the requests of http-service.md are not tested here")
+    body = {"name": "arm", "description": {"format": "urdf", "content": (cell / "arm.urdf").read_text()}}
+    (cell / "robot.json").write_text(json.dumps(body), encoding="utf-8")
+    known: dict[str, str] = {}
+    for block in to_run("http-service.md", "sh"):
+        for command in commands(block):
+            for prefix, identifier in known.items():
+                command = command.replace(f"{prefix}_…", identifier)
+            done = subprocess.run(
+                ["bash", "-c", command.replace("localhost:8000", service)], cwd=cell, capture_output=True, text=True
+            )
+            made = json.loads(done.stdout)
+            assert "id" in made, made
+            known[made["id"][:3]] = made["id"]
+            with Client(service) as client:
+                if "job_id" in made:
+                    client.jobs.get(made["job_id"]).wait()
+    assert set(known) >= {"rob", "mea", "idn", "val"}

@@ -1,0 +1,94 @@
+"""Nothing but an effect's own file knows it by name."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from dynident.effects import CATALOGUE, DEFAULT_EFFECTS
+
+ROOT = Path(__file__).resolve().parents[2]
+HOME = ROOT / "src" / "dynident" / "effects"
+PYTHON = sorted(
+    path for folder in ("src", "service") for path in (ROOT / folder).rglob("*.py") if HOME not in path.parents
+)
+PAGES = sorted((ROOT / "service").rglob("*.js"))
+
+# "payload" is as well what a recording carries, a role of recordings and a kind of validation: there it names no
+# effect. Where somebody compares an effect with it, or asks for one, it does.
+OTHER_MEANINGS = {"payload"}
+
+# The contract (api.md) fixes the four usual effects as the defaults of a request, and the demonstration's default is in
+# its help; who says "the links" there says it in the contract's words.
+CONTRACT = {
+    "service/dynident_service/models/identifications.py": {choice.effect for choice in DEFAULT_EFFECTS},
+    "service/dynident_service/models/simulations.py": {choice.effect for choice in DEFAULT_EFFECTS},
+    "service/dynident_service/adapters/robots.py": {"rigid_body"},
+    "service/dynident_service/adapters/simulations.py": {"rigid_body"},
+    "service/dynident_service/cli/verbs/demo.py": {"stribeck"},
+    "service/dynident_service/workbench/static/js/identification_form.js": {c.effect for c in DEFAULT_EFFECTS},
+}
+
+
+def named(source: str) -> Iterator[tuple[int, str]]:
+    """Lines of a Python source at which the id of an effect stands as a string, and the id."""
+    tree = ast.parse(source)
+    meant = {id(node) for whole in ast.walk(tree) for node in _of_effects(whole)}
+    for node in ast.walk(tree):
+        text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+        if text in CATALOGUE and (text not in OTHER_MEANINGS or id(node) in meant):
+            yield node.lineno, text
+
+
+def _of_effects(node: ast.AST) -> list[ast.AST]:
+    """Everything inside a comparison with somebody's `.effect`, or inside a choice of an effect."""
+    compared = isinstance(node, ast.Compare) and any(
+        isinstance(part, ast.Attribute) and part.attr == "effect" for part in (node.left, *node.comparators)
+    )
+    chosen = isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("EffectChoice", "TrueEffect")
+    return list(ast.walk(node)) if compared or chosen else []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        'if column.effect == "coulomb": pass',
+        'COMMON = ("stribeck", "x")',
+        'EffectChoice("payload", runs=())',
+        'if column.effect in ("rigid_body", "payload"): pass',
+    ],
+)
+def test_the_search_finds_an_effect_that_is_known_by_name(source: str) -> None:
+    assert list(named(source))
+
+
+def test_the_search_leaves_a_payload_that_is_no_effect() -> None:
+    assert not list(named('body.get("payload"); role == "payload"'))
+
+
+def test_no_effect_is_known_by_name_outside_its_own_room() -> None:
+    found = [
+        f"{name}:{line}: {effect}"
+        for path in PYTHON
+        for line, effect in named(path.read_text(encoding="utf-8"))
+        if effect not in CONTRACT.get(name := path.relative_to(ROOT).as_posix(), ())
+    ]
+    assert len(PYTHON) > 400
+    assert found == []
+
+
+def test_no_page_knows_an_effect_by_name() -> None:
+    ids = "|".join(name for name in CATALOGUE if name not in OTHER_MEANINGS)
+    quoted = re.compile(rf"""["'`]({ids})["'`]""")
+    found = [
+        f"{name}: {effect}"
+        for path in PAGES
+        for effect in quoted.findall(path.read_text(encoding="utf-8"))
+        if effect not in CONTRACT.get(name := path.relative_to(ROOT).as_posix(), ())
+    ]
+    assert PAGES
+    assert found == []

@@ -1,0 +1,126 @@
+"""What is said of a file can be changed afterwards; checks carry the change that would cure what they found."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles import arm, fourier_motion, pinocchio_torque
+
+from dynident.identification.robot_recordings import import_cured, import_for_robot
+from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
+
+ROBOT = arm("ur10")
+EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
+Q, TAU = ([f"{name}{k + 1}" for k in range(6)] for name in ("q", "tau"))
+
+
+def written(path: Path, *, order: tuple[int, ...] = (0, 1, 2, 3, 4, 5), signs: tuple[int, ...] = (1,) * 6) -> Path:
+    motion = fourier_motion(ROBOT, 20.0, 200.0, 3)
+    friction = 0.04 * EFFORT * np.sign(motion.dq) + 0.03 * EFFORT * motion.dq
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + friction
+    tau += 0.005 * EFFORT * np.random.default_rng(3).normal(size=tau.shape)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["t", *Q, *TAU])
+        writer.writerows(np.column_stack([motion.t, motion.q, (tau * signs)[:, order]]))
+    return path
+
+
+def brought_in(path: Path, metadata: RecordingMetadata) -> tuple[Recording, tuple[Check, ...]]:
+    return import_for_robot(ROBOT, path, path.with_suffix(".checked.parquet"), metadata)
+
+
+def torque(recording: Recording) -> np.ndarray:
+    segment = recording.segments[0]
+    return np.concatenate([rows.tau for rows in recording.source.rows(segment.first_row, segment.length, 10**6)])
+
+
+def cure_of(path: Path, metadata: RecordingMetadata) -> Revision:
+    with pytest.raises(RecordingError) as refused:
+        brought_in(path, metadata)
+    cure = next(check.apply for check in refused.value.checks if check.status == "error")
+    assert cure is not None
+    return cure
+
+
+def test_what_a_check_proposes_makes_the_recording_the_right_one(tmp_path: Path) -> None:
+    right, _ = brought_in(written(tmp_path / "right.csv"), RecordingMetadata())
+    wrong = written(tmp_path / "wrong.csv", order=(1, 0, 2, 3, 4, 5))
+    cure = cure_of(wrong, RecordingMetadata())
+    assert cure == Revision(permutation={"tau": (2, 1, 3, 4, 5, 6)})
+    mended, checks = brought_in(wrong, cure.of(RecordingMetadata()))
+    assert np.array_equal(torque(mended), torque(right))
+    assert all(check.apply is None for check in checks if check.name.endswith(("order", "sign")))
+
+
+def test_a_cure_goes_on_from_what_was_said_before(tmp_path: Path) -> None:
+    right, _ = brought_in(written(tmp_path / "right.csv"), RecordingMetadata())
+    wrong = written(tmp_path / "wrong.csv", order=(1, 2, 0, 3, 4, 5), signs=(1, -1, 1, 1, 1, 1))
+    said = RecordingMetadata(permutation={"tau": (3, 2, 1, 4, 5, 6)}, signs={"tau3": -1})
+    cure = cure_of(wrong, said)
+    mended, _ = brought_in(wrong, cure.of(said))
+    assert np.array_equal(torque(mended), torque(right))
+
+
+def test_mistakes_that_checks_know_a_cure_of_are_mended_one_after_the_other_if_asked(tmp_path: Path) -> None:
+    right, _ = brought_in(written(tmp_path / "right.csv"), RecordingMetadata())
+    wrong = written(tmp_path / "wrong.csv", order=(1, 0, 2, 3, 4, 5), signs=(1, 1, -1, 1, 1, 1))
+    mended = import_cured(ROBOT, wrong, tmp_path / "mended.parquet", RecordingMetadata())
+    assert np.array_equal(torque(mended.recording), torque(right))
+    assert len(mended.revisions) == 2
+    assert "tau: 2 1 3 4 5 6" in str(mended.revisions[0]) + str(mended.revisions[1])
+
+
+def test_what_has_no_cure_is_refused_all_the_same(tmp_path: Path) -> None:
+    path = written(tmp_path / "run.csv")
+    with pytest.raises(RecordingError, match="Window 1 runs"):
+        import_cured(ROBOT, path, tmp_path / "x.parquet", RecordingMetadata(windows=((100.0, 200.0),)))
+
+
+def test_excluded_seconds_are_not_used(tmp_path: Path) -> None:
+    path = written(tmp_path / "run.csv")
+    whole, _ = brought_in(path, RecordingMetadata(exclude=((5.0, 7.0),)))
+    (_, before), (after, _) = whole.windows
+    assert (before, after) == (5.0, 7.0)
+    part, _ = brought_in(path, RecordingMetadata(windows=((4.0, 12.0),), exclude=((5.0, 7.0), (11.0, 30.0))))
+    assert part.windows == ((4.0, 5.0), (7.0, 11.0))
+    with pytest.raises(RecordingError, match="leaves nothing"):
+        brought_in(path, RecordingMetadata(windows=((4.0, 12.0),), exclude=((0.0, 30.0),)))
+
+
+def test_scales_and_signs_are_of_one_joint_or_of_all(tmp_path: Path) -> None:
+    path = written(tmp_path / "run.csv")
+    own = torque(brought_in(path, RecordingMetadata())[0])
+    other, _ = brought_in(
+        path, RecordingMetadata(scale={"tau": 2.0}, signs={"tau2": -1}, accept=("torque_sign", "joint_sign"))
+    )
+    assert np.allclose(torque(other), own * [2, -2, 2, 2, 2, 2], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("said", "pointer"),
+    [
+        (RecordingMetadata(permutation={"tau": (1, 2)}), "/permutation/tau"),
+        (RecordingMetadata(permutation={"tau": (0, 1, 2, 3, 4, 5)}), "/permutation/tau"),
+        (RecordingMetadata(permutation={"dq": (1, 2, 3, 4, 5, 6)}), "/permutation/dq"),
+        (RecordingMetadata(signs={"tau9": -1}), "/signs/tau9"),
+        (RecordingMetadata(signs={"tau1": 0.5}), "/signs/tau1"),
+        (RecordingMetadata(scale={"q1": -2.0}), "/scale/q1"),
+    ],
+)
+def test_an_order_or_sign_that_cannot_be_is_named(tmp_path: Path, said: RecordingMetadata, pointer: str) -> None:
+    with pytest.raises(RecordingError) as refused:
+        brought_in(written(tmp_path / "run.csv"), said)
+    assert refused.value.pointer == pointer
+
+
+def test_a_revision_changes_what_it_names_and_keeps_the_rest() -> None:
+    said = RecordingMetadata(name="run", units={"q": "deg"}, signs={"tau1": -1}, windows=((0.0, 5.0),))
+    after = Revision(units={"t": "ms"}, signs={"tau1": 1, "tau2": -1}).of(said)
+    assert after.units == {"q": "deg", "t": "ms"}
+    assert after.signs == {"tau1": 1, "tau2": -1}
+    assert after.windows == ((0.0, 5.0),)
+    assert Revision(windows=()).of(said).windows == ()

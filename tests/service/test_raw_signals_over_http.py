@@ -1,0 +1,87 @@
+"""Signals come as they were recorded: whole, or thinned with every extreme in them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+from test_uploads import as_csv, sound, upload
+
+
+@pytest.fixture(scope="module")
+def columns() -> dict[str, np.ndarray]:
+    made = sound(40_000, 1000.0)
+    made["tau2"][30_123] = 300.0
+    made["lamp"] = np.arange(40_000.0)
+    made["q1"] = np.degrees(made["q1"])
+    return made
+
+
+@pytest.fixture
+def measurement(client: TestClient, robot: dict[str, Any], columns: dict[str, np.ndarray]) -> str:
+    answer = upload(client, robot, as_parquet(columns), units={"q1": "deg"}, signs={"tau1": -1}, accept=ACCEPTED)
+    assert answer.status_code == 201, answer.text
+    return str(answer.json()["id"])
+
+
+ACCEPTED = ["torque_sign", "joint_sign"]
+
+
+def as_parquet(columns: dict[str, np.ndarray]) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table(columns), sink)
+    return sink.getvalue().to_pybytes()
+
+
+def raw(client: TestClient, identifier: str, **query: Any) -> dict[str, Any]:
+    answer = client.get(f"/v1/measurements/{identifier}/raw", params=query)
+    assert answer.status_code == 200, answer.text
+    return dict(answer.json())
+
+
+def test_without_points_there_is_every_row(client: TestClient, measurement: str, columns: Any) -> None:
+    found = raw(client, measurement, signals="q1,tau_shoulder,lamp")
+    assert found["units"] == {"q1": "rad", "tau_shoulder": "N m", "lamp": ""}
+    assert found["n_samples"] == len(found["t"]) == 40_000
+    assert np.allclose(found["signals"]["q1"], np.radians(columns["q1"]), rtol=1e-12)
+    assert np.array_equal(found["signals"]["tau_shoulder"], -columns["tau1"])
+    assert np.array_equal(found["signals"]["lamp"], columns["lamp"])
+
+
+def test_thinned_signals_keep_their_extremes(client: TestClient, measurement: str, columns: Any) -> None:
+    found = raw(client, measurement, points=1000)
+    assert list(found["signals"]) == ["q1", "q2", "tau1", "tau2"]
+    assert 300 < len(found["t"]) <= 1100
+    assert found["n_samples"] == 40_000
+    assert max(found["signals"]["tau2"]) == 300.0
+    assert min(found["signals"]["q2"]) == columns["q2"].min()
+    assert found["t"] == sorted(found["t"])
+
+
+def test_a_stretch_of_time_is_given_alone(client: TestClient, measurement: str) -> None:
+    query = {"from": 2.0, "to": 2.1}
+    whole, thin = raw(client, measurement, **query), raw(client, measurement, **query, points=5000)
+    assert whole == thin
+    assert (whole["t"][0], whole["t"][-1], whole["n_samples"]) == (2.0, 2.1, 101)
+    empty = raw(client, measurement, **{"from": 900.0})
+    assert (empty["t"], empty["n_samples"]) == ([], 0)
+
+
+def test_what_is_no_number_is_null(client: TestClient, robot: dict[str, Any]) -> None:
+    columns = sound()
+    columns["light"] = np.where(np.arange(2000) == 3, np.nan, 1.0)
+    made = upload(client, robot, as_csv(columns)).json()["id"]
+    assert raw(client, made, signals="light", to=0.02)["signals"]["light"] == [1.0, 1.0, 1.0, None, 1.0]
+
+
+def test_a_signal_that_is_not_there_is_named(client: TestClient, measurement: str) -> None:
+    answer = client.get(f"/v1/measurements/{measurement}/raw", params={"signals": "q7"})
+    assert answer.status_code == 422
+    assert "q7" in answer.json()["detail"]
+    assert "lamp" in answer.json()["detail"]
+    assert client.get("/v1/measurements/m_nothing/raw").status_code == 404
