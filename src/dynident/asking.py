@@ -7,8 +7,11 @@ command line with their help, the client's signatures and the forms of the page.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import MISSING, Field, dataclass, field
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from math import isfinite
 from typing import Any, Protocol
+
+from dynident.errors import DynidentError
 
 _KEY = "said"
 
@@ -95,6 +98,25 @@ class Said:
         """The words with the unit."""
         return f"{self.words}, in {self.unit}" if self.words and self.unit else self.words or self.unit
 
+    def admits(self, value: float) -> bool:
+        """Whether a number is finite and within the range."""
+        if self.above is None and self.at_least is None and self.at_most is None:
+            return True
+        return (
+            isfinite(value)
+            and (self.above is None or value > self.above)
+            and (self.at_least is None or value >= self.at_least)
+            and (self.at_most is None or value <= self.at_most)
+        )
+
+    @property
+    def range(self) -> str:
+        """The range in words."""
+        if self.at_least is not None and self.at_most is not None:
+            return f"{self.at_least:g} to {self.at_most:g}"
+        ends = (("above", self.above), ("at least", self.at_least), ("at most", self.at_most))
+        return " and ".join(f"{words} {end:g}" for words, end in ends if end is not None)
+
 
 def said(
     words: str = "",
@@ -126,9 +148,26 @@ def said_of(one: Field[Any]) -> Said:
     return found
 
 
+def retold(one: Field[Any], words: str) -> Any:
+    """A field like another, in other words."""
+    default = {"default": one.default} if one.default_factory is MISSING else {"default_factory": one.default_factory}
+    return field(**default, metadata={_KEY: replace(said_of(one), words=words)})
+
+
 def default_of(one: Field[Any]) -> Any:
     """A field's default; `MISSING` where it has none."""
     return one.default if one.default_factory is MISSING else one.default_factory()
+
+
+def check_ranges(request: Any, within: str = "") -> None:
+    """Raise `DynidentError` where a number of a request, or one in a list, is not within what is said of its field."""
+    for one in fields(request):
+        about, value = said_of(one), getattr(request, one.name)
+        several = isinstance(value, tuple)
+        for index, number in enumerate(value if several else (value,)):
+            if isinstance(number, (int, float)) and not about.admits(number):
+                at = f"{within}/{one.name}" + (f"/{index}" if several else "")
+                raise DynidentError(f"{one.name} is {number}; it must be {about.range}", pointer=at)
 
 
 _NOTHING = Said()

@@ -9,7 +9,7 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any, ClassVar, Generic, TypeVar
 
-from dynident.asking import Choice, default_of
+from dynident.asking import Choice, check_ranges, default_of
 from dynident.errors import DynidentError
 
 KindT = TypeVar("KindT", bound="Kind")
@@ -29,6 +29,13 @@ class Kind:
     words: ClassVar[str] = ""
     brief: ClassVar[str] = ""
     place: ClassVar[int] = _LAST
+
+    @property
+    def in_words(self) -> str:
+        """The name, with the options that differ from their defaults."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        chosen = [f"{one.name} {values[one.name]}" for one in fields(self) if values[one.name] != default_of(one)]
+        return f"{self.name} ({', '.join(chosen)})" if chosen else self.name
 
     @property
     def asked(self) -> Kind | str:
@@ -114,7 +121,9 @@ class Kinds(Generic[KindT]):
                 raise DynidentError(
                     f"{self.what} {found.name} has no option {option!r}{there}", pointer=f"/{self.what}/{option}"
                 )
-        return replace(found, **options)
+        made = replace(found, **options)
+        check_ranges(made, f"/{self.what}")
+        return made
 
     def written(self, text: str) -> KindT:
         """The kind of a text: a name, or a name with options, `huber:threshold=1.5,rounds=20`.
@@ -142,6 +151,11 @@ class Kinds(Generic[KindT]):
 def name_of(asked: Kind | str) -> str:
     """The name of what was asked for."""
     return asked if isinstance(asked, str) else asked.name
+
+
+def words_of(asked: Kind | str) -> str:
+    """What was asked for in words: its name, with the options that were chosen."""
+    return asked if isinstance(asked, str) else asked.in_words
 
 
 def document_of(asked: Kind | str) -> str | dict[str, Any]:

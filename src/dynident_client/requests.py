@@ -310,25 +310,25 @@ class ValidationOptions(TypedDict, total=False):
     """Which model is to be tried, and how."""
 
     cutoffs: Sequence[float] | None
-    """filters: position cut-offs in Hz to try"""
+    """filters: Position cut-offs to try, in Hz"""
 
     draws: int | None
-    """bootstrap: how often stretches of time are drawn (999)"""
+    """bootstrap: How often stretches of time are drawn, 999"""
 
     limit: float | None
-    """direct, cross, simulation: largest relative error that passes (0.15)"""
+    """direct, cross, simulation: Largest relative error that passes, 0.15"""
 
     longest: float | None
-    """simulation, filters: seconds that are simulated at most"""
+    """simulation, filters: Simulated at most, in s"""
 
     mass: float | None
-    """payload: the known mass in kg, where the measurements do not state it"""
+    """payload: The known mass, where the measurements do not state it, in kg"""
 
     methods: Sequence[MethodRequest] | None
-    """methods: which; all that are available if null"""
+    """methods: Which; all that are available if left out"""
 
     seed: int
-    """Of what is drawn at random: postures, noise, stretches of time"""
+    """inertia_matrix, filters, bootstrap: Of the postures that are drawn"""
 
 
 class Wall(TypedDict, total=False):

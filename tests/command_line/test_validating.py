@@ -120,7 +120,7 @@ def test_the_simulator_and_the_filters(desk: Path):
         (["filters", "{run}", "--cutoffs", "70", "--longest", "2"], ["/cutoffs/0", "below 50"]),
         (["filters", "{run}", "{run}"], ["give one"]),
         (["payload", "{run}", "--mass", "2"], ["--unloaded"]),
-        (["payload", "{run}", "--unloaded", "{run}", "--mass", "-2"], ["/mass", "above zero"]),
+        (["payload", "{run}", "--unloaded", "{run}", "--mass", "-2"], ["--mass", "above 0"]),
         (["payload", "{run}", "--unloaded", "{other}"], ["run2", "payload"]),
     ],
 )

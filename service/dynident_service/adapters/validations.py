@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
 
 from dynident.arrays import FloatArray
 from dynident.identification.loads.drive_gains import DriveGains
@@ -12,7 +14,6 @@ from dynident.validation import (
     FiltersBySimulation,
     FilterTrial,
     InertiaMatrixValidation,
-    Method,
     MethodResult,
     MethodsValidation,
     PayloadValidation,
@@ -20,16 +21,32 @@ from dynident.validation import (
     TorqueValidation,
     together,
 )
+from dynident.validation.request import Payload, Stated, Trial, trial_of
 from dynident_service.adapters.derived import taken
 from dynident_service.adapters.identifications import finite, numbers, show_errors, show_preprocessing
 from dynident_service.models import validations as wire
 
 
-def methods_of(asked: Sequence[wire.MethodRequest] | None) -> tuple[Method, ...] | None:
-    """Take methods off the wire."""
-    if asked is None:
-        return None
-    return tuple(taken(one, Method) for one in asked)
+def trial_from_request(asked: wire.ValidationRequest) -> Trial:
+    """Take the validation that is asked for off the wire; `DynidentError` for what its kind does not take."""
+    stated: Any = taken(asked, Stated)
+    return trial_of(asked.kind, {one.name: getattr(stated, one.name) for one in fields(stated)})
+
+
+def describe(trial: Trial, found: Any, measurement_ids: Sequence[str]) -> wire.ValidationResult:
+    """Describe what a validation gave, for the measurements that it was tried on."""
+    match found:
+        case TorqueValidation():
+            return describe_torque(trial.name, found, measurement_ids)
+        case InertiaMatrixValidation():
+            return describe_inertia_matrix(found)
+        case BootstrapValidation():
+            return describe_bootstrap(found)
+        case MethodsValidation():
+            return describe_methods(found)
+        case FiltersBySimulation():
+            return describe_filters(found)
+    return (describe_payloads if isinstance(trial, Payload) else describe_simulations)(found, measurement_ids)
 
 
 def describe_torque(

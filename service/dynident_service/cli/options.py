@@ -123,10 +123,20 @@ class Reading:
     units: Units
     windows: Windows
     accept: Accept
+<<<<<<< HEAD
     metadata: Metadata
     drive_gains: DriveGains = ""
     as_proposed: AsProposed = False
+=======
+>>>>>>> req-merged
     cure: Cure = False
+
+
+@dataclass(frozen=True)
+class RobotReading(Reading):
+    """The same, with the drive gains of the robot that they are of."""
+
+    drive_gains: DriveGains = ""
 
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where to write the result.")]

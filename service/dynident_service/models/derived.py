@@ -125,7 +125,8 @@ def _on_the_wire(hint: Any, about: Said) -> Any:
         return body_of(hint)
     if origin is tuple and parts[-1] is Ellipsis:
         item = _on_the_wire(parts[0], about)
-        return list[Annotated[item, wire_field(**_range(about))]] if any(_range(about).values()) else list[item]  # type: ignore[valid-type]
+        ranged = any(end is not None for end in _range(about).values())
+        return list[Annotated[item, wire_field(**_range(about))]] if ranged else list[item]  # type: ignore[valid-type]
     if origin is tuple:
         return tuple[tuple(_on_the_wire(one, about) for one in parts)]  # type: ignore[misc]
     if origin in (Union, UnionType):

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
 from dynident.validation.method import Method
+from dynident.validation.request import TRIALS, Stated
 from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
 from dynident_service.models.derived import asks
 from dynident_service.models.identifications import ErrorsView, UsedPreprocessing
 
-ValidationKind = Literal[
-    "direct", "cross", "inertia_matrix", "payload", "methods", "simulation", "filters", "bootstrap"
-]
+if TYPE_CHECKING:
+    ValidationKind = str
+else:
+    ValidationKind = Literal[TRIALS.names]
 VerdictWord = Literal["pass", "fail", "not_evaluated"]
 
 
@@ -22,17 +24,12 @@ class MethodRequest(Asked):
     """One way to identify."""
 
 
+@asks(Stated)
 class ValidationRequest(Asked):
     """Which model is to be tried, and how."""
 
     identification_id: Identifier
-    kind: ValidationKind = Field(
-        description="direct: errors on the identification's own data; cross: on data that the model has not seen; "
-        "inertia_matrix: a search for the posture where it is least positive; payload: a known load found from runs "
-        "with it; methods: all methods on the same data; simulation: a simulated robot against the recorded one; "
-        "filters: cut-off frequencies chosen by simulating the identification; bootstrap: standard deviations held "
-        "against draws of the reduced data's stretches of time"
-    )
+    kind: ValidationKind = Field(description="; ".join(f"{one.name}: {one.words}" for one in TRIALS.choices))
     measurement_ids: list[Identifier] | None = Field(
         default=None,
         min_length=1,
@@ -41,25 +38,6 @@ class ValidationRequest(Asked):
         "the motion to simulate, else a measurement of the identification; payload: the runs with the load",
     )
     name: Name | None = None
-    limit: float | None = Field(
-        default=None, gt=0, le=10, description="direct, cross, simulation: largest relative error that passes (0.15)"
-    )
-    methods: list[MethodRequest] | None = Field(
-        default=None, min_length=1, max_length=100, description="methods: which; all that are available if null"
-    )
-    cutoffs: list[Annotated[float, Field(gt=0)]] | None = Field(
-        default=None, min_length=1, max_length=20, description="filters: position cut-offs in Hz to try"
-    )
-    longest: float | None = Field(
-        default=None, gt=0, le=300, description="simulation, filters: seconds that are simulated at most"
-    )
-    mass: float | None = Field(
-        default=None, gt=0, description="payload: the known mass in kg, where the measurements do not state it"
-    )
-    draws: int | None = Field(
-        default=None, ge=99, le=9999, description="bootstrap: how often stretches of time are drawn (999)"
-    )
-    seed: int = Field(default=0, ge=0, description="Of what is drawn at random: postures, noise, stretches of time")
 
 
 class MeasurementErrors(Shown):

@@ -6,10 +6,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from dynident.errors import DynidentError
 from dynident_service.models.common import Page, plain
 from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.validations import ValidationKind, ValidationRequest, ValidationView
+from dynident_service.models.validations import ValidationRequest, ValidationView
 from dynident_service.problems import unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
 from dynident_service.routes.needs import needed_measurements, needed_model
@@ -63,18 +62,11 @@ def show(resource: Resource) -> ValidationView:
 
 def _check_fields(body: ValidationRequest) -> None:
     """Refuse what the test that is asked for does not take."""
-    for field, kinds in _TAKEN_BY.items():
-        if body.kind not in kinds and getattr(body, field) is not None:
-            raise unusable(f"{body.kind} takes no {field}; leave it out", f"/{field}")
-    if body.methods is not None:
-        from dynident.identification import IdentificationChoices
-        from dynident_service.adapters.validations import methods_of
+    from dynident_service.adapters.validations import trial_from_request
 
-        for index, method in enumerate(methods_of(body.methods) or ()):
-            try:
-                method.of(IdentificationChoices())
-            except DynidentError as error:
-                raise unusable(error.detail, f"/methods/{index}{error.pointer}") from error
+    trial = trial_from_request(body)
+    if body.measurement_ids is not None and not trial.takes_recordings:
+        raise unusable(f"{body.kind} takes no measurement_ids; leave it out", "/measurement_ids")
 
 
 def _measurements(services: Services, body: ValidationRequest, model: Resource) -> tuple[RestsOn, ...]:
@@ -97,12 +89,13 @@ def _measurements(services: Services, body: ValidationRequest, model: Resource) 
 
 def _check_loads(services: Services, body: ValidationRequest, loaded: list[str], asked: StoredIdentification) -> None:
     """The runs with the load must not be those without it, and somebody must say what it weighs."""
+    mass = body.model_dump(include={"mass"})["mass"]
     for index, identifier in enumerate(loaded):
         if identifier in asked.measurement_ids:
             detail = f"the model was identified from {identifier!r}; give runs with the load"
             raise unusable(detail, f"/measurement_ids/{index}")
         payload = services.resources.get("measurement", identifier).request.get("payload") or {}
-        if body.mass is None and "mass" not in payload:
+        if mass is None and "mass" not in payload:
             raise unusable(f'{identifier!r} does not state "payload": {{"mass": …}}; give mass, in kg', "/mass")
 
 
@@ -136,15 +129,4 @@ def _chosen(body: ValidationRequest, asked: StoredIdentification, motions: list[
             if given is not None and len(given) > 1:
                 raise unusable("filters are chosen on one measurement; give one", "/measurement_ids/1")
             return given or motions[:1]
-
-
-_SIMULATED: tuple[ValidationKind, ...] = ("simulation", "filters")
-_TAKEN_BY: dict[str, tuple[ValidationKind, ...]] = {
-    "measurement_ids": ("cross", "methods", "payload", *_SIMULATED),
-    "limit": ("direct", "cross", "simulation"),
-    "methods": ("methods",),
-    "cutoffs": ("filters",),
-    "longest": _SIMULATED,
-    "mass": ("payload",),
-    "draws": ("bootstrap",),
-}
+    raise unusable(f"there is no validation {body.kind!r}", "/kind")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
-from dynident.asking import Choice, OneOf, said
+from dynident.asking import Choice, OneOf, check_ranges, said
 from dynident.errors import DynidentError
 from dynident.identification.methods.bases import (
     ESTIMATORS,
@@ -116,6 +116,7 @@ class IdentificationChoices:
         _known("covariance", self.covariance, AVAILABLE_COVARIANCES)
         _known("steps", self.steps, STEPS.names)
         if not isinstance(self.estimator, str):
+            check_ranges(self.estimator, "/estimator")
             object.__setattr__(self, "estimator", self.estimator.asked)
         if self.prior is not None:
             _known("prior", self.prior, AVAILABLE_PRIORS)

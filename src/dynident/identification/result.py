@@ -100,7 +100,7 @@ class Identification:
         held_out = "no held-out data" if self.held_out is None else f"held out {self.held_out.relative_total:.2%}"
         return (
             f"Identification({self.model.robot.name}: {self.model.n_parameters} base parameters, {self.choices.model} "
-            f"model, {self.choices.solver.name}; error of the fit {self.fit.relative_total:.2%}, {held_out})"
+            f"model, {self.choices.solver.in_words}; error of the fit {self.fit.relative_total:.2%}, {held_out})"
         )
 
     @property

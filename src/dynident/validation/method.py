@@ -16,7 +16,7 @@ from dynident.identification.choices import (
     StrategyName,
 )
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
-from dynident.kinds import name_of
+from dynident.kinds import words_of
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Method:
     def words(self) -> str:
         """The method as a person names it."""
         strategy = self.steps if self.strategy == "sequential" else self.strategy
-        names = f"{self.model}, {strategy}, {name_of(self.estimator)}".replace("_", " ")
+        names = f"{self.model}, {strategy}, {words_of(self.estimator)}".replace("_", " ")
         return names if self.prior is None else f"{names}, prior from the {PRIORS.one(self.prior).called}"
 
     def of(self, choices: IdentificationChoices) -> IdentificationChoices:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Out, Units, Windows
+from dynident_service.cli.options import Json, ModelArgument, Out, Reading
 
 _Before = Annotated[
     list[Path],
@@ -26,10 +26,7 @@ def changes(
     model: ModelArgument,
     before: _Before,
     after: _After,
-    columns: Columns,
-    units: Units,
-    windows: Windows,
-    accept: Accept,
+    reading: Reading,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -47,7 +44,7 @@ def changes(
 
     identification = inputs.model_of(model)
     robot = identification.model.robot
-    options = inputs.FileOptions(columns, units, windows, accept)
+    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("compare the days") as progress,
         inputs.loaded([*before, *after], robot, options, part(progress, 0.0, 0.3)) as (given, _),

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Accept, Columns, Cure, Json, ModelArgument, Out, Units, Windows
+from dynident_service.cli.options import Json, ModelArgument, Out, Reading
 
 
 def compare(
@@ -16,10 +16,7 @@ def compare(
     measurement: Annotated[
         Path, typer.Argument(metavar="MEASUREMENT", help="CSV or Parquet file.", show_default=False), TO_READ
     ],
-    columns: Columns,
-    units: Units,
-    windows: Windows,
-    accept: Accept,
+    reading: Reading,
     learnt: Annotated[
         list[Path],
         typer.Option(
@@ -32,7 +29,6 @@ def compare(
         TO_READ,
     ],
     out: Out = None,
-    cure: Cure = False,
     as_json: Json = False,
 ) -> None:
     """Hold predicted torque against a measurement.
@@ -47,7 +43,7 @@ def compare(
     from dynident_service.models.common import plain
 
     identification = inputs.model_of(model)
-    options = inputs.FileOptions(columns, units, windows, accept, cure=cure)
+    options = inputs.file_options(reading)
     if out is not None:
         tables.check_ending(out)
     with (

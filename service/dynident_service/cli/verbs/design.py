@@ -11,7 +11,7 @@ import typer
 from dynident.excitation.request import DesignRequest
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import FOLDER_TO_READ, TO_READ
-from dynident_service.cli.options import Effects, Json, Reading, RobotArgument
+from dynident_service.cli.options import Effects, Json, RobotArgument, RobotReading
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def design(
     effects: Effects,
     asked: Annotated[Typed, Asks(DesignRequest)],
     beside: Beside,
-    reading: Reading,
+    reading: RobotReading,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
     ] = Path("trajectory.csv"),

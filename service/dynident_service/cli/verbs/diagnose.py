@@ -6,22 +6,18 @@ from typing import Annotated
 
 import typer
 
-from dynident_service.cli.options import Accept, Columns, Cure, Json, Measurements, ModelArgument, Out, Units, Windows
+from dynident_service.cli.options import Json, Measurements, ModelArgument, Out, Reading
 
 
 def diagnose(
     model: ModelArgument,
     measurements: Measurements,
-    columns: Columns,
-    units: Units,
-    windows: Windows,
-    accept: Accept,
+    reading: Reading,
     candidates: Annotated[
         str, typer.Option("--candidates", metavar="EFFECT,…", help="Only these effects; the whole catalogue otherwise.")
     ] = "",
     max_effects: Annotated[int, typer.Option("--max-effects", min=1, help="Recommend at most so many.")] = 8,
     out: Out = None,
-    cure: Cure = False,
     as_json: Json = False,
 ) -> None:
     """Name the physics that a model is missing.
@@ -39,7 +35,7 @@ def diagnose(
     identification = inputs.model_of(model)
     robot = identification.model.robot
     names = [name.strip() for name in candidates.split(",") if name.strip()] or None
-    options = inputs.FileOptions(columns, units, windows, accept, cure=cure)
+    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("diagnose") as progress,
         inputs.loaded(measurements, robot, options, part(progress, 0.0, 0.3)) as (given, _),

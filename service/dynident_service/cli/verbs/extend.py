@@ -8,29 +8,14 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import (
-    Accept,
-    Columns,
-    Cure,
-    Effects,
-    Json,
-    Measurements,
-    ModelArgument,
-    Out,
-    Units,
-    Validation,
-    Windows,
-)
+from dynident_service.cli.options import Effects, Json, Measurements, ModelArgument, Out, Reading, Validation
 
 
 def extend(
     model: ModelArgument,
     measurements: Measurements,
     validation: Validation,
-    columns: Columns,
-    units: Units,
-    windows: Windows,
-    accept: Accept,
+    reading: Reading,
     effects: Effects,
     diagnosis: Annotated[
         Path | None,
@@ -40,7 +25,6 @@ def extend(
         TO_READ,
     ] = None,
     out: Out = None,
-    cure: Cure = False,
     as_json: Json = False,
 ) -> None:
     """Add effects to a model.
@@ -62,7 +46,7 @@ def extend(
         added += inputs.stored_diagnosis(diagnosis).recommended
     if not added:
         raise DynidentError("say what to add: --effects, or --diagnosis with a file", pointer="--effects")
-    options = inputs.FileOptions(columns, units, windows, accept, cure=cure)
+    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("extend") as progress,
         inputs.loaded(measurements, robot, options, part(progress, 0.0, 0.5), validation) as (training, held_out),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,20 +11,21 @@ import typer
 
 from dynident.errors import DynidentError
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import (
-    Accept,
-    Columns,
-    DriveGains,
-    Json,
-    Measurements,
-    RobotArgument,
-    Units,
-    Windows,
-)
+from dynident_service.cli.options import Json, Measurements, RobotArgument, RobotReading
 
 if TYPE_CHECKING:
     from dynident.identification import DriveGains as Gains
     from dynident.identification import PayloadEstimate
+
+
+@dataclass(frozen=True)
+class _Load:
+    """The known load."""
+
+    mass: Annotated[float, typer.Option("--mass", help="What the load weighs, kg.", show_default=False)]
+    centre: Annotated[
+        str, typer.Option("--centre", metavar="X,Y,Z", help="Its centre in the last joint's frame, m, where known.")
+    ] = ""
 
 
 def gains(
@@ -40,10 +41,7 @@ def gains(
         ),
         TO_READ,
     ],
-    columns: Columns,
-    units: Units,
-    windows: Windows,
-    accept: Accept,
+    reading: RobotReading,
     weigh: Annotated[
         list[Path],
         typer.Option(
@@ -66,11 +64,7 @@ def gains(
         ),
         TO_READ,
     ],
-    mass: Annotated[float, typer.Option("--mass", help="What the load weighs, kg.", show_default=False)],
-    centre: Annotated[
-        str, typer.Option("--centre", metavar="X,Y,Z", help="Its centre in the last joint's frame, m, where known.")
-    ] = "",
-    drive_gains: DriveGains = "",
+    load: _Load,
     as_json: Json = False,
 ) -> None:
     """Identify the drive gains from runs without and with a load of known mass.
@@ -83,9 +77,12 @@ def gains(
 
     if weigh_unloaded and not weigh:
         raise DynidentError("nothing is to be weighed: give --weigh too", pointer="--weigh-unloaded")
-    machine = inputs.robot_of(robot, drive_gains)
-    payload = {"mass": mass, **({"centre": parsing.numbers(centre, "--centre")} if centre else {})}
-    options = inputs.FileOptions(columns, units, windows, accept)
+    machine = inputs.robot_of(robot, reading.drive_gains)
+    payload = {
+        "mass": load.mass,
+        **({"centre": parsing.numbers(load.centre, "--centre")} if load.centre else {}),
+    }
+    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("gains") as progress,
         inputs.loaded(measurements, machine, options, part(progress, 0.0, 0.6), [*loaded, *weigh, *weigh_unloaded]) as (

@@ -11,7 +11,7 @@ import typer
 from dynident.identification.choices import IdentificationChoices
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Effects, Measurements, Reading, Result, RobotArgument, Validation
+from dynident_service.cli.options import Effects, Measurements, Result, RobotArgument, RobotReading, Validation
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Beside:
 def identify(
     robot: RobotArgument,
     measurements: Measurements,
-    reading: Reading,
+    reading: RobotReading,
     beside: Beside,
     asked: Annotated[Typed, Asks(IdentificationChoices)],
     result: Result,

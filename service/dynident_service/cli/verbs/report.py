@@ -2,46 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import (
-    Accept,
-    Columns,
-    Cure,
-    Json,
-    Measurements,
-    ModelArgument,
-    Units,
-    Validation,
-    Windows,
-)
+from dynident_service.cli.options import Json, Measurements, ModelArgument, Reading, Validation
 
 
-def report(
-    model: ModelArgument,
-    measurements: Measurements,
-    validation: Validation,
-    columns: Columns,
-    units: Units,
-    windows: Windows,
-    accept: Accept,
+@dataclass(frozen=True)
+class _Shown:
+    """What else the report shows."""
+
     diagnosis: Annotated[
         Path | None, typer.Option("--diagnosis", metavar="FILE", help="What `dynident diagnose --out` wrote."), TO_READ
-    ] = None,
+    ] = None
     validated: Annotated[
         list[Path] | None,
         typer.Option(
             "--validated", metavar="FILE", help="What `dynident validate --out` wrote; repeat it.", show_default=False
         ),
         TO_READ,
-    ] = None,
+    ] = None
+
+
+def report(
+    model: ModelArgument,
+    measurements: Measurements,
+    validation: Validation,
+    reading: Reading,
+    shown: _Shown,
     title: Annotated[str, typer.Option("--title", help="The heading; the robot's name by default.")] = "",
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file.")] = Path("report.html"),
-    cure: Cure = False,
     as_json: Json = False,
 ) -> None:
     """Write one self-contained HTML file about a model."""
@@ -53,10 +47,10 @@ def report(
     from dynident_service.cli.validating import stored_validation
 
     identification = inputs.model_of(model)
-    found = inputs.stored_diagnosis(diagnosis) if diagnosis is not None else None
+    found = inputs.stored_diagnosis(shown.diagnosis) if shown.diagnosis is not None else None
     joints = identification.model.robot.joint_names
-    validations = [reported(stored_validation(path), joints) for path in validated or []]
-    options = inputs.FileOptions(columns, units, windows, accept, cure=cure)
+    validations = [reported(stored_validation(path), joints) for path in shown.validated or []]
+    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("report") as progress,
         inputs.loaded(measurements, identification.model.robot, options, part(progress, 0.0, 0.4), validation) as (

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Accept, Columns, Json, ModelArgument, Units, Windows
+from dynident_service.cli.options import Json, ModelArgument, Reading
 
 
 def series(
@@ -18,10 +18,7 @@ def series(
         typer.Argument(metavar="MEASUREMENT…", help="One file a day, in their order.", show_default=False),
         TO_READ,
     ],
-    columns: Columns,
-    units: Units,
-    windows: Windows,
-    accept: Accept,
+    reading: Reading,
     keep: Annotated[
         Path | None,
         typer.Option(
@@ -59,7 +56,7 @@ def series(
     identification = inputs.model_of(model)
     if out is not None:
         tables.check_ending(out)
-    options = inputs.FileOptions(columns, units, windows, accept)
+    options = inputs.file_options(reading)
     with terminal.progress_bar("compare the days") as progress:
         measure, measured = days_of(identification, days, options, keep, part(progress, 0.0, 0.5))
         found = series_of(measure, measured, part(progress, 0.5, 1.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,30 @@ import typer
 
 from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import DriveGains, Json, RobotArgument, Seed
+
+
+@dataclass(frozen=True)
+class _Sensing:
+    """How the virtual robot is measured."""
+
+    rate: Annotated[float, typer.Option("--rate", help="Sampling rate of the sensors in Hz.")] = 500.0
+    torque_noise: Annotated[
+        float, typer.Option("--torque-noise", help="Standard deviation, as a share of the effort limit.")
+    ] = 0.005
+    encoder_counts: Annotated[int, typer.Option("--encoder-counts", help="Per turn; 0: exact positions.")] = 2**19
+    jitter: Annotated[float, typer.Option("--jitter", help="Standard deviation of the sampling instants in s.")] = 0.0
+    current: Annotated[bool, typer.Option("--current", help="Record currents; needs drive gains.")] = False
+
+
+@dataclass(frozen=True)
+class _Repeated:
+    """How often it moves, and what is drawn."""
+
+    runs: Annotated[
+        int, typer.Option("--runs", help="How often the motion is made; the file tells the runs apart by `segment`.")
+    ] = 1
+    pause: Annotated[float, typer.Option("--pause", help="Seconds between runs; the session's time goes on.")] = 60.0
+    seed: Seed = 0
 
 
 def simulate(
@@ -24,6 +49,8 @@ def simulate(
             show_default=False,
         ),
     ],
+    sensing: _Sensing,
+    repeated: _Repeated,
     trajectory: Annotated[
         Path | None,
         typer.Option(
@@ -35,18 +62,6 @@ def simulate(
         TO_READ,
     ] = None,
     drive_gains: DriveGains = "",
-    rate: Annotated[float, typer.Option("--rate", help="Sampling rate of the sensors in Hz.")] = 500.0,
-    torque_noise: Annotated[
-        float, typer.Option("--torque-noise", help="Standard deviation, as a share of the effort limit.")
-    ] = 0.005,
-    encoder_counts: Annotated[int, typer.Option("--encoder-counts", help="Per turn; 0: exact positions.")] = 2**19,
-    jitter: Annotated[float, typer.Option("--jitter", help="Standard deviation of the sampling instants in s.")] = 0.0,
-    runs: Annotated[
-        int, typer.Option("--runs", help="How often the motion is made; the file tells the runs apart by `segment`.")
-    ] = 1,
-    pause: Annotated[float, typer.Option("--pause", help="Seconds between runs; the session's time goes on.")] = 60.0,
-    current: Annotated[bool, typer.Option("--current", help="Record currents; needs drive gains.")] = False,
-    seed: Seed = 0,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The measurement, .csv or .parquet.")] = Path(
         "measurement.csv"
     ),
@@ -64,26 +79,26 @@ def simulate(
     machine = inputs.robot_of(robot, drive_gains)
     hidden = virtual.true_effects(effects, machine)
     sensors = Sensors(
-        sampling_rate=rate,
-        encoder_counts=encoder_counts or None,
-        torque_noise=torque_noise,
-        jitter=jitter,
-        current=current,
+        sampling_rate=sensing.rate,
+        encoder_counts=sensing.encoder_counts or None,
+        torque_noise=sensing.torque_noise,
+        jitter=sensing.jitter,
+        current=sensing.current,
     )
     with terminal.progress_bar("simulate") as progress:
-        reference = virtual.reference_of(trajectory, machine, seed, part(progress, 0.0, 0.2))
+        reference = virtual.reference_of(trajectory, machine, repeated.seed, part(progress, 0.0, 0.2))
         request = SimulationRequest(
             reference,
             virtual.beside(typical_drive(machine), hidden),
             sensors=sensors,
-            seed=seed,
-            runs=runs,
-            pause=pause,
+            seed=repeated.seed,
+            runs=repeated.runs,
+            pause=repeated.pause,
         )
         found = simulate_robot(machine, request, part(progress, 0.2, 1.0))
     tables.write_table(measurement_table(found), out)
     if as_json:
-        terminal.print_json(plain(describe_simulation(found, rate)))
+        terminal.print_json(plain(describe_simulation(found, sensing.rate)))
         return
     console = terminal.out()
     rows = [
@@ -92,4 +107,4 @@ def simulate(
     ]
     columns = ("joint", "torque noise, standard deviation", "largest distance from the trajectory (rad or m)")
     console.print(terminal.table("", columns, rows))
-    console.print(f"{found.n_samples} samples at {rate:g} Hz written to {out}", markup=False)
+    console.print(f"{found.n_samples} samples at {sensing.rate:g} Hz written to {out}", markup=False)

@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from dynident.validation.request import TRIALS, Stated, trial_of
+from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import (
-    Accept,
-    Columns,
-    Cure,
-    Json,
-    ModelArgument,
-    Out,
-    Seed,
-    Units,
-    Validation,
-    Windows,
-)
+from dynident_service.cli.options import ModelArgument, Reading, Result, Validation
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What is given beside the measurements."""
+
+    validation: Validation
+    methods: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--methods",
+            metavar="MODEL/STRATEGY/ESTIMATOR,…",
+            help="For methods: which; filtered or sequential/ols is enough. All that are available if left out.",
+            show_default=False,
+        ),
+    ] = None
+    unloaded: Annotated[
+        list[Path] | None,
+        typer.Option("--unloaded", metavar="FILE", help="For payload: runs without the load.", show_default=False),
+        TO_READ,
+    ] = None
 
 
 def validate(
@@ -28,15 +41,14 @@ def validate(
         str,
         typer.Argument(
             metavar="KIND",
-            help="direct, cross, inertia_matrix, payload, methods, simulation, filters or bootstrap.",
+            help=f"One of: {TRIALS.told()}.",
             show_default=False,
         ),
     ],
-    columns: Columns,
-    units: Units,
-    windows: Windows,
-    accept: Accept,
-    validation: Validation,
+    asked: Annotated[Typed, Asks(Stated)],
+    beside: Beside,
+    reading: Reading,
+    result: Result,
     measurements: Annotated[
         list[Path] | None,
         typer.Argument(
@@ -47,38 +59,6 @@ def validate(
         ),
         TO_READ,
     ] = None,
-    methods: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--methods",
-            metavar="MODEL/STRATEGY/ESTIMATOR,…",
-            help="For methods: which; filtered or sequential/ols is enough. All that are available if left out.",
-            show_default=False,
-        ),
-    ] = None,
-    limit: Annotated[
-        float | None,
-        typer.Option("--limit", help="For direct, cross, simulation: largest relative error that passes, 0.15."),
-    ] = None,
-    cutoffs: Annotated[
-        str, typer.Option("--cutoffs", metavar="F1,F2,…", help="For filters: position cut-offs in Hz to try.")
-    ] = "",
-    longest: Annotated[
-        float | None, typer.Option("--longest", help="For simulation, filters: seconds that are simulated at most.")
-    ] = None,
-    mass: Annotated[float | None, typer.Option("--mass", help="For payload: what the load weighs in kg.")] = None,
-    draws: Annotated[
-        int | None, typer.Option("--draws", help="For bootstrap: how often stretches of time are drawn, 999.")
-    ] = None,
-    unloaded: Annotated[
-        list[Path] | None,
-        typer.Option("--unloaded", metavar="FILE", help="For payload: runs without the load.", show_default=False),
-        TO_READ,
-    ] = None,
-    seed: Seed = 0,
-    out: Out = None,
-    cure: Cure = False,
-    as_json: Json = False,
 ) -> None:
     """Try whether an identified model is to be trusted.
 
@@ -86,41 +66,38 @@ def validate(
     """
     import json
 
+    from dynident.errors import DynidentError
     from dynident.progress import part
-    from dynident_service.cli import inputs, parsing, shown_validations, terminal, validating
+    from dynident_service.cli import inputs, shown_validations, terminal, validating
     from dynident_service.cli import methods as by_name
     from dynident_service.models.common import plain
 
     identification = inputs.model_of(model)
-    asked = validating.Asked(
-        kind=validating.kind_of(kind),
-        methods=by_name.methods_of(methods or []),
-        limit=limit,
-        cutoffs=tuple(parsing.numbers(cutoffs, "--cutoffs")) or None,
-        longest=longest,
-        mass=mass,
-        draws=draws,
-        seed=seed,
-    )
+    stated: Any = asked.request(Stated, methods=by_name.methods_of(beside.methods or []))
+    try:
+        trial = trial_of(kind, {one.name: getattr(stated, one.name) for one in fields(stated)})
+    except DynidentError as error:
+        option = error.pointer.replace("/kind", "KIND").replace("/", "--")
+        raise DynidentError(error.detail, pointer=option, title="Unusable option") from error
     given = measurements or []
-    beside = [*validation, *(unloaded or [])]
-    validating.check(asked, len(given), len(beside))
-    options = inputs.FileOptions(columns, units, windows, accept, cure=cure)
+    others = [*beside.validation, *(beside.unloaded or [])]
+    validating.check(trial, len(given), len(others))
+    options = inputs.file_options(reading)
     robot = identification.model.robot
     with (
         terminal.progress_bar("validate") as progress,
-        inputs.loaded(given, robot, options, part(progress, 0.0, 0.3), beside) as (tried, held_out),
+        inputs.loaded(given, robot, options, part(progress, 0.0, 0.3), others) as (tried, held_out),
     ):
-        recordings, others = inputs.recordings_of(tried), inputs.recordings_of(held_out)
-        found = validating.run(identification, asked, recordings, others, part(progress, 0.3, 1.0))
-    if out is not None:
-        inputs.write_whole(out, json.dumps(plain(found), indent=1).encode())
-    if as_json:
+        recordings, rest = inputs.recordings_of(tried), inputs.recordings_of(held_out)
+        found = validating.run(identification, trial, recordings, rest, part(progress, 0.3, 1.0))
+    if result.out is not None:
+        inputs.write_whole(result.out, json.dumps(plain(found), indent=1).encode())
+    if result.as_json:
         terminal.print_json(plain(found))
     else:
         console = terminal.out()
         shown_validations.show_validation(console, found, robot)
-        if out is not None:
-            console.print(f"result written to {out}", markup=False)
+        if result.out is not None:
+            console.print(f"result written to {result.out}", markup=False)
     if found.verdict == "fail":
         raise typer.Exit(1)

@@ -49,7 +49,7 @@ def model_section(identification: Identification) -> Section:
         (
             ("model", choices.model),
             ("strategy", strategy.replace("_", " ")),
-            ("estimator", choices.solver.name.upper()),
+            ("estimator", choices.solver.in_words.upper()),
             ("prior", "none" if choices.belief is None else f"the {choices.belief.called}"),
             ("tolerance of the base parameters", number(choices.tolerance)),
         ),

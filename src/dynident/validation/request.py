@@ -1,0 +1,271 @@
+"""What is asked of a validation: each kind with the fields that it alone takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import Field, dataclass, fields, make_dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from dynident.asking import Choice, check_ranges, retold, said, said_of
+from dynident.errors import DynidentError
+from dynident.kinds import Kind
+from dynident.validation.method import Method
+
+if TYPE_CHECKING:
+    from dynident.identification import Identification
+    from dynident.progress import Progress
+    from dynident.recordings import Recording
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What a model is tried on; what is in `others` depends on the kind: data of the fit, or runs without a load."""
+
+    model: Identification
+    recordings: Sequence[Recording]
+    others: Sequence[Recording]
+    progress: Progress
+
+
+@dataclass(frozen=True)
+class Trial(Kind):
+    """A validation; its fields are those that it alone takes.
+
+    `of_model_alone`: it needs no recording. `takes_recordings`: it can be told which ones.
+    """
+
+    of_model_alone: ClassVar[bool] = False
+    takes_recordings: ClassVar[bool] = True
+
+    def judge(self, tried: Tried) -> Any:
+        """Make it: the result of its kind, or of several recordings a list of such."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Direct(Trial):
+    """Errors on the identification's own data."""
+
+    name = "direct"
+    words = "errors on the identification's own data"
+    takes_recordings = False
+
+    limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
+
+    def judge(self, tried: Tried) -> Any:
+        """Make it."""
+        from dynident.validation import LARGEST_ERROR, validate_direct
+
+        return validate_direct(tried.model, tried.recordings, self.limit or LARGEST_ERROR, tried.progress)
+
+
+@dataclass(frozen=True)
+class Cross(Trial):
+    """Errors on data that the model has not seen."""
+
+    name = "cross"
+    words = "errors on data that the model has not seen"
+
+    limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
+
+    def judge(self, tried: Tried) -> Any:
+        """Make it."""
+        from dynident.validation import LARGEST_ERROR, validate_cross
+
+        return validate_cross(tried.model, tried.recordings, self.limit or LARGEST_ERROR, tried.progress)
+
+
+@dataclass(frozen=True)
+class InertiaMatrix(Trial):
+    """A search for the posture where the inertia matrix is least positive."""
+
+    name = "inertia_matrix"
+    words = "a search for the posture where it is least positive"
+    of_model_alone = True
+    takes_recordings = False
+
+    seed: int = said("Of the postures that are drawn", default=0, at_least=0)
+
+    def judge(self, tried: Tried) -> Any:
+        """Make it."""
+        from dynident.validation import validate_inertia_matrix
+
+        return validate_inertia_matrix(tried.model, seed=self.seed, progress=tried.progress)
+
+
+@dataclass(frozen=True)
+class Payload(Trial):
+    """A known load found from runs with it."""
+
+    name = "payload"
+    words = "a known load found from runs with it"
+
+    mass: float | None = said(
+        "The known mass, where the measurements do not state it", default=None, unit="kg", above=0
+    )
+
+    def judge(self, tried: Tried) -> Any:
+        """Make it on each recording with the load; `others` are those without."""
+        from dynident.validation import validate_payload
+
+        found = []
+        for index, one in enumerate(tried.recordings):
+            tried.progress(index / len(tried.recordings), "weighing the load")
+            found.append(validate_payload(tried.model, tried.others, one, self.mass))
+        return found
+
+
+@dataclass(frozen=True)
+class Methods(Trial):
+    """All methods on the same data."""
+
+    name = "methods"
+    words = "all methods on the same data"
+
+    methods: tuple[Method, ...] | None = said(
+        "Which; all that are available if left out", default=None, fewest=1, most=100, option="-"
+    )
+
+    def judge(self, tried: Tried) -> Any:
+        """Make it: `others` are the data of the fit, `recordings` those that the model has not seen."""
+        from dynident.validation import validate_methods
+
+        return validate_methods(tried.model, tried.others, tried.recordings, self.methods, tried.progress)
+
+
+@dataclass(frozen=True)
+class Simulation(Trial):
+    """A simulated robot against the recorded one."""
+
+    name = "simulation"
+    words = "a simulated robot against the recorded one"
+
+    limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
+    longest: float | None = said("Simulated at most", default=None, unit="s", above=0, at_most=300)
+
+    def judge(self, tried: Tried) -> Any:
+        """Make it on each recording."""
+        from dynident.progress import part
+        from dynident.validation import LARGEST_ERROR, validate_simulation
+        from dynident.validation.simulation import LONGEST
+
+        limit, longest, n = self.limit or LARGEST_ERROR, self.longest or LONGEST, len(tried.recordings)
+        return [
+            validate_simulation(tried.model, one, limit, longest, part(tried.progress, k / n, (k + 1) / n))
+            for k, one in enumerate(tried.recordings)
+        ]
+
+
+@dataclass(frozen=True)
+class Filters(Trial):
+    """Cut-off frequencies chosen by simulating the identification."""
+
+    name = "filters"
+    words = "cut-off frequencies chosen by simulating the identification"
+
+    cutoffs: tuple[float, ...] | None = said(
+        "Position cut-offs to try", default=None, unit="Hz", above=0, fewest=1, most=20
+    )
+    longest: float | None = said("Simulated at most", default=None, unit="s", above=0, at_most=300)
+    seed: int = said("Of the noise that is drawn", default=0, at_least=0)
+
+    def judge(self, tried: Tried) -> Any:
+        """Make it on the first recording."""
+        from dynident.validation import filters_by_simulation
+        from dynident.validation.filters import LONGEST
+
+        return filters_by_simulation(
+            tried.model,
+            tried.recordings[0],
+            cutoffs=self.cutoffs,
+            longest=self.longest or LONGEST,
+            seed=self.seed,
+            progress=tried.progress,
+        )
+
+
+@dataclass(frozen=True)
+class Bootstrap(Trial):
+    """Standard deviations held against draws of the reduced data's stretches of time."""
+
+    name = "bootstrap"
+    words = "standard deviations held against draws of the reduced data's stretches of time"
+    of_model_alone = True
+    takes_recordings = False
+
+    draws: int | None = said("How often stretches of time are drawn, 999", default=None, at_least=99, at_most=9999)
+    seed: int = said("Of the stretches of time that are drawn", default=0, at_least=0)
+
+    def judge(self, tried: Tried) -> Any:
+        """Make it."""
+        from dynident.estimation.bootstrap import DRAWS
+        from dynident.validation import validate_bootstrap
+
+        return validate_bootstrap(tried.model, draws=self.draws or DRAWS, seed=self.seed, progress=tried.progress)
+
+
+class _Trials:
+    """All kinds of validation, by their names."""
+
+    by_name: Mapping[str, type[Trial]] = {
+        kind.name: kind for kind in (Direct, Cross, InertiaMatrix, Payload, Methods, Simulation, Filters, Bootstrap)
+    }
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names, in their order."""
+        return tuple(self.by_name)
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """The same with their words."""
+        return tuple(Choice(kind.name, kind.name.replace("_", " "), kind.words) for kind in self.by_name.values())
+
+    def told(self) -> str:
+        """The names, for a line of help."""
+        return ", ".join(self.names)
+
+
+TRIALS = _Trials()
+
+
+def _stated() -> type:
+    """A request as it is written, flat: the fields of all kinds, each with the kinds that take it in its words."""
+    takers: dict[str, list[str]] = {}
+    firsts: dict[str, Field[Any]] = {}
+    for kind in TRIALS.by_name.values():
+        for one in fields(kind):
+            takers.setdefault(one.name, []).append(kind.name)
+            firsts.setdefault(one.name, one)
+    made = [
+        (name, one.type, retold(one, f"{', '.join(takers[name])}: {said_of(one).words}"))
+        for name, one in firsts.items()
+    ]
+    found = make_dataclass("Stated", made, frozen=True)
+    found.__module__ = __name__
+    return found
+
+
+Stated = _stated()
+"""What is stated of a validation beside its kind: the fields of all kinds, flat."""
+
+
+def trial_of(kind: str, stated: Mapping[str, Any]) -> Trial:
+    """The validation of a kind with what is stated of it; None counts as not stated.
+
+    Raises
+    ------
+    DynidentError
+        For what the kind does not take, a value out of its range, or a kind that there is not.
+    """
+    if kind not in TRIALS.by_name:
+        raise DynidentError(f"there is no validation {kind!r}; choose from: {', '.join(TRIALS.names)}", pointer="/kind")
+    own = {one.name for one in fields(TRIALS.by_name[kind])}
+    given = {name: value for name, value in stated.items() if value is not None}
+    for name in given:
+        # A seed is for all that is drawn; what draws nothing has no use for it, and it does no harm.
+        if name not in own and name != "seed":
+            raise DynidentError(f"{kind} takes no {name}; leave it out", pointer=f"/{name}", title="Unusable input")
+    found = replace(TRIALS.by_name[kind](), **{name: value for name, value in given.items() if name in own})
+    check_ranges(found)
+    return found

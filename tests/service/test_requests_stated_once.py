@@ -1,0 +1,153 @@
+"""A request is stated once: a new estimator in a file of its own is in the contract and on the command line."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import pytest
+
+from dynident.asking import check_ranges, said, said_of
+from dynident.errors import DynidentError
+from dynident.excitation import DesignRequest
+from dynident.identification import IdentificationChoices
+from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
+from dynident.kinds import document_of
+from dynident.validation.request import TRIALS, trial_of
+from dynident_service.adapters.derived import taken, written
+from dynident_service.models import designs, identifications
+
+PAGE = (Path(__file__).parents[2] / "docs" / "own-methods.md").read_text(encoding="utf-8")
+NEW = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
+
+# The package is told of a second folder, as if the file lay in it.
+PROGRAM = """
+import json, sys
+import dynident.identification.methods.estimators as home
+home.__path__.append({folder!r})
+from dynident_service.adapters.derived import taken
+from dynident_service.client_types import client_types
+from dynident_service.models.identifications import IdentificationRequest
+from dynident.identification import IdentificationChoices
+from dynident_service.openapi import contract
+
+document = json.loads(contract())
+field = document["components"]["schemas"]["IdentificationRequest"]["properties"]["estimator"]
+body = {{"robot_id": "r", "measurement_ids": ["m"], "estimator": {{"name": "tempered", "power": 0.7}}}}
+choices = taken(IdentificationRequest.model_validate(body), IdentificationChoices, preprocessing=None)
+print(json.dumps({{
+    "field": field,
+    "options": document["components"]["schemas"]["Tempered"]["properties"],
+    "client": client_types(document),
+    "taken": [choices.solver.name, choices.solver.power],
+}}))
+from dynident_service.cli.app import app
+app(["identify", "--help"], prog_name="dynident")
+"""
+
+
+@pytest.fixture(scope="module")
+def grown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, object], str]:
+    """The contract with a new estimator, and the help of the command line."""
+    folder: Path = tmp_path_factory.mktemp("estimators")
+    (folder / "tempered.py").write_text(NEW)
+    command = [sys.executable, "-c", PROGRAM.format(folder=str(folder))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    first, _, rest = done.stdout.partition("\n")
+    return json.loads(first), " ".join(rest.split())
+
+
+def test_a_new_estimator_is_in_the_contract_with_its_options_and_words(grown) -> None:
+    told, _ = grown
+    names, options = told["field"]["anyOf"]
+    assert names["enum"] == [*ESTIMATORS.names, "tempered"]
+    assert options["$ref"].endswith("/Tempered")
+    assert told["options"]["power"]["maximum"] == 1
+    assert told["field"]["x-choices"][-1]["label"] == "tempered least squares"
+    assert told["taken"] == ["tempered", 0.7]
+
+
+def test_a_new_estimator_is_in_the_signature_of_the_client(grown) -> None:
+    client = grown[0]["client"]
+    assert "class Tempered(TypedDict, total=False):" in client
+    assert '"tempered"] | Tempered' in client
+
+
+def test_a_new_estimator_is_in_the_help_of_the_command_line(grown) -> None:
+    assert "tempered:power=… (between ols and wls)" in grown[1]
+
+
+def test_every_kind_says_what_it_is_called_and_what_it_is_for() -> None:
+    for kinds in (ESTIMATORS, STRATEGIES, MODELS, PRIORS):
+        for kind in kinds:
+            assert kind.name
+            assert kind.label
+            assert kind.words.endswith(".")
+
+
+def test_every_field_of_a_design_says_what_it_is() -> None:
+    trajectory = next(one for one in fields(DesignRequest) if one.name == "trajectory").default_factory()
+    for request in (DesignRequest, type(trajectory), IdentificationChoices):
+        for one in fields(request):
+            assert said_of(one).words or one.name in ("criterion", "trajectory"), one.name
+
+
+def test_an_option_that_an_estimator_has_not_is_refused_with_those_it_has() -> None:
+    with pytest.raises(DynidentError, match="has no option 'force'") as caught:
+        ESTIMATORS.of({"name": "wls", "force": 2})
+    assert caught.value.pointer == "/estimator/force"
+
+
+def test_a_design_comes_back_from_the_wire_as_it_was_asked_for() -> None:
+    body = {
+        "robot_id": "r",
+        "criterion": {"name": "separation", "effects": [{"effect": "stribeck", "joints": ["a"]}]},
+        "trajectory": {"family": "b_spline", "speeds": [0.1, 0.2], "dwell": [0.0, 1.0]},
+        "limits": {"a": {"velocity": 1.0}},
+        "surroundings": {"boxes": [{"name": "crate", "center": [0, 0, 1], "size": [1, 1, 1]}]},
+        "model": None,
+    }
+    asked = taken(designs.DesignRequest.model_validate(body), DesignRequest)
+    assert asked.model == "dynamic"
+    assert asked.surroundings.boxes[0].size == (1.0, 1.0, 1.0)
+    again = designs.DesignRequest.model_validate({"robot_id": "r", **written(asked)})
+    assert taken(again, DesignRequest) == asked
+
+
+def test_the_filters_of_an_identification_stay_what_they_are_without_data() -> None:
+    body = identifications.IdentificationRequest.model_validate({"robot_id": "r", "measurement_ids": ["m"]})
+    assert taken(body, IdentificationChoices, preprocessing=None) == IdentificationChoices()
+
+
+@pytest.mark.parametrize(("kind", "field"), [("direct", "mass"), ("payload", "limit"), ("bootstrap", "cutoffs")])
+def test_what_a_validation_does_not_take_is_refused(kind: str, field: str) -> None:
+    with pytest.raises(DynidentError, match="leave it out") as caught:
+        trial_of(kind, {field: 1.0})
+    assert caught.value.pointer == f"/{field}"
+
+
+def test_every_validation_says_what_it_is() -> None:
+    assert all(one.words for one in TRIALS.choices)
+
+
+def test_an_estimator_with_options_is_told_with_them_and_kept_in_the_file_of_the_model() -> None:
+    @dataclass(frozen=True)
+    class Halved(Estimator):
+        """An estimator with an option."""
+
+        name = "halved"
+        share: float = said("A share", default=0.5, above=0, at_most=1)
+
+        def solve(self, model, choices, data, known):
+            raise NotImplementedError
+
+    assert (Halved().asked, Halved().in_words) == ("halved", "halved")
+    assert Halved(0.2).in_words == "halved (share 0.2)"
+    assert document_of(Halved(0.2)) == {"name": "halved", "share": 0.2}
+    with pytest.raises(DynidentError, match="above 0 and at most 1") as caught:
+        check_ranges(Halved(2.0), "/estimator")
+    assert caught.value.pointer == "/estimator/share"
