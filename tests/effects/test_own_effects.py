@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
-import shlex
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path

@@ -111,7 +111,11 @@ def test_the_days_of_the_page_are_followed_in_python(cell: Path) -> None:
 def test_the_surroundings_of_the_page_are_kept(tmp_path: Path) -> None:
     (tmp_path / "cell.json").write_text(to_run("surroundings.md", "json")[0], encoding="utf-8")
     asked = "design franka_panda --kind random --surroundings cell.json"
-    arms = {**json.loads((tmp_path / "cell.json").read_text()), "may_touch": [["joint5", "joint7"]], "link_radius": 0.05}
+    arms = {
+        **json.loads((tmp_path / "cell.json").read_text()),
+        "may_touch": [["joint5", "joint7"]],
+        "link_radius": 0.05,
+    }
     # The library's arm has no links by these names.
     (tmp_path / "cell.json").write_text(json.dumps(arms), encoding="utf-8")
     assert "box 'table'" in run_commands(tmp_path, f"dynident {asked} --rate 50 --json")
@@ -121,7 +125,9 @@ def test_the_surroundings_of_the_page_are_kept(tmp_path: Path) -> None:
 def test_the_robot_of_the_page_can_be_read(tmp_path: Path, page: str) -> None:
     document = json.loads(to_run(page, "json")[0])
     text = urdf_from_robot(robot_from_library("franka_panda"))
-    finger = '<link name="finger"/><joint name="finger_joint" type="prismatic"><parent link="{}"/><child link="finger"/>'
+    finger = (
+        '<link name="finger"/><joint name="finger_joint" type="prismatic"><parent link="{}"/><child link="finger"/>'
+    )
     finger += '<axis xyz="0 1 0"/><limit lower="0" upper="0.04" velocity="1" effort="1"/></joint></robot>'
     last = re.findall(r'<child link="([^"]+)"', text)[-1]
     document["description"]["content"] = text.replace("</robot>", finger.format(last))

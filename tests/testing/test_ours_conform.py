@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dynident.effects import CATALOGUE
-from dynident.identification import IdentificationChoices
-from dynident.identification.estimators.by_name import ESTIMATORS
+from dynident.identification.methods.bases import ESTIMATORS
 from dynident.testing import check_effect, check_estimator
 
 # It dissolves in the base parameters of three joints whose axes are upright or lie.
@@ -19,6 +18,6 @@ def test_an_effect_of_the_catalogue_conforms(name: str) -> None:
     assert ("too little to be found" in told[-1]) == (name in HIDDEN_ON_THE_TRIAL_ARM), told
 
 
-@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize("name", ESTIMATORS.names)
 def test_an_estimator_conforms(name: str) -> None:
-    assert check_estimator(ESTIMATORS[name], IdentificationChoices(estimator=name))
+    assert check_estimator(ESTIMATORS.one(name))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from dynident.arrays import FloatArray
 from dynident.effects import CATALOGUE, Effect, ParameterSpec, ShapeSpec, Signals, Usual
-from dynident.identification.estimators.by_name import ESTIMATORS
+from dynident.identification.methods.estimators.wls import Weighted
 from dynident.testing import ConformanceError, check_effect, check_estimator
 
 
@@ -136,25 +138,30 @@ def test_what_is_wrong_with_an_effect_is_said(effect: type[Effect], why: str) ->
         check_effect(effect)
 
 
-def changed(**parts):
-    """Weighted least squares with something else in its answer, by what makes it of the fit."""
+@dataclass(frozen=True)
+class Changed(Weighted):
+    """Weighted least squares with something else in its answer."""
 
-    def estimator(model, choices, data, known):
-        fit = ESTIMATORS["wls"](model, choices, data, known)
-        solution, statistics = fit.solution, fit.statistics
-        if "values" in parts:
-            solution = replace(solution, values=parts["values"](solution.values))
-        if "covariance" in parts:
-            statistics = replace(statistics, covariance=parts["covariance"](statistics.covariance))
-        return replace(fit, solution=solution, statistics=statistics)
+    values: Callable[[FloatArray], FloatArray] = field(default=lambda x: x)
+    covariance: Callable[[FloatArray], FloatArray] = field(default=lambda c: c)
 
-    return estimator
+    def solve(self, model, choices, data, known):
+        fit = super().solve(model, choices, data, known)
+        return replace(
+            fit,
+            solution=replace(fit.solution, values=self.values(fit.solution.values)),
+            statistics=replace(fit.statistics, covariance=self.covariance(fit.statistics.covariance)),
+        )
 
 
-def spoiling(model, choices, data, known):
-    for equation in data.equations.equations:
-        equation.joined[:] *= 2.0
-    return ESTIMATORS["wls"](model, choices, data, known)
+@dataclass(frozen=True)
+class Spoiling(Weighted):
+    """Weighted least squares that does not leave the data alone."""
+
+    def solve(self, model, choices, data, known):
+        for equation in data.equations.equations:
+            equation.joined[:] *= 2.0
+        return super().solve(model, choices, data, known)
 
 
 DRAWN = np.random.default_rng()
@@ -163,14 +170,14 @@ DRAWN = np.random.default_rng()
 @pytest.mark.parametrize(
     ("estimator", "why"),
     [
-        (changed(values=lambda x: 1.2 * x), "off that of the true parameters"),
-        (changed(values=lambda x: x[:-1]), "estimates for"),
-        (changed(values=lambda x: np.full_like(x, np.nan)), "not finite"),
-        (changed(values=lambda x: x * DRAWN.normal(1, 1e-4, len(x))), "other estimates the second time"),
-        (changed(covariance=lambda c: c + np.triu(c, 1)), "not symmetric"),
-        (changed(covariance=lambda c: -c), "negative"),
-        (changed(covariance=np.ones_like), "times as large"),
-        (spoiling, "changed the data"),
+        (Changed(values=lambda x: 1.2 * x), "off that of the true parameters"),
+        (Changed(values=lambda x: x[:-1]), "estimates for"),
+        (Changed(values=lambda x: np.full_like(x, np.nan)), "not finite"),
+        (Changed(values=lambda x: x * DRAWN.normal(1, 1e-4, len(x))), "other estimates the second time"),
+        (Changed(covariance=lambda c: c + np.triu(c, 1)), "not symmetric"),
+        (Changed(covariance=lambda c: -c), "negative"),
+        (Changed(covariance=np.ones_like), "times as large"),
+        (Spoiling(), "changed the data"),
     ],
 )
 def test_what_is_wrong_with_an_estimator_is_said(estimator, why: str) -> None:

@@ -28,8 +28,8 @@ from dynident.robot import Robot
 from dynident_service.adapters.identifications import check_effects
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
-from dynident_service.cli.options import Reading
 from dynident_service.cli.metadata import Said, as_proposed, read_metadata
+from dynident_service.cli.options import Reading
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.

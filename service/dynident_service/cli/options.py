@@ -123,12 +123,8 @@ class Reading:
     units: Units
     windows: Windows
     accept: Accept
-<<<<<<< HEAD
     metadata: Metadata
-    drive_gains: DriveGains = ""
     as_proposed: AsProposed = False
-=======
->>>>>>> req-merged
     cure: Cure = False
 
 

@@ -117,14 +117,6 @@ def load_in(run: str) -> EffectChoice:
     return EffectChoice("payload", runs=(run,))
 
 
-_OF_LINKS = frozenset({"rigid_body", "payload", "rotor_coupling", "kinematic_error", "external_contact", "cable_force"})
-"""Effects of links, wherever they are on the tree: no matter of the joints that are driven alone."""
-
-_OF_MOTORS = frozenset(
-    {"rotor_inertia", "drive_gain_error", "drive_gain_saturation", "encoder_zero_error", "transmission_coupling"}
-)
-
-
 class UnknownEffectError(DynidentError):
     """An effect, joint or shape constant that does not exist, or an effect where it cannot sit."""
 
@@ -167,7 +159,7 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
         return possible
     if not choice.joints:
         usual = effect.unless_named(robot)
-        if whole.linkage is None or effect.id in _OF_LINKS:
+        if whole.linkage is None or effect.sits_on == "link":
             return usual
         return tuple(j for j in usual if j in whole.linkage.driven) or usual
     indices = []
@@ -183,7 +175,7 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
             raise UnknownEffectError(
                 f"{choice.effect} cannot sit on {name}; it can on: {fitting}", pointer=pointer, title="Unfit joint"
             )
-        if whole.linkage is not None and index not in whole.linkage.driven and effect.id in _OF_MOTORS:
+        if whole.linkage is not None and index not in whole.linkage.driven and effect.sits_on == "motor":
             raise UnknownEffectError(
                 f"{choice.effect} is a matter of motors, and {name} has none; driven joints: "
                 f"{', '.join(whole.joint_names)}",
@@ -255,7 +247,7 @@ def _of_linked(
     """
     shape = choice.shape_values
     tree = TreeSignals.of(signals)
-    if effect.id in _OF_LINKS:
+    if effect.sits_on == "link":
         return tree.columns(effect.columns(tree, joints, shape))
     made: list[Column] = []
     fitting = effect.applicable(signals.robot)

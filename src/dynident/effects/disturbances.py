@@ -25,6 +25,7 @@ class Payload(Effect):
 
     id = "payload"
     title = "Added mass"
+    sits_on = "link"
     formula = r"Y_k(q, \dot q, \ddot q)\,\Delta\varphi"
     parameters = tuple(
         ParameterSpec(
@@ -75,6 +76,7 @@ class ExternalContact(Effect):
 
     id = "external_contact"
     title = "Contact with the surroundings"
+    sits_on = "link"
     formula = r"-J^T f(t),\quad t_0 \le t \le t_1"
     parameters = tuple(
         ParameterSpec(f"{kind}{axis}{part}", unit, f"{what} along {axis} of the base on the last link, {meaning}")

@@ -23,6 +23,7 @@ class DriveGainError(Effect):
 
     id = "drive_gain_error"
     title = "Error of the drive gain"
+    sits_on = "motor"
     formula = r"\varepsilon\,\hat\Gamma"
     parameters = (ParameterSpec("eps", "-", "relative error of the drive gain", least=5e-3, most=0.5),)
     signature = "a scaled copy of the joint's own torque, against what the other joints say of the same links"
@@ -48,6 +49,7 @@ class DriveGainSaturation(Effect):
 
     id = "drive_gain_saturation"
     title = "Saturation of the motor"
+    sits_on = "motor"
     formula = r"s\,\hat\Gamma\,|\hat\Gamma|"
     parameters = (ParameterSpec("sat", "1/(N m)", "relative change of the gain per unit of torque", "1/N"),)
     signature = "curvature of measured over predicted torque"
@@ -112,6 +114,7 @@ class RotorCoupling(Effect):
 
     id = "rotor_coupling"
     title = "Gyroscopic torque of a carried rotor"
+    sits_on = "link"
     formula = r"N J_m\,\left(\ddot q_j z_j + \dot q_j\,\omega \times z_j\right),\quad N J_m\,z_j \cdot \dot\omega"
     parameters = (ParameterSpec("NJ", "kg m²", "gear ratio times inertia of the rotor about its own axis"),)
     signature = "products of the joint's velocity with those before it, without any posture where it vanishes"

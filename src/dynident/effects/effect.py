@@ -196,11 +196,12 @@ class Effect(ABC):
 
     `is_inertia`: the links' and rotors' own, which are the robot itself. `of_position`: a function of positions and the
     direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of
-    the session. `is_rough`: its formula only resembles what it stands for. `in_some_runs`: it is the same function
-    as the model itself unless it is in some of the runs only. `may_change`: a robot gets it, or more or less of it,
-    from one day to the next, `changes_with` names effects that then change, too, as a rule; `seldom_changes`: what is
-    more usual and says as much takes the name. `shown_by` names parameters of which one at least has to act for the
-    effect to be told by. `confused_with` names effects that
+    the session. `is_rough`: its formula only resembles what it stands for. `sits_on`: where some joints follow others,
+    links hang on all joints of the tree, motors on the driven ones alone. `in_some_runs`: it is the same function as
+    the model itself unless it is in some of the runs only. `may_change`: a robot gets it, or more or less of it, from
+    one day to the next, `changes_with` names effects that then change, too, as a rule; `seldom_changes`: what is more
+    usual and says as much takes the name. `shown_by` names parameters of which one at least has to act for the effect
+    to be told by. `confused_with` names effects that
     leave much the same residual, `same_function` those that are the same function of the motion, so that no data
     can tell them apart, `covers` those that it is general enough to say as well. `experiment` shows the effect,
     `place_experiment` where it is, and `told_from` gives, by experiment, the effects that it tells this one from: a
@@ -218,6 +219,7 @@ class Effect(ABC):
     covers: ClassVar[tuple[str, ...]] = ()
     shapes: ClassVar[tuple[ShapeSpec, ...]] = ()
     scope: ClassVar[Literal["joint", "robot"]] = "joint"
+    sits_on: ClassVar[Literal["joint", "link", "motor"]] = "joint"
     is_inertia: ClassVar[bool] = False
     is_friction: ClassVar[bool] = False
     is_rough: ClassVar[bool] = False

@@ -15,6 +15,7 @@ class EncoderZeroError(Effect):
 
     id = "encoder_zero_error"
     title = "Error of a joint's zero position"
+    sits_on = "motor"
     formula = r"\frac{\partial\hat\tau_l}{\partial q_j}\,\Delta_j"
     parameters = (ParameterSpec("dq0", "rad", "true position less the measured one", "m", least=1e-3, most=0.2),)
     signature = "posture-dependent torque on the joint and those before and after it at once"
@@ -39,6 +40,7 @@ class KinematicError(Effect):
 
     id = "kinematic_error"
     title = "Error of a link's length"
+    sits_on = "link"
     formula = r"\frac{\partial\hat\tau_l}{\partial(d_x, d_y, d_z)_j}\,\delta_j"
     parameters = tuple(
         ParameterSpec(

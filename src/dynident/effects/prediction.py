@@ -64,8 +64,8 @@ class ReferenceParameters:
             return cls.of_links(vector.reshape(-1, 10), robot.n)
         if vector.shape != (reference_size(robot),):
             raise DynidentError(
-                f"{vector.shape} reference parameters for {robot.tree.n} links: expected {links} of the links alone, or "
-                f"{reference_size(robot)} with Ia, Fc, Fv and b of all joints",
+                f"{vector.shape} reference parameters for {robot.tree.n} links: expected {links} of the links alone, "
+                f"or {reference_size(robot)} with Ia, Fc, Fv and b of all joints",
                 title="Unusable reference parameters",
             )
         return cls(vector[:links].reshape(-1, 10), *vector[links:].reshape(len(DRIVE_PARAMETERS), robot.n))

@@ -25,6 +25,7 @@ class RigidBody(Effect):
 
     id = "rigid_body"
     is_inertia = True
+    sits_on = "link"
     title = "Inertia, centrifugal, Coriolis and gravity torques of the links"
     formula = r"\Gamma = A(q)\,\ddot q + H(q, \dot q)"
     parameters = tuple(
@@ -58,6 +59,7 @@ class RotorInertia(Effect):
 
     id = "rotor_inertia"
     is_inertia = True
+    sits_on = "motor"
     title = "Rotor inertia"
     formula = r"I_a\,\ddot q"
     parameters = (

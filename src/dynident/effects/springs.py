@@ -97,6 +97,7 @@ class CableForce(Effect):
 
     id = "cable_force"
     title = "Cable or spring across two joints"
+    sits_on = "link"
     formula = (
         r"\Gamma_j = \partial U / \partial q_j,\ \Gamma_{j+1} = \partial U / \partial q_{j+1},\quad U(q_j, q_{j+1})"
     )

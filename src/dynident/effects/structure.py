@@ -174,6 +174,7 @@ class TransmissionCoupling(Effect):
 
     id = "transmission_coupling"
     title = "Transmission coupling"
+    sits_on = "motor"
     formula = (
         r"\pm\left(I_m (\ddot q_j \pm \ddot q_{j+1}) + F_{vm} (\dot q_j \pm \dot q_{j+1})"
         r" + F_{cm}\,\mathrm{sign}(\dot q_j \pm \dot q_{j+1})\right)"

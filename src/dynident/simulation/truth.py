@@ -101,7 +101,7 @@ def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
 
 
 def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> FloatArray:
-    """What the torque of motors is predicted with (10 N + 4 n,): inertial parameters, then Ia, Fc, Fv and b of all joints."""
+    """What motors' torque is predicted with (10 N + 4 n,): inertial parameters, then Ia, Fc, Fv and b of all joints."""
     drives = np.zeros((len(DRIVE_ROLES), robot.n))
     for effect in effects:
         roles = {spec.name: spec.role for spec in effect_by_id(effect.effect).parameters}

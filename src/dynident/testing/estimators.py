@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.data import Data
-from dynident.identification.fit import Estimator, Fit
+from dynident.identification.fit import Fit
+from dynident.identification.methods.bases import Estimator
 from dynident.regressors.model import Model
 from dynident.simulation.typical import typical_drive
 from dynident.testing.failing import expect
@@ -30,16 +33,16 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
     Parameters
     ----------
     estimator : Estimator
-        (model, choices, data, known) -> Fit.
+        One of the room `identification.methods.estimators`, or another of its kind.
     choices : IdentificationChoices, optional
-        With what it is called; the usual ones otherwise.
+        What it is asked with beside itself; the usual ones otherwise.
 
     Raises
     ------
     ConformanceError
         Where something does not hold; the message says what.
     """
-    chosen = choices or IdentificationChoices()
+    chosen = replace(choices or IdentificationChoices(), estimator=estimator)
     trial = recorded(typical_drive(trial_arm()), noise=_NOISE)
     start = identify(trial.robot, trial.recordings, [], IdentificationChoices(effects=chosen.effects))
     few = identify(
@@ -50,16 +53,16 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
     )
     data = _data(start, trial)
     kept = [equation.joined.copy() for equation in data.equations.equations]
-    fit = estimator(start.model, chosen, data, None)
+    fit = estimator.solve(start.model, chosen, data, None)
     told = [_check_values(start.model, fit, data, _truth(start.model, trial)), _check_statistics(start.model, fit)]
     changed = [not np.array_equal(a, e.joined) for a, e in zip(kept, data.equations.equations, strict=True)]
     expect(not any(changed), "the estimator has changed the data that it was given")
-    again = estimator(start.model, chosen, data, None)
+    again = estimator.solve(start.model, chosen, data, None)
     expect(
         np.allclose(again.solution.values, fit.solution.values, rtol=1e-9, atol=1e-12),
         "the same data give other estimates the second time: draw random numbers from a fixed seed",
     )
-    told.append(_check_more_data(estimator(few.model, chosen, _data(few, trial, 1), None), fit))
+    told.append(_check_more_data(estimator.solve(few.model, chosen, _data(few, trial, 1), None), fit))
     return tuple(told)
 
 
