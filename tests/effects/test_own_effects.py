@@ -121,7 +121,7 @@ def test_the_documented_effect_is_named_by_a_diagnosis_where_it_is_in_the_data(d
 @pytest.mark.slow
 def test_the_documented_commands_run_with_it(documented: Path) -> None:
     prepare = """
-    dynident simulate ur10 --rate 100 --out run1.csv
+    dynident simulate ur10 --rate 50 --out run1.csv
     dynident identify ur10 run1.csv --out model.npz
     """
     (documented / "arm.urdf").write_text(urdf_from_robot(robot_from_library("ur10")), encoding="utf-8")

@@ -16,7 +16,7 @@ import pytest
 from written_commands import run_commands
 
 import dynident as dy
-from dynident.robot import robot_from_library, urdf_from_robot
+from dynident.robot import Drive, robot_from_library, urdf_from_robot
 from dynident_client import Client
 
 sys.path.append(str(Path(__file__).parents[1] / "service"))
@@ -118,7 +118,7 @@ def test_the_surroundings_of_the_page_are_kept(tmp_path: Path) -> None:
     }
     # The library's arm has no links by these names.
     (tmp_path / "cell.json").write_text(json.dumps(arms), encoding="utf-8")
-    assert "box 'table'" in run_commands(tmp_path, f"dynident {asked} --rate 50 --json")
+    assert "box 'table'" in run_commands(tmp_path, f"dynident {asked} --duration 3 --rate 50 --json")
 
 
 @pytest.mark.parametrize("page", ["my-robot.md", "drive-chain.md"])
@@ -133,7 +133,9 @@ def test_the_robot_of_the_page_can_be_read(tmp_path: Path, page: str) -> None:
     document["description"]["content"] = text.replace("</robot>", finger.format(last))
     (tmp_path / "robot.json").write_text(json.dumps(document), encoding="utf-8")
     robot = dy.load_robot(tmp_path / "robot.json")
-    assert set(document["drives"]) == {drive.joint for drive in robot.drives if drive != Drive(drive.joint)}
+    assert set(document["drives"]) == {
+        name for name, drive in zip(robot.joint_names, robot.drives, strict=True) if drive != Drive()
+    }
 
 
 @pytest.fixture
@@ -149,8 +151,10 @@ def test_the_requests_of_the_page_are_accepted(cell: Path, service: str) -> None
     body = {"name": "arm", "description": {"format": "urdf", "content": (cell / "arm.urdf").read_text()}}
     (cell / "robot.json").write_text(json.dumps(body), encoding="utf-8")
     known: dict[str, str] = {}
+    other = ""
     for block in to_run("http-service.md", "sh"):
         for command in commands(block):
+            command = command.replace('"validation_ids": ["mea_…"]', f'"validation_ids": ["{other}"]')
             for prefix, identifier in known.items():
                 command = command.replace(f"{prefix}_…", identifier)
             done = subprocess.run(
@@ -160,6 +164,8 @@ def test_the_requests_of_the_page_are_accepted(cell: Path, service: str) -> None
             assert "id" in made, made
             known[made["id"][:3]] = made["id"]
             with Client(service) as client:
+                if made["id"].startswith("rob"):
+                    other = client.measurements.upload(client.robots.get(made["id"]), cell / "run2.csv").id
                 if "job_id" in made:
-                    client.jobs.get(made["job_id"]).wait()
+                    assert list(client.jobs.events(made["job_id"]))
     assert set(known) >= {"rob", "mea", "idn", "val"}

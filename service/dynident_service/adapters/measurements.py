@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import (
@@ -17,8 +18,11 @@ from dynident.robot import Robot
 from dynident_service.adapters.revisions import metadata_of, show_revision
 from dynident_service.models import measurements as wire
 from dynident_service.problems import Problem, ProblemField, problem_of
-from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import Resource
+
+if TYPE_CHECKING:
+    # The command line uses this room, too, where no object store is installed.
+    from dynident_service.storage.objects import ObjectStore
 
 
 def import_file(
