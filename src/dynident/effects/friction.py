@@ -246,6 +246,8 @@ class LoadDependentFriction(_OneColumnFriction):
     often_missed = 2
     needs_load = True
     may_change = True
+    # Where the load hardly varies, Coulomb friction says the same.
+    seldom_changes = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
         """That of harmonic drives."""

@@ -112,6 +112,8 @@ class BreakAway(Effect):
     experiment = "reversals"
     is_friction = True
     may_change = True
+    # What holds a joint and what brakes it change together: less is said by Coulomb friction alone.
+    seldom_changes = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
         """More than half of the usual Coulomb friction, over half a degree."""
