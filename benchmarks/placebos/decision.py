@@ -22,7 +22,7 @@ from dynident.diagnosis.residuals.resolution import resolution
 from dynident.diagnosis.search.refine import improved
 from dynident.diagnosis.search.search import search
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
-from dynident.diagnosis.search.transients import CONTACT, find_contacts
+from dynident.diagnosis.search.transients import find_contacts
 from dynident.identification import Identification
 from dynident.progress import silent
 from dynident.recordings import Recording
@@ -85,7 +85,7 @@ class Question:
 
         data = folded(self.plain)
         start = self._start(data)
-        lasting = [candidate for candidate in pool.candidates if candidate.effect != CONTACT]
+        lasting = [candidate for candidate in pool.candidates if candidate.effect != "external_contact"]
         first = judge_all(data, pool, start.base, lasting, start.noise)
         picks = search(data, pool, start, first, DEFAULT_MOST_EFFECTS, relearn, silent)
         return tuple(_told(pick) for pick in picks)

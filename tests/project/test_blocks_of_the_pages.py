@@ -31,6 +31,7 @@ ELSEWHERE = {
     "README.md": "tests/project/test_readme.py",
     "tutorial.md": "docs/figures.py",
     "exports.md": "tests/project/test_exports_page.py",
+    "closed-loops.md": "tests/identification/test_identifying_closed_loops.py",
     "notebook.md": "tests/desk/test_the_page_about_notebooks.py",
     "own-effects.md": "tests/effects/test_own_effects.py",
 }

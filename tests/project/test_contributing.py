@@ -10,7 +10,7 @@ import pytest
 import dynident.testing
 from dynident.effects import CATALOGUE
 from dynident.identification.choices import AVAILABLE_ESTIMATORS
-from dynident.identification.estimators.by_name import ESTIMATORS
+from dynident.identification.methods.bases import ESTIMATORS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
@@ -37,7 +37,7 @@ def test_the_checks_that_it_names_are_there() -> None:
 
 
 def test_estimators_are_entered_where_it_says() -> None:
-    assert set(ESTIMATORS) == set(AVAILABLE_ESTIMATORS)
+    assert set(ESTIMATORS.names) == set(AVAILABLE_ESTIMATORS)
 
 
 def test_files_among_the_effects_are_found_by_themselves() -> None:

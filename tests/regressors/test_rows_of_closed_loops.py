@@ -18,7 +18,7 @@ LINKS = [EffectChoice("rigid_body")]
 def torque(robot: Robot, q, dq, ddq) -> np.ndarray:
     signals = Signals(robot)
     observation = Observation.of(robot, columns_of(LINKS, signals), signals)
-    entries = observation.evaluate(q, dq, ddq, reference=np.zeros(1), memory=np.zeros((len(q), 0)))
+    entries = observation.evaluate(q, dq, ddq, reference=np.zeros(10 * robot.tree.n), memory=np.zeros((len(q), 0)))
     return observation.torque(entries, robot.inertias.reshape(-1))
 
 
@@ -68,7 +68,7 @@ def test_energy_and_power_models_are_those_of_the_torque(name: str) -> None:
         (power_form(robot, columns, signals), np.array([expected @ v[0]])),
     ):
         one, n = form.observation, form.n_equations
-        entries = one.evaluate(q, dq, np.zeros_like(q), reference=np.zeros(1), memory=np.zeros((5, 0)))
+        entries = one.evaluate(q, dq, np.zeros_like(q), reference=np.zeros(10 * robot.tree.n), memory=np.zeros((5, 0)))
         both = one.torque(entries, k)
         stored, direct = both[:, :n], both[2, n:]
         rate = (8 * (stored[3] - stored[1]) - stored[4] + stored[0]) / (12 * h)

@@ -21,7 +21,7 @@ def test_a_method_not_allowed_lists_all_that_are(client: TestClient) -> None:
     answer = client.put("/v1/robots")
     assert answer.status_code == 405
     assert answer.headers["allow"] == "GET, POST"
-    assert client.post("/v1/robots/x").headers["allow"] == "DELETE, GET"
+    assert client.post("/v1/robots/x").headers["allow"] == "DELETE, GET, PATCH"
     assert client.delete("/v1/jobs/x").headers["allow"] == "GET"
 
 

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.effects import LINKS
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.thresholds import (
@@ -88,7 +89,7 @@ def _of_parameters(found: Identification, name: UseName) -> list[str]:
             "the inertia matrix is not positive definite in every posture (the estimator feasible mends that)"
         )
     if name == "payload":
-        links = [one for one in found.parameters if one.effect == "rigid_body" and one.judgement != "zero_in_interval"]
+        links = [one for one in found.parameters if one.effect == LINKS.effect and one.judgement != "zero_in_interval"]
         sure = sum(one.judgement == "determined" for one in links)
         if not links or sure < _LEAST_DETERMINED * len(links):
             against.append(

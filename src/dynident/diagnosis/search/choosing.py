@@ -56,6 +56,9 @@ def choose(
         lasting = _lasting(state, chosen, passing)
         chosen, equal = (lasting, (chosen, *equal)) if lasting else (chosen, equal)
         others = [item for item in [*passing, *doubted] if other_name(chosen, item)]
+        if lasting:
+            # Wear that warmth says is no rival to it.
+            others = [item for item in others if not is_change(item.candidate.choice, state.since)]
         chosen, twins = _most_usual(state, chosen, _twins(chosen, others))
         beyond = [item for item in others if all(item is not twin for twin in twins)]
         equal = (*(item for item in equal if item is not chosen), *(twin for twin in twins if twin not in equal))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.effects import LINKS, Signals, columns_of
 from dynident.identification.mistakes.swaps import Motion
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
@@ -35,9 +35,11 @@ def scales_of(robot: Robot, motion: Motion) -> tuple[Scale, ...] | None:
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
     signals = Signals(robot)
-    links = Observation.of(robot, columns_of((EffectChoice("rigid_body"),), signals), signals)
+    links = Observation.of(robot, columns_of((LINKS,), signals), signals)
     memory = np.zeros((len(motion.q), links.n_memory))
-    entries = links.evaluate(motion.q, motion.dq, motion.ddq, reference=np.zeros(10 * robot.n), memory=memory)
+    entries = links.evaluate(
+        motion.q, motion.dq, motion.ddq, reference=np.zeros(len(robot.inertias.reshape(-1))), memory=memory
+    )
     load = links.torque(entries, robot.inertias.reshape(-1))
     found = []
     for joint in range(robot.n):
