@@ -114,3 +114,6 @@ def test_the_catalogue_says_what_every_effect_is(client: TestClient) -> None:
         assert one["formula"]
         assert one["sources"]
         assert all(parameter["unit"] and parameter["description"] for parameter in one["parameters"])
+    kinds = {one["id"]: {c["name"]: c["words"] for c in one["shape_parameters"]} for one in items}
+    assert {"value": -1.0, "word": "dahl"} in kinds["presliding"]["law"]
+    assert kinds["presliding"]["d0"] == []

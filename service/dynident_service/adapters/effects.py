@@ -50,7 +50,13 @@ def _effect(effect: Effect) -> wire.EffectView:
             for one in effect.parameters
         ],
         shape_parameters=[
-            wire.ShapeParameter(name=one.name, unit=one.unit, description=one.description, default=one.default)
+            wire.ShapeParameter(
+                name=one.name,
+                unit=one.unit,
+                description=one.description,
+                default=one.default,
+                words=[wire.ShapeWord(value=value, word=word) for value, word in one.words],
+            )
             for one in effect.shapes
         ],
         signature=effect.signature,

@@ -18,6 +18,13 @@ class EffectParameter(Shown):
     description: str
 
 
+class ShapeWord(Shown):
+    """What a value of a constant means that is a choice between kinds."""
+
+    value: float
+    word: str
+
+
 class ShapeParameter(Shown):
     """A constant inside an effect's columns, searched for rather than solved for."""
 
@@ -25,6 +32,7 @@ class ShapeParameter(Shown):
     unit: str
     description: str
     default: float
+    words: list[ShapeWord] = Field(description="Empty where the constant is a number")
 
 
 class EffectView(Shown):

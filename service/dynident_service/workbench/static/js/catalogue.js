@@ -39,7 +39,9 @@ export function choiceInWords(effects, choice, all = []) {
 export function shapeInWords(effects, choice) {
   const known = effects.byId.get(choice.effect)?.shape_parameters ?? [];
   return Object.entries(choice.shape_parameters ?? {}).map(([name, value]) => {
-    const unit = known.find((one) => one.name === name)?.unit ?? "";
+    const { unit = "", words = [] } = known.find((one) => one.name === name) ?? {};
+    const kind = words.find((one) => Math.abs(one.value - value) < 0.5);
+    if (kind) return `${name}: ${kind.word}`;
     return `${name} = ${quantity(value, unit)}`;
   }).join(", ");
 }
