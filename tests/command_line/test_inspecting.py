@@ -50,6 +50,11 @@ def test_a_proposal_is_written_and_taken_as_metadata(foreign, tmp_path):
     target.write_text(json.dumps(told))
     refused = dynident("identify", "scara", fit, "--metadata", target)
     assert (refused.code != 0, "open question" in refused.err) == (True, True)
+    for kind, said in (("gravity_compensated", "gravity-compensated"), ("muscle", "effort_kind is 'muscle'")):
+        target.write_text(json.dumps({**told, "questions": [], "effort_kind": kind}))
+        refused = dynident("identify", "scara", fit, "--metadata", target)
+        assert refused.code != 0
+        assert said in refused.err
 
 
 def test_what_has_to_be_answered_is_not_taken_as_proposed(foreign, tmp_path):

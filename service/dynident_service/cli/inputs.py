@@ -124,6 +124,7 @@ def loaded(
                 role=options.roles.get(path),
                 windows=windows.get(name, said.windows),
                 accept=tuple(options.accept),
+                effort_kind=said.effort_kind,
             )
             share = part(progress, index / len(everything), (index + 1) / len(everything))
             found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=options.cure))

@@ -6,10 +6,10 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from dynident.errors import DynidentError
-from dynident.identification.imports import Inspection
+from dynident.identification.imports import EffortKind, Inspection
 from dynident_service.cli.files import check_readable
 
 NEEDED_FOR_GAINS = "drives"
@@ -18,11 +18,12 @@ _FIELDS = ("columns", "units", "windows", "effort_kind", "questions", "name", "f
 
 @dataclass(frozen=True)
 class Said:
-    """Columns, units and windows of a file."""
+    """Columns, units and windows of a file, and what its efforts are."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     windows: tuple[tuple[float, float], ...] = ()
+    effort_kind: str | None = None
 
 
 def proposed(found: Inspection) -> dict[str, Any]:
@@ -58,7 +59,7 @@ def as_proposed(path: Path, found: Inspection, *, has_gains: bool) -> Said:
             pointer=str(path),
             title="Open questions",
         )
-    return Said(found.proposal.columns, found.proposal.units)
+    return Said(found.proposal.columns, found.proposal.units, effort_kind=found.proposal.effort_kind)
 
 
 def read_metadata(given: Sequence[str], names: Sequence[str]) -> dict[str, Said]:
@@ -101,4 +102,10 @@ def _read(path: Path) -> Said:
         windows = tuple((float(start), float(end)) for start, end in document.get("windows") or ())
     except (TypeError, ValueError) as error:
         raise DynidentError(f"{path.name}: windows have to be pairs of numbers", pointer=str(path)) from error
-    return Said(columns, units, windows)
+    effort_kind = document.get("effort_kind")
+    if effort_kind is not None and effort_kind not in get_args(EffortKind):
+        raise DynidentError(
+            f"{path.name}: effort_kind is {effort_kind!r}; there are {', '.join(get_args(EffortKind))}",
+            pointer=str(path),
+        )
+    return Said(columns, units, windows, effort_kind)
