@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dynident.arrays import IndexArray
 from dynident.diagnosis.candidates.gate import ALPHA, Judged, gains_more, simplest
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.plausible import plausible
@@ -55,11 +56,11 @@ def choose(
         chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
         lasting = _lasting(state, chosen, passing)
         chosen, equal = (lasting, (chosen, *equal)) if lasting else (chosen, equal)
-        others = [item for item in [*passing, *doubted] if other_name(chosen, item)]
+        others = [item for item in [*passing, *doubted] if other_name(chosen, item) and not _goes_with(chosen, item)]
         if lasting:
             # Wear that warmth says is no rival to it.
             others = [item for item in others if not is_change(item.candidate.choice, state.since)]
-        chosen, twins = _most_usual(state, chosen, _twins(chosen, others))
+        chosen, twins = _most_usual(state, chosen, _twins(chosen, others, data.moving.run))
         beyond = [item for item in others if all(item is not twin for twin in twins)]
         equal = (*(item for item in equal if item is not chosen), *(twin for twin in twins if twin not in equal))
         if _stable(data, pool, state, (chosen, *twins), [*beyond, *_of_its_kind(chosen, unnatural)]):
@@ -75,16 +76,16 @@ def choose(
     return None
 
 
-def _twins(chosen: Judged, others: Sequence[Judged]) -> list[Judged]:
-    """Other names for the same finding: they take as much of the error on the same joints, stretch by stretch."""
+def _twins(chosen: Judged, others: Sequence[Judged], run: IndexArray) -> list[Judged]:
+    """Other names for the same finding: they take as much of the error on the same joints, and no draw decides."""
     mine = set(chosen.joints)
-    return [
-        item
-        for item in others
-        if item.total_gain >= _NEARLY * chosen.total_gain
-        and abs(t_of(chosen.gains - item.gains)) < _DECIDED
-        and not mine.isdisjoint(item.joints)
-    ]
+
+    def undecided(item: Judged) -> bool:
+        level = abs(t_of(chosen.gains - item.gains)) < _DECIDED
+        return level or share_found_again([chosen], [item], run) < FOUND_AGAIN
+
+    near = [item for item in others if item.total_gain >= _NEARLY * chosen.total_gain]
+    return [item for item in near if not mine.isdisjoint(item.joints) and undecided(item)]
 
 
 def _plainer(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]) -> Judged | None:
@@ -119,6 +120,13 @@ def _lasting(state: State, chosen: Judged, passing: Sequence[Judged]) -> Judged 
         and item.total_gain >= _AS_MUCH * chosen.total_gain
     ]
     return max(found, key=lambda item: item.total_gain, default=None)
+
+
+def _goes_with(chosen: Judged, item: Judged) -> bool:
+    """Whether a change is told with the chosen one: friction grows in all its parts, and is one finding."""
+    mine, other = chosen.candidate, item.candidate
+    together = effect_by_id(mine.effect).changes_with
+    return bool(mine.runs) and other.effect in together and (other.runs, other.joints) == (mine.runs, mine.joints)
 
 
 def _is_warmth(item: Judged) -> bool:
