@@ -88,12 +88,15 @@ def test_what_cannot_be_exported_is_a_problem_with_the_way_out(live: Client, mod
     friction = live.identifications.create(
         model.data["robot_id"], model.data["request"]["measurement_ids"], effects=["coulomb", "viscous"]
     ).wait()
+    with pytest.raises(ProblemError) as unfit:
+        live.identifications.export(friction, "c")
+    assert (unfit.value.status, "anyway" in unfit.value.problem["detail"]) == (409, True)
     with pytest.raises(ProblemError) as refused:
-        live.identifications.export(friction, "urdf")
+        live.identifications.export(friction, "urdf", anyway=True)
     assert refused.value.status == 422
     assert refused.value.problem["errors"][0]["pointer"] == "format"
     assert "C code" in refused.value.problem["detail"]
-    assert b"double tau[4]" in live.identifications.export(friction, "c")
+    assert b"double tau[4]" in live.identifications.export(friction, "c", anyway=True)
     with pytest.raises(ProblemError) as unknown:
         live.identifications.export(model, "fortran")  # type: ignore[arg-type]
     assert unknown.value.status == 422

@@ -223,19 +223,22 @@ def columns_of(choices: Iterable[EffectChoice], signals: Signals) -> list[Column
     """Columns of all choices on one robot, in their order."""
     columns: list[Column] = []
     for index, choice in enumerate(choices):
-        pointer = f"/effects/{index}"
-        check_shape(choice, pointer)
-        joints = joints_of(choice, signals.robot, pointer)
-        effect = effect_by_id(choice.effect)
-        if signals.robot.linkage is None:
-            made = effect.columns(signals, joints, choice.shape_values)
-        else:
-            made = _of_linked(effect, signals, signals.robot.linkage.driven, joints, choice)
-        if choice.runs or effect.in_some_runs:
+        made = columns_everywhere(choice, signals, f"/effects/{index}")
+        if choice.runs or effect_by_id(choice.effect).in_some_runs:
             present = signals.in_runs(RunSignal(choice.runs))
             made = [_in_runs(column, present, choice.runs) for column in made]
         columns += made
     return columns
+
+
+def columns_everywhere(choice: EffectChoice, signals: Signals, pointer: str = "") -> list[Column]:
+    """Columns of a choice as if it were in all runs, whichever it is in."""
+    check_shape(choice, pointer)
+    joints = joints_of(choice, signals.robot, pointer)
+    effect = effect_by_id(choice.effect)
+    if signals.robot.linkage is None:
+        return effect.columns(signals, joints, choice.shape_values)
+    return _of_linked(effect, signals, signals.robot.linkage.driven, joints, choice)
 
 
 def _of_linked(

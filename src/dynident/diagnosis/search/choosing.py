@@ -77,15 +77,15 @@ def choose(
 
 
 def _twins(chosen: Judged, others: Sequence[Judged], run: IndexArray) -> list[Judged]:
-    """Other names for the same finding: they take as much of the error on the same joints, and no draw decides."""
-    mine = set(chosen.joints)
+    """Other names for the same finding: as much of the error on the same joints and runs, and no draw decides."""
+    mine, runs = set(chosen.joints), chosen.candidate.runs
 
     def undecided(item: Judged) -> bool:
         level = abs(t_of(chosen.gains - item.gains)) < _DECIDED
         return level or share_found_again([chosen], [item], run) < FOUND_AGAIN
 
-    near = [item for item in others if item.total_gain >= _NEARLY * chosen.total_gain]
-    return [item for item in near if not mine.isdisjoint(item.joints) and undecided(item)]
+    alike = [item for item in others if item.candidate.runs == runs and not mine.isdisjoint(item.joints)]
+    return [item for item in alike if item.total_gain >= _NEARLY * chosen.total_gain and undecided(item)]
 
 
 def _plainer(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]) -> Judged | None:

@@ -13,7 +13,8 @@ from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.pool import changes_in
 from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.residuals.leads import Leads
-from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of, effect_by_id
+from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, effect_by_id
+from dynident.effects.catalogue import columns_everywhere
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification import Identification
@@ -91,7 +92,7 @@ def what_may_change(identification: Identification, *, with_temperature: bool = 
     def numbered(choices: Sequence[EffectChoice]) -> tuple[Possible, ...]:
         found: dict[tuple[int, ...], Possible] = {}
         for choice in choices:
-            made = columns_of([choice], model.signals)
+            made = columns_everywhere(choice, model.signals)
             numbers = []
             for column in made:
                 if not column.torque.nnz():
