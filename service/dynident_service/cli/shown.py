@@ -241,7 +241,7 @@ def _parameters_table(found: Identification) -> object:
 def _shapes_table(found: Identification) -> object:
     rows = []
     for one in found.shape_constants:
-        value, deviation = number(one.value, 4), "–"
+        value, deviation = one.word or number(one.value, 4), "–"
         if one.interval is not None:
             value, deviation = estimate(one.value, one.standard_deviation)
         place, judged = place_text(one.joints, found.model.robot), SHAPES_JUDGED[one.judgement].words

@@ -44,6 +44,12 @@ class ShapeConstant:
     interval: tuple[float, float] | None = None
     note: str = ""
 
+    @property
+    def word(self) -> str | None:
+        """What the value means, where the constant is a choice between kinds; None where it is a number."""
+        known = next((spec for spec in effect_by_id(self.effect).shapes if spec.name == self.name), None)
+        return known.word(self.value) if known else None
+
 
 _OF_A_LINE = 10
 """Times as far as a line is refined it may lie elsewhere: a spectrum is as sharp as the motion is long."""

@@ -132,7 +132,7 @@ def _row(parameter: IdentifiedParameter) -> ParameterRow:
 
 
 def _shape_row(one: ShapeConstant, robot: Robot) -> ShapeRow:
-    value, deviation = (number(one.value, 4), "–")
+    value, deviation = (one.word or number(one.value, 4), "–")
     if one.interval is not None:
         value, deviation = estimate(one.value, one.standard_deviation)
     return ShapeRow(

@@ -35,13 +35,19 @@ export function choiceInWords(effects, choice, all = []) {
   return `${titleOf(effects, choice.effect)} on ${placeOf(effects, choice, all)}`;
 }
 
+/** What a value of a shape constant means that is a choice between kinds; null where it is a number. */
+export function kindInWords(effects, effect, name, value) {
+  const words = effects.byId.get(effect)?.shape_parameters.find((one) => one.name === name)?.words ?? [];
+  return words.find((one) => Math.abs(one.value - value) < 0.5)?.word ?? null;
+}
+
 /** Shape constants with their units. */
 export function shapeInWords(effects, choice) {
   const known = effects.byId.get(choice.effect)?.shape_parameters ?? [];
   return Object.entries(choice.shape_parameters ?? {}).map(([name, value]) => {
-    const { unit = "", words = [] } = known.find((one) => one.name === name) ?? {};
-    const kind = words.find((one) => Math.abs(one.value - value) < 0.5);
-    if (kind) return `${name}: ${kind.word}`;
+    const kind = kindInWords(effects, choice.effect, name, value);
+    if (kind) return `${name}: ${kind}`;
+    const unit = known.find((one) => one.name === name)?.unit ?? "";
     return `${name} = ${quantity(value, unit)}`;
   }).join(", ");
 }

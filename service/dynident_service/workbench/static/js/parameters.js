@@ -1,7 +1,7 @@
 // The base parameters of a model: how sure they are, what belongs together, which are essential.
 
 import { get } from "./api.js";
-import { placeOf, titleOf } from "./catalogue.js";
+import { kindInWords, placeOf, titleOf } from "./catalogue.js";
 import { h, numeric, put, row, table } from "./dom.js";
 import { number, percent } from "./format.js";
 import { problemBox } from "./problem.js";
@@ -30,7 +30,7 @@ function parametersTable(model, caption, parameters) {
     row([
       h("code", {}, one.name),
       titleOf(model.effects, one.effect),
-      numeric(number(one.value, 4), one.value),
+      numeric(kindInWords(model.effects, one.effect, one.name, one.value) ?? number(one.value, 4), one.value),
       numeric(number(one.standard_deviation, 2), one.standard_deviation),
       { class: "n", text: one.interval[0] === null ? "–" : `${number(one.interval[0])} to ${number(one.interval[1])}` },
       one.unit,
