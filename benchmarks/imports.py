@@ -11,9 +11,8 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 
-import common  # noqa: F401  pins the threads of linear algebra
+import common
 import numpy as np
 import pyarrow.parquet as pq
 
@@ -22,8 +21,7 @@ from dynident.identification.imports.facts import Sample
 from dynident.identification.imports.guess import propose
 from dynident.robot import Robot
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-DATA = DATA if DATA.is_dir() else Path("/work/shared/data")
+DATA = common.RECORDINGS
 SETS = ("ur10e", "tx40", "kr300", "ur10", "airbot_play", "dvrk_psm")
 DEGREE = np.pi / 180
 
