@@ -84,9 +84,9 @@ def tried(name: str, make: Callable[[], Subject], shifts: int, rng: np.random.Ge
 
 def named_at(question: Question, shifts: Shifts) -> tuple[str, ...]:
     """What the rule names where every candidate is shifted."""
-    pool = question.pool
+    own = frozenset(column.key for column in question.identification.model.kept)
     return question.named(
-        lambda rows: ShiftedCandidates(pool.observation, pool.n_base, rows, shifts, question.kinds_of)
+        lambda observation, rows: ShiftedCandidates(observation, own, rows, shifts, question.kinds_of)
     )
 
 

@@ -7,7 +7,7 @@ has to follow; all else of the placebo stays.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,18 +27,57 @@ from dynident.identification import Identification
 from dynident.progress import silent
 from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
+from dynident.regressors.model import Model
+from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, joints_with_friction
 from dynident.regressors.stream import FilteredSamples, filtered_samples
 from placebos.shifting import IndexArray, SamplesOf, remembered
 
-Change = Callable[[SamplesOf], SamplesOf]
-"""What is done to the rows before they are judged."""
+Change = Callable[[Observation, SamplesOf], SamplesOf]
+"""What is done to the rows of an observation before they are judged."""
 
 # Beside the phases: rows of the motion next to a halt.
 _PARTIAL = len(Phase)
 
 # Hz, where the torque is not filtered.
 _BAND = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class ChangedRows:
+    """Where the search has products from: rows that are changed before they are folded."""
+
+    identification: Identification
+    recordings: tuple[Recording, ...]
+    reference: FloatArray
+    change: Change
+
+    @property
+    def model(self) -> Model:
+        """The model in which something is missing."""
+        return self.identification.model
+
+    def products(self, pool: Pool) -> PhasedProducts:
+        """Inner products of all columns of a pool, its candidates' changed."""
+        return self.folded(pool, _rows(self.identification, pool, self.reference))
+
+    def folded(self, pool: Pool, plain: SamplesOf) -> PhasedProducts:
+        """The same from rows that are made already."""
+        return gather(
+            pool.observation,
+            self.model.signals,
+            self.recordings,
+            self.identification.preprocessing,
+            self.reference,
+            pool.n_base,
+            samples_of=self.change(pool.observation, plain),
+        )
+
+    def with_findings(self, findings: Sequence[Finding]) -> ChangedRows:
+        """The same, with the torque predicted by the model with these findings in it."""
+        found = [finding.judged.candidate.choice for finding in findings]
+        preprocessing = self.identification.preprocessing
+        return replace(self, reference=improved(self.model, found, self.recordings, preprocessing, self.reference))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,30 +103,13 @@ class Question:
 
     def named(self, change: Change) -> tuple[str, ...]:
         """Names, with their joints, of all that passes once the rows are changed."""
-        pool, preprocessing = self.pool, self.identification.preprocessing
-        reference = self.identification.next_reference()
-
-        def folded(samples_of: SamplesOf) -> PhasedProducts:
-            return gather(
-                pool.observation,
-                self.identification.model.signals,
-                self.recordings,
-                preprocessing,
-                reference,
-                pool.n_base,
-                samples_of=change(samples_of),
-            )
-
-        def relearn(findings: Sequence[Finding]) -> PhasedProducts:
-            found = [finding.judged.candidate.choice for finding in findings]
-            better = improved(self.identification.model, found, self.recordings, preprocessing, reference)
-            return folded(_rows(self.identification, pool, better))
-
-        data = folded(self.plain)
+        pool = self.pool
+        rows = ChangedRows(self.identification, self.recordings, self.identification.next_reference(), change)
+        data = rows.folded(pool, self.plain)
         start = self._start(data)
         lasting = [candidate for candidate in pool.candidates if candidate.effect != "external_contact"]
         first = judge_all(data, pool, start.base, lasting, start.noise)
-        picks = search(data, pool, start, first, DEFAULT_MOST_EFFECTS, relearn, silent)
+        picks = search(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, silent)
         return tuple(_told(pick) for pick in picks)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IndexArray:

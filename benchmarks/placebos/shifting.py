@@ -20,6 +20,9 @@ from dynident.regressors.stream import FilteredSamples
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
+ColumnKey = tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]
+"""What tells two columns of one robot apart."""
+
 SamplesOf = Callable[[Recording], Iterable[FilteredSamples]]
 """The filtered rows of W and Y of a recording, as `reduce_recordings` takes them."""
 
@@ -55,10 +58,10 @@ class Shifts:
 
 @dataclass(frozen=True, eq=False)
 class ShiftedCandidates:
-    """Rows of `samples_of` in which all columns from `n_base` on come at other times of their run."""
+    """Rows of `samples_of` in which all columns but the model's `own`, by their keys, come at other times of a run."""
 
     observation: Observation
-    n_base: int
+    own: frozenset[ColumnKey]
     samples_of: SamplesOf
     shifts: Shifts
     kinds_of: KindsOf
@@ -83,7 +86,8 @@ class ShiftedCandidates:
             column = columns[self.observation.entry_columns[entry]]
             return column.effect, column.link, int(self.observation.entry_rows[entry])
 
-        shifted = np.flatnonzero(self.observation.entry_columns >= self.n_base).tolist()
+        entries_of = self.observation.entry_columns
+        shifted = [entry for entry, k in enumerate(entries_of) if columns[k].key not in self.own]
         for which, entries in groupby(sorted(shifted, key=key), key):
             yield which, np.array(list(entries), dtype=np.intp)
 

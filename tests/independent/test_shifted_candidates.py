@@ -27,6 +27,7 @@ SIGNALS = Signals(ROBOT)
 COLUMNS = columns_of([EffectChoice(name) for name in ("coulomb", "viscous", "stribeck", "offset")], SIGNALS)
 OBSERVATION = Observation.of(ROBOT, COLUMNS, SIGNALS)
 N_BASE = ROBOT.n
+OWN = frozenset(column.key for column in COLUMNS[:N_BASE])
 RNG = np.random.default_rng(3)
 
 
@@ -58,7 +59,7 @@ def _alike(recording: Recording, samples: FilteredSamples) -> IndexArray:
 
 
 def _shifted(shifts: Shifts) -> list[FilteredSamples]:
-    return list(ShiftedCandidates(OBSERVATION, N_BASE, _in_blocks, shifts, _alike)(RECORDING))
+    return list(ShiftedCandidates(OBSERVATION, OWN, _in_blocks, shifts, _alike)(RECORDING))
 
 
 def test_blocks_of_a_run_are_put_together() -> None:

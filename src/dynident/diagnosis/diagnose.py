@@ -10,7 +10,7 @@ from dynident.arrays import FloatArray
 from dynident.diagnosis.advice.doubts import doubts_of
 from dynident.diagnosis.advice.next_experiment import next_experiment
 from dynident.diagnosis.candidates.gate import Judged
-from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
+from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.changes import changes_of, summary_of, together, with_companions
 from dynident.diagnosis.comparing.compare import Comparison, compare
@@ -21,8 +21,9 @@ from dynident.diagnosis.residuals.patterns import unknown_patterns
 from dynident.diagnosis.residuals.resolution import resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
 from dynident.diagnosis.search.acceptance import VISIBLE
-from dynident.diagnosis.search.refine import improved, refined
+from dynident.diagnosis.search.refine import refined
 from dynident.diagnosis.search.search import search
+from dynident.diagnosis.search.source import Source
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.diagnosis.search.transients import find_contacts
 from dynident.diagnosis.words import rank_all, summary, verdict_of
@@ -80,22 +81,12 @@ def diagnose(
     pool = build_pool(model, candidates, leads, resolved)
     floor = sensor_noise(recordings, identification.preprocessing)
     reference = identification.next_reference()
-    preprocessing = identification.preprocessing
-
-    def gathered(loads: FloatArray, told: Progress = silent) -> PhasedProducts:
-        return gather(pool.observation, model.signals, recordings, preprocessing, loads, pool.n_base, told)
-
-    data = gathered(reference, part(progress, 0.1, 0.5))
-
-    def relearn(findings: Sequence[Finding]) -> PhasedProducts:
-        found = [finding.judged.candidate.choice for finding in findings]
-        better = improved(model, found, recordings, preprocessing, reference)
-        return gathered(better)
-
+    rows = Source(model, tuple(recordings), identification.preprocessing, reference)
+    data = rows.products(pool, part(progress, 0.1, 0.5))
     start = _start(data, pool, identification, floor)
     lasting = [candidate for candidate in pool.candidates if not effect_by_id(candidate.effect).is_transient]
     first = judge_all(data, pool, start.base, lasting, start.noise)
-    picks = search(data, pool, start, first, most_effects, relearn, part(progress, 0.5, 0.8))
+    picks = search(data, pool, start, first, most_effects, rows, part(progress, 0.5, 0.8))
     picks, recommended = refined(
         identification, picks, recordings, reference, resolved, floor, part(progress, 0.8, 0.9)
     )

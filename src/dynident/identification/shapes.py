@@ -25,6 +25,9 @@ _AS_GOOD = 0.002
 DOWN, UP = 6, 8
 """Steps around a coarse value, down and up."""
 
+_BETWEEN, _BETWEEN_OF_SEVERAL = (-4, -3, -2, -1, 0, 1, 2, 3, 4), (-4, -2, 0, 2, 4)
+"""Steps to half the distance between values of a grid; fewer where several constants have them together."""
+
 
 def lacks_shape(choice: EffectChoice) -> bool:
     """Whether a choice leaves shape constants open that are to be found from the data."""
@@ -140,6 +143,23 @@ def refine_shapes(
         picked, errors = _tabulate(model, options, recordings, preprocessing, reference, here).search()
         refined = tuple(_vertex(*found) for found in zip(lines, picked, errors, specs, strict=True))
     return settled_shapes(model, refined, recordings, preprocessing, reference, kept=fixed)
+
+
+def between(choice: EffectChoice) -> list[EffectChoice]:
+    """A choice, and the same with shape constants between those of the coarse grid, all of them together.
+
+    The choice alone where its effect has no constants that are searched for.
+    """
+    specs = _refinable(choice, ())
+    steps = _BETWEEN if len(specs) < 2 else _BETWEEN_OF_SEVERAL
+    found = [choice]
+    for spec in specs:
+        value = choice.shape_values[spec.name]
+        moved = [_moved(spec, value, step) for step in steps]
+        least = -np.inf if spec.signed else min(spec.least, value)
+        allowed = [item for item in moved if spec.admits(item) and item >= least]
+        found = [_with(one, spec.name, item) for one in found for item in allowed]
+    return [choice, *(one for one in found if one != choice)]
 
 
 def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:

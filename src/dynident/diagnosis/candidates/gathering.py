@@ -83,6 +83,11 @@ class PhasedProducts:
         own = np.asarray(columns, dtype=np.intp)
         return np.array([rows.shown[own].any(axis=0) for rows in (self.turning, self.partial)])
 
+    def kinds(self, columns: Sequence[int] | IndexArray) -> tuple[bool, bool]:
+        """Whether turning, and whether partial rows of any joint are equations for a model with these columns."""
+        turns, starts = self.shown(columns)
+        return bool(turns.any()), bool(starts.any())
+
     def _rows(self, used: BoolArray) -> Products:
         """Rows in which each joint moves, and those of `used` (2, n): where it turns, and of motion beside a halt."""
         more = [

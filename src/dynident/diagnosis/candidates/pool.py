@@ -84,10 +84,14 @@ def build_pool(
     return replace(pool_of(model, [*shown, *changed]), since=given.since)
 
 
-def pool_of(model: Model, choices: Sequence[EffectChoice]) -> Pool:
-    """The columns of a model and of these choices; what the model has already, or is zero, is no candidate."""
+def pool_of(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Column] = ()) -> Pool:
+    """The columns of a model and of these choices; what the model has already, or is zero, is no candidate.
+
+    `beside`: the columns that stand for the model where they are not those that it keeps.
+    """
     signals = model.signals
-    columns: list[Column] = list(model.kept)
+    columns: list[Column] = list(beside or model.kept)
+    n_base = len(columns)
     candidates: list[Candidate] = []
     index = {column.key: k for k, column in enumerate(columns)}
 
@@ -101,11 +105,11 @@ def pool_of(model: Model, choices: Sequence[EffectChoice]) -> Pool:
                 index[column.key] = len(columns)
                 columns.append(column)
             numbers.append(index[column.key])
-        fresh = tuple(k for k in numbers if k >= model.n_parameters)
+        fresh = tuple(k for k in numbers if k >= n_base)
         if fresh and fresh not in seen:
             seen.add(fresh)
             candidates.append(Candidate(choice.effect, choice.joints, choice.shape, fresh, choice.runs))
-    return Pool(Observation.of(model.robot, columns, signals), model.n_parameters, tuple(candidates))
+    return Pool(Observation.of(model.robot, columns, signals), n_base, tuple(candidates))
 
 
 def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:

@@ -49,6 +49,7 @@ def choose(
     natural = {id(item) for item in large if plausible(data, pool, state.base, state.noise, item)}
     passing = [item for item in large if id(item) in natural]
     unnatural = [item for item in large if id(item) not in natural]
+    small = [item for item in judged if item.passes and all(item is not other for other in large)]
     doubted: list[Judged] = []
     while passing:
         best, equal = simplest(_each_its_own(passing))
@@ -63,7 +64,8 @@ def choose(
         chosen, twins = _most_usual(state, chosen, _twins(chosen, others, data.moving.run))
         beyond = [item for item in others if all(item is not twin for twin in twins)]
         equal = (*(item for item in equal if item is not chosen), *(twin for twin in twins if twin not in equal))
-        if _stable(data, pool, state, (chosen, *twins), [*beyond, *_of_its_kind(chosen, unnatural)]):
+        hidden = [*_of_its_kind(chosen, unnatural), *_told_by_more(data, pool, state, chosen, small)]
+        if _stable(data, pool, state, (chosen, *twins), [*beyond, *hidden]):
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
@@ -139,6 +141,25 @@ def _of_its_kind(chosen: Judged, others: Sequence[Judged]) -> list[Judged]:
     if not effect_by_id(chosen.candidate.effect).first_order:
         return []
     return [item for item in others if effect_by_id(item.candidate.effect).first_order]
+
+
+def _told_by_more(
+    data: PhasedProducts, pool: Pool, state: State, chosen: Judged, small: Sequence[Judged]
+) -> list[Judged]:
+    """What gains more on the same rows and joints, though it is too small to be told from what filters do there.
+
+    The chosen one is no surer a name for want of it.
+    """
+    rows = data.kinds(chosen.candidate.columns)
+    return [
+        item
+        for item in small
+        if item.candidate.joints == chosen.candidate.joints
+        and item.candidate.runs == chosen.candidate.runs
+        and item.total_gain > chosen.total_gain
+        and data.kinds(item.candidate.columns) == rows
+        and plausible(data, pool, state.base, state.noise, item)
+    ]
 
 
 def _most_usual(state: State, chosen: Judged, twins: list[Judged]) -> tuple[Judged, list[Judged]]:

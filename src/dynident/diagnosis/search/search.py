@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products, present
 from dynident.diagnosis.candidates.scoring import held_out_errors
 from dynident.diagnosis.search.choosing import choose
+from dynident.diagnosis.search.contest import settled
 from dynident.diagnosis.search.pruning import pruned
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.effects import effect_by_id
 from dynident.progress import Progress
+from dynident.regressors.model import Model
 
 _FEW_WAVES = 6.0
 
@@ -25,17 +28,29 @@ MOST_FROM_PART_TO_PART = 1.6
 """Error on a fifth of the motion in a row that was left out over that on every fifth stretch: 1.0-1.25 on sound data,
 1.6-3 where the motion is too poor to determine the model."""
 
-Relearn = Callable[[Sequence[Finding]], PhasedProducts]
-"""Products of the same columns, with the torque predicted by the model with these findings in it."""
+
+class Rows(Protocol):
+    """Where the products of any columns come from."""
+
+    @property
+    def model(self) -> Model:
+        """The model in which something is missing."""
+
+    def products(self, pool: Pool) -> PhasedProducts:
+        """Inner products of all columns of a pool and of the torque."""
+
+    def with_findings(self, findings: Sequence[Finding]) -> Rows:
+        """The same, with the torque predicted by the model with these findings in it."""
 
 
 def search(
-    data: PhasedProducts, pool: Pool, state: State, first: list[Judged], most: int, relearn: Relearn, progress: Progress
+    data: PhasedProducts, pool: Pool, state: State, first: list[Judged], most: int, rows: Rows, progress: Progress
 ) -> tuple[Finding, ...]:
     """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous.
 
     After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
     torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
+    Names that take much of the same error are weighed with their shape constants between those of the grid.
     Where neither the model nor that with its first finding predicts parts of the motion from the others, nothing is
     found.
     """
@@ -47,11 +62,12 @@ def search(
         choice = choose(data, pool, state, judged)
         if choice is None:
             break
-        chosen, equal = choice
+        chosen, equal = settled(rows.model, pool, state, choice, judged, rows.products)
         finding = Finding(chosen, equal, chosen.p, _around(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
         if effect_by_id(chosen.candidate.effect).first_order:
-            data = relearn((*state.picks, finding))
+            rows = rows.with_findings((*state.picks, finding))
+            data = rows.products(pool)
         # What one run has and the others have not keeps the plain model from predicting a part of it, too.
         firm = firm or generalises(data.of(base), replace(state, base=base, noise=noise_left(data, base)))
         if not firm:

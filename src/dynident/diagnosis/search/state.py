@@ -55,18 +55,28 @@ class State:
 
 
 def judge_all(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidates: Sequence[Candidate], noise: FloatArray
+    data: PhasedProducts,
+    pool: Pool,
+    base: tuple[int, ...],
+    candidates: Sequence[Candidate],
+    noise: FloatArray,
+    *,
+    on_common_rows: bool = False,
 ) -> list[Judged]:
     """Judge every candidate beside the model whose columns are `base`, in both kinds of folds.
 
     Each on the rows that are equations for the model with it in: with friction that remembers the path also those
     where joints turn round, with friction that shows where a joint starts also those beside a halt; of all joints, so
-    that candidates on different ones have the same rows.
+    that candidates on different ones have the same rows. `on_common_rows`: on those alone that are equations for all
+    the candidates, so that what they gain can be compared.
     """
+    own_kinds = [data.kinds(candidate.columns) for candidate in candidates]
+    if on_common_rows:
+        common = all(turns for turns, _ in own_kinds), all(starts for _, starts in own_kinds)
+        own_kinds = [common] * len(candidates)
     sets: dict[tuple[bool, bool], list[int]] = {}
-    for k, candidate in enumerate(candidates):
-        turns, starts = data.shown(candidate.columns)
-        sets.setdefault((bool(turns.any()), bool(starts.any())), []).append(k)
+    for k, kind in enumerate(own_kinds):
+        sets.setdefault(kind, []).append(k)
     found: list[Judged | None] = [None] * len(candidates)
     scores: list[FloatArray] = [np.zeros((0, 1))] * len(candidates)
     for kinds, members in sets.items():

@@ -1,0 +1,129 @@
+"""Names that take much of the same error, weighed once more on equal terms.
+
+On the coarse grid a name can win for want of its rival's constants: a spring of a balancer between two angles of the
+grid lost to a cable's polynomial. And what is about rows where joints turn or start has more rows to gain on: wide
+Stribeck friction won against the quadratic friction that it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.pool import Candidate, Pool, pool_of
+from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, share_found_again
+from dynident.diagnosis.search.choosing import choose
+from dynident.diagnosis.search.state import State, judge_all
+from dynident.effects import EffectChoice
+from dynident.identification.shapes import between
+from dynident.regressors.model import Model
+
+_CONTENDS = 0.7
+"""Of what the chosen name gains: a coarse constant costs up to a quarter of a gain, so that less overtakes no more."""
+
+_STARTS = 6
+"""Values of a grid from which constants are searched for: their error has several valleys."""
+
+Choice = tuple[Judged, tuple[Judged, ...]]
+"""A finding by its name, and its equals."""
+
+
+def settled(
+    model: Model,
+    pool: Pool,
+    state: State,
+    choice: Choice,
+    judged: Sequence[Judged],
+    products: Callable[[Pool], PhasedProducts],
+) -> Choice:
+    """The finding by the name that it has on equal terms, and its equals.
+
+    The name stays as long as another does not say more in nearly every draw of the stretches.
+
+    Parameters
+    ----------
+    choice : what was chosen on the grid, and its equals
+    judged : all candidates on the grid
+    products : inner products of the columns of a pool
+    """
+    contenders = _contenders(choice[0], judged)
+    if all(item.candidate.effect == choice[0].candidate.effect for item in contenders):
+        return choice
+    parents = {finer: item for item in [*contenders, choice[0]] for finer in between(item.candidate.choice)}
+    data, finer = _beside(model, pool, state, list(parents), products)
+    # With those of each kind of rows apart: what is about joints that start has none in common with other friction.
+    for rivals in _by_rows(data, finer):
+        own = [one for one in finer.candidates if one.effect == choice[0].candidate.effect]
+        choice = _weighed(data, finer, state, choice, list(dict.fromkeys([*own, *rivals])), parents)
+    return choice
+
+
+def _by_rows(data: PhasedProducts, finer: Pool) -> list[list[Candidate]]:
+    """The candidates, those together that are about the same kinds of rows."""
+    kinds: dict[tuple[bool, bool], list[Candidate]] = {}
+    for one in finer.candidates:
+        kinds.setdefault(data.kinds(one.columns), []).append(one)
+    return list(kinds.values())
+
+
+def _weighed(
+    data: PhasedProducts,
+    finer: Pool,
+    state: State,
+    choice: Choice,
+    candidates: Sequence[Candidate],
+    parents: Mapping[EffectChoice, Judged],
+) -> Choice:
+    """The choice, or another name that says more of the rows that are equations for all of these candidates."""
+    chosen = choice[0]
+    beside = replace(state, base=tuple(range(finer.n_base)))
+    again = judge_all(data, finer, beside.base, candidates, state.noise, on_common_rows=True)
+    # That something is there is what the test on the grid says; here it is asked what it is called.
+    again = [replace(item, p=parents[item.candidate.choice].p) for item in again]
+    told = choose(data, finer, beside, again)
+    winner = parents.get(told[0].candidate.choice) if told else None
+    if told is None or winner is None:
+        return choice
+    own = [item for item in again if item.candidate.effect == chosen.candidate.effect]
+    if winner.candidate.effect == chosen.candidate.effect:
+        return replace(winner, p=chosen.p), choice[1]
+    before = max(own, key=lambda item: item.total_gain)
+    if share_found_again([told[0]], [before], data.moving.run) < FOUND_AGAIN:
+        return choice
+    equal = {item.candidate.effect: parents.get(item.candidate.choice) for item in told[1]}
+    others = [item for effect, item in equal.items() if item is not None and effect != winner.candidate.effect]
+    return replace(winner, p=chosen.p), tuple(others)
+
+
+def _contenders(chosen: Judged, judged: Sequence[Judged]) -> list[Judged]:
+    """The best candidates of every effect that gains nearly as much on joints of the chosen one, its own among them."""
+    mine = chosen.candidate
+    near = [
+        item
+        for item in sorted(judged, key=lambda item: -item.total_gain)
+        if item.candidate.runs == mine.runs
+        and not set(item.joints).isdisjoint(chosen.joints)
+        and item.total_gain >= _CONTENDS * chosen.total_gain
+    ]
+    found: list[Judged] = []
+    for effect in dict.fromkeys(item.candidate.effect for item in near):
+        own = [item for item in near if item.candidate.effect == effect]
+        same = [item for item in own if item.candidate.joints == mine.joints]
+        joints = (same or own)[0].candidate.joints
+        found += [item for item in own if item.candidate.joints == joints][:_STARTS]
+    return found
+
+
+def _beside(
+    model: Model,
+    pool: Pool,
+    state: State,
+    choices: Sequence[EffectChoice],
+    products: Callable[[Pool], PhasedProducts],
+) -> tuple[PhasedProducts, Pool]:
+    """Products of the columns of the search so far and, behind them, of these choices; and the pool of both."""
+    base = [pool.observation.columns[k] for k in state.base]
+    finer = replace(pool_of(model, choices, base), since=pool.since)
+    return products(finer), finer

@@ -1,0 +1,43 @@
+"""Where a search has its products from: the recordings, and the torque that sensitivities are about."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from dynident.arrays import FloatArray
+from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
+from dynident.diagnosis.candidates.pool import Pool
+from dynident.diagnosis.search.refine import improved
+from dynident.diagnosis.search.state import Finding
+from dynident.progress import Progress, silent
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """The recordings that a search learns from; `reference` (14 n,) is what loads are predicted with."""
+
+    model: Model
+    recordings: tuple[Recording, ...]
+    preprocessing: Preprocessing
+    reference: FloatArray
+
+    def products(self, pool: Pool, progress: Progress = silent) -> PhasedProducts:
+        """Inner products of all columns of a pool and of the torque."""
+        return gather(
+            pool.observation,
+            self.model.signals,
+            self.recordings,
+            self.preprocessing,
+            self.reference,
+            pool.n_base,
+            progress,
+        )
+
+    def with_findings(self, findings: Sequence[Finding]) -> Source:
+        """The same, with the torque predicted by the model with these findings in it."""
+        found = [finding.judged.candidate.choice for finding in findings]
+        better = improved(self.model, found, self.recordings, self.preprocessing, self.reference)
+        return replace(self, reference=better)

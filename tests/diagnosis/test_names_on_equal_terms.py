@@ -1,0 +1,43 @@
+"""Names that take much of the same error are weighed with finer constants, and on the rows that both are about."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, on_joint, recorded
+from oracles import fourier_motion
+
+from dynident.diagnosis import diagnose
+from dynident.effects import EffectChoice
+from dynident.identification import IdentificationChoices, identify
+from dynident.identification.shapes import between
+
+
+def _balancer(q, v, load):
+    """A spring from a point of the antecedent link to a crank of 0.4, in line at an angle between those of the grid."""
+    x = q + 1.57
+    length = np.sqrt(1.0 + 0.4**2 + 0.8 * np.cos(x))
+    return 60.0 * np.sin(x) * (1.0 - 0.8 / length)
+
+
+@pytest.mark.parametrize("seed", [3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+def test_a_balancer_between_two_values_of_the_grid_is_no_cable_and_no_ripple(seed):
+    motion = fourier_motion(
+        ROBOT, 40.0, 200.0, 100 + seed, base_frequency=0.05, harmonics=4, amplitude=2.8, fastest=1.0
+    )
+    recording = recorded(motion, on_joint(1, _balancer), seed, "swinging far")
+    model = identify(ROBOT, [recording], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    found = diagnose(model, [recording])
+    assert [(choice.effect, choice.joints) for choice in found.recommended] == [("gravity_compensator", (NAMES[1],))]
+    assert found.recommended[0].shape_values == pytest.approx({"phi": -1.57, "r": 0.4}, rel=0.03)
+
+
+def test_constants_between_those_of_the_grid_are_tried_together_and_stay_what_nature_allows():
+    spring = EffectChoice("gravity_compensator", (NAMES[1],), (("phi", 0.0), ("r", 0.25)))
+    around = between(spring)
+    assert around[0] == spring
+    assert len(set(around)) == len(around) == 25
+    assert min(choice.shape_values["r"] for choice in around) > 0.0
+    power = EffectChoice("viscous_nonlinear", (NAMES[0],), (("p", 0.5),))
+    assert min(choice.shape_values["p"] for choice in between(power)) >= 0.4
+    assert between(EffectChoice("offset", (NAMES[0],))) == [EffectChoice("offset", (NAMES[0],))]
