@@ -119,7 +119,7 @@ def test_what_is_hidden_is_named_at_its_time_and_not_at_another(tmp_path: Path) 
     recordings = recorded(case, tmp_path).recordings(held_out=False)
     plain = identify(robot_from_library(case.arm), recordings)
     question = Question.of(plain, recordings)
-    names = {name.split(" on ")[0] for name in question.named(lambda rows: rows)}
+    names = {name.split(" on ")[0] for name in question.named(lambda _, rows: rows)}
     assert names == {choice.effect for choice in diagnose(plain, recordings).recommended} == {"joint_spring"}
     assert "joint_spring" not in {
         name.split(" on ")[0] for seed in range(3) for name in named_at(question, Shifts(np.random.default_rng(seed)))

@@ -47,9 +47,7 @@ LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
 def acceptable(state: State, data: PhasedProducts, item: Judged) -> bool:
     """Whether a candidate is a finding."""
     effect = effect_by_id(item.candidate.effect)
-    if item.separability < VISIBLE or not item.passes:
-        return False
-    if max(gain_over_floor(item, j, state.floor, data) for j in item.joints) < least_gain(effect):
+    if item.separability < VISIBLE or not item.passes or too_small(state, data, item):
         return False
     if effect.first_order and item.separability < _BLURRED and item.drop < _DROP_OF_BLURRED:
         return False
@@ -58,6 +56,12 @@ def acceptable(state: State, data: PhasedProducts, item: Judged) -> bool:
     if not item.candidate.runs:
         return True
     return item.drop >= (_LEAST_OF_CHANGE if is_change(item.candidate.choice, state.since) else _LEAST_OF_RUNS)
+
+
+def too_small(state: State, data: PhasedProducts, item: Judged) -> bool:
+    """Whether a candidate removes less of the sensors' noise than its kind has to."""
+    most = max(gain_over_floor(item, j, state.floor, data) for j in item.joints)
+    return most < least_gain(effect_by_id(item.candidate.effect))
 
 
 def shadowed(item: Judged, finding: Judged, floor: FloatArray) -> bool:

@@ -19,9 +19,11 @@ from dynident.diagnosis.search.acceptance import (
     JOINT_T,
     JOINT_T_OF_LARGE,
     LARGE_DROP,
+    VISIBLE,
     acceptable,
     gain_over_floor,
     least_gain,
+    too_small,
 )
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.effects import effect_by_id
@@ -49,7 +51,6 @@ def choose(
     natural = {id(item) for item in large if plausible(data, pool, state.base, state.noise, item)}
     passing = [item for item in large if id(item) in natural]
     unnatural = [item for item in large if id(item) not in natural]
-    small = [item for item in judged if item.passes and all(item is not other for other in large)]
     doubted: list[Judged] = []
     while passing:
         best, equal = simplest(_each_its_own(passing))
@@ -64,7 +65,7 @@ def choose(
         chosen, twins = _most_usual(state, chosen, _twins(chosen, others, data.moving.run))
         beyond = [item for item in others if all(item is not twin for twin in twins)]
         equal = (*(item for item in equal if item is not chosen), *(twin for twin in twins if twin not in equal))
-        hidden = [*_of_its_kind(chosen, unnatural), *_told_by_more(data, pool, state, chosen, small)]
+        hidden = [*_of_its_kind(chosen, unnatural), *_told_by_more(data, pool, state, chosen, judged)]
         if _stable(data, pool, state, (chosen, *twins), [*beyond, *hidden]):
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
@@ -144,20 +145,22 @@ def _of_its_kind(chosen: Judged, others: Sequence[Judged]) -> list[Judged]:
 
 
 def _told_by_more(
-    data: PhasedProducts, pool: Pool, state: State, chosen: Judged, small: Sequence[Judged]
+    data: PhasedProducts, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]
 ) -> list[Judged]:
     """What gains more on the same rows and joints, though it is too small to be told from what filters do there.
 
     The chosen one is no surer a name for want of it.
     """
-    rows = data.kinds(chosen.candidate.columns)
     return [
         item
-        for item in small
+        for item in judged
         if item.candidate.joints == chosen.candidate.joints
         and item.candidate.runs == chosen.candidate.runs
         and item.total_gain > chosen.total_gain
-        and data.kinds(item.candidate.columns) == rows
+        and item.passes
+        and item.separability >= VISIBLE
+        and too_small(state, data, item)
+        and data.kinds(item.candidate.columns) == data.kinds(chosen.candidate.columns)
         and plausible(data, pool, state.base, state.noise, item)
     ]
 
