@@ -77,11 +77,6 @@ def test_without_a_baseline_nothing_is_said_of_changes() -> None:
     assert diagnose(identify(ROBOT, [monday], [], CHOICES), [monday]).changes is None
 
 
-def test_a_recording_beside_itself_has_not_changed() -> None:
-    monday, _ = two_days(nothing)
-    assert diagnose(identify(ROBOT, [monday], [], CHOICES), [monday], baseline=[monday]).changes == ()
-
-
 def test_more_friction_on_one_joint_is_told_as_that_with_what_it_was_before() -> None:
     found = asked(worn)
     assert found.changes
@@ -155,6 +150,15 @@ def test_a_robot_that_feels_no_gravity_can_be_asked() -> None:
 def test_a_touch_on_the_later_day_is_no_lasting_change() -> None:
     assert is_change(EffectChoice("coulomb", NAMES[:1], (), ("friday",)), ("friday",))
     assert not is_change(EffectChoice("external_contact", (), (), ("friday",)), ("friday",))
+
+
+def test_one_recording_on_both_sides_is_told_and_no_day_differs_from_itself() -> None:
+    monday, _ = two_days(nothing)
+    model = identify(ROBOT, [monday], [], CHOICES)
+    again = replace(monday, name="monday's file once more")
+    with pytest.raises(DynidentError, match="holds the same samples as monday") as raised:
+        diagnose(model, [again], baseline=[monday])
+    assert raised.value.pointer == "/baseline_ids"
 
 
 def test_recordings_of_the_same_name_are_told_apart() -> None:

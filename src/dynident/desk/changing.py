@@ -113,13 +113,6 @@ def changes(
     known, earlier, later = as_model(model), as_recordings(before), as_recordings(after)
     check_some(earlier, "before")
     check_some(later, "after")
-    sources = {id(one.source) for one in earlier.recordings}
-    twice = [one.name for one in later.recordings if id(one.source) in sources]
-    if twice:
-        raise DynidentError(
-            f"{', '.join(twice)} is on both sides; give earlier recordings as before, later ones as after",
-            title="One recording on both sides",
-        )
     found = diagnose_model(
         known.identification,
         later.recordings,

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from dynident.diagnosis.changed_values import Estimates, changes_at
+from dynident.diagnosis.comparing.content import common_content
 from dynident.diagnosis.result import Change, RankedEffect
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
@@ -34,13 +35,14 @@ def together(
     Raises
     ------
     DynidentError
-        Where one of the two sets is nothing but such tests.
+        Where one of the two sets is nothing but such tests, or a recording is in both.
     """
     later = parted(recordings)[0]
     try:
         earlier = parted(baseline)[0]
     except DynidentError as error:
         raise DynidentError(error.detail, pointer="/baseline_ids", title=error.title) from error
+    _check_apart(earlier, later)
     taken = {recording.name for recording in earlier}
     renamed = [replace(one, name=f"{one.name} (later)") if one.name in taken else one for one in later]
     since = tuple(dict.fromkeys(label for recording in renamed for label in recording.run_labels))
@@ -58,6 +60,20 @@ def together(
         progress,
     )
     return both, everything, since
+
+
+def _check_apart(earlier: Sequence[Recording], later: Sequence[Recording]) -> None:
+    """Raise where the same samples are on both sides: a day does not differ from itself."""
+    copies = [one for one in common_content(earlier, later) if one.kind == "copied"]
+    if copies:
+        told = "; ".join(
+            f"{one.held_out} is on both sides, it holds the same samples as {one.fitted}" for one in copies
+        )
+        raise DynidentError(
+            f"{told}: give earlier recordings as before, later ones as after",
+            pointer="/baseline_ids",
+            title="One recording on both sides",
+        )
 
 
 def _kept(prior: PriorName | None) -> PriorName | None:

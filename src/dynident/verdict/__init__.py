@@ -1,6 +1,6 @@
 """What a model is fit for, what not, and what to do about it: in words."""
 
-from dynident.verdict.content import Common, common_content
+from dynident.diagnosis.comparing.content import Common, common_content
 from dynident.verdict.judge import ModelVerdict, is_stopped, verdict
 from dynident.verdict.stopping import Stop
 from dynident.verdict.uses import Use, UseName

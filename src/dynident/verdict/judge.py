@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from dynident.diagnosis.comparing.content import Common, common_content
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.thresholds import OVERFIT, STOP, USUAL, USUAL_IN_FULL
 from dynident.recordings import Recording
 from dynident.threads import single_threaded
-from dynident.verdict.content import Common, common_content
 from dynident.verdict.stopping import Stop, stop_of, tells_stop
 from dynident.verdict.uses import Use, uses_of
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.diagnosis.comparing.content import Common
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.mistakes import mistakes_in
@@ -14,7 +15,6 @@ from dynident.identification.mistakes.checks import revision_of, told_of
 from dynident.identification.thresholds import STOP
 from dynident.recordings import Recording, Revision
 from dynident.robot import Robot
-from dynident.verdict.content import Common
 
 SCALED = 5.0
 """Times the measured torque by which a prediction is off from which on it is a unit or a gain."""
