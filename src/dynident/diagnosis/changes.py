@@ -66,9 +66,7 @@ def _check_apart(earlier: Sequence[Recording], later: Sequence[Recording]) -> No
     """Raise where the same samples are on both sides: a day does not differ from itself."""
     copies = [one for one in common_content(earlier, later) if one.kind == "copied"]
     if copies:
-        told = "; ".join(
-            f"{one.held_out} is on both sides, it holds the same samples as {one.fitted}" for one in copies
-        )
+        told = "; ".join(f"{one.held_out} is on both sides (the samples are those of {one.fitted})" for one in copies)
         raise DynidentError(
             f"{told}: give earlier recordings as before, later ones as after",
             pointer="/baseline_ids",
