@@ -46,6 +46,12 @@ def test_nothing_is_named_on_an_arm_that_only_rests_between_its_moves():
     assert diagnose(identify(SCARA, [run], [resting(2, 0.0, 0.06)]), [run]).recommended == ()
 
 
+def rows_of(*, turns: bool) -> SimpleNamespace:
+    """As much of the products as the choice looks at: one run, and the kinds of rows that candidates are about."""
+    run = SimpleNamespace(run=np.zeros(40, dtype=int))
+    return SimpleNamespace(moving=run, kinds=lambda columns: (turns, False))
+
+
 @pytest.mark.parametrize(
     ("rival", "name", "named"),
     [
@@ -62,7 +68,7 @@ def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch,
     monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: item is not larger)
     # Beside the one, nothing of the other is left.
     monkeypatch.setattr(choosing, "judge_all", lambda *_: [judged(0.0 * gains, name=rival)])
-    data = SimpleNamespace(moving=SimpleNamespace(run=np.zeros(40, dtype=int)))
+    data = rows_of(turns=False)
     found = choosing.choose(data, None, state, [larger, smaller])
     assert (found and found[0].candidate.effect) == named
 
@@ -73,7 +79,7 @@ def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
     worn = replace(worn, candidate=replace(worn.candidate, runs=("later",)))
     monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: True)
     monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
-    data = SimpleNamespace(moving=SimpleNamespace(run=np.zeros(40, dtype=int)))
+    data = rows_of(turns=False)
     state = State((), np.ones(1), np.ones(1), (), ("later",))
 
     def nothing_left(data, pool, base, others, noise):
@@ -91,12 +97,33 @@ def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
         assert found[0].candidate.effect == named
 
 
+@pytest.mark.parametrize(("left", "named"), [(1.5, "presliding"), (1.98, None)])
+def test_friction_that_remembers_the_path_is_named_where_it_lowers_the_error_of_moving_joints_alone(
+    monkeypatch, left, named
+):
+    rows, gains = np.ones((40, 1)), np.linspace(1.0, 2.0, 40)
+    sliding = judged(gains, name="presliding")
+    asked = []
+
+    def where_it_moves(data, pool, base, candidates, noise, *, kinds=None):
+        asked.append(kinds)
+        return [judged(gains, name="presliding", before=2.0 * rows, after=left * rows)]
+
+    monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(choosing, "judge_all", where_it_moves)
+    state = State((), np.ones(1), np.ones(1), ())
+    found = choosing.choose(rows_of(turns=True), None, state, [sliding])
+    assert (found and found[0].candidate.effect) == named
+    assert asked == [(False, False)]
+
+
 def test_what_is_small_beside_a_rough_formula_is_taken_for_what_it_leaves():
     rows = np.ones((40, 1))
     floor = np.ones(1)
     cable = judged(np.ones(40), name="cable_force", before=100.0 * rows, after=rows)
     spring = judged(np.ones(40), name="joint_spring", before=100.0 * rows, after=rows)
-    small, large = (judged(np.ones(40), name="offset", before=b * rows, after=rows) for b in (2.5, 5.0))
+    small, large = (judged(np.ones(40), name="offset", before=b * rows, after=rows) for b in (2.5, 7.0))
     assert shadowed(small, cable, floor)
     assert not shadowed(large, cable, floor)
     assert not shadowed(small, spring, floor)
@@ -109,7 +136,7 @@ def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_mi
     poor = judged(0.5 * gains, columns=(7,), name="offset", p=0.012)
     monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: item.p <= 0.01)
     monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
-    data = SimpleNamespace(moving=SimpleNamespace(run=np.zeros(40, dtype=int)))
+    data = rows_of(turns=False)
     state = State((), np.ones(1), np.ones(1), ())
     for rival, name in ((offset, "offset"), (poor, "gravity_compensator")):
         found = choosing.choose(data, None, state, [spring, rival])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.arrays import IndexArray
-from dynident.diagnosis.candidates.gate import ALPHA, Judged, gains_more, simplest
+from dynident.diagnosis.candidates.gate import ALPHA, SMALLEST_ERROR_DROP, Judged, gains_more, simplest
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.plausible import plausible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
@@ -70,7 +70,8 @@ def choose(
             slim = without_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
-            if whole or acceptable(state, data, replace(slim, p=chosen.p)):
+            by_itself = whole or acceptable(state, data, replace(slim, p=chosen.p))
+            if by_itself and _shows_where_joints_move(data, pool, state, slim):
                 return replace(slim, p=chosen.p), equal + _rivals(slim, judged, equal)
         else:
             # What takes its place in other draws would be no surer a name for want of it.
@@ -142,6 +143,18 @@ def _of_its_kind(chosen: Judged, others: Sequence[Judged]) -> list[Judged]:
     if not effect_by_id(chosen.candidate.effect).first_order:
         return []
     return [item for item in others if effect_by_id(item.candidate.effect).first_order]
+
+
+def _shows_where_joints_move(data: PhasedProducts, pool: Pool, state: State, chosen: Judged) -> bool:
+    """Whether what remembers the path lowers the error where joints move on, too, and not alone where they turn.
+
+    There soft gears and clocks leave something like it, and the error that is told is that of the other rows.
+    """
+    turns, starts = data.kinds(chosen.candidate.columns)
+    if not turns:
+        return True
+    (item,) = judge_all(data, pool, state.base, [chosen.candidate], state.noise, kinds=(False, starts))
+    return item.error_drop >= SMALLEST_ERROR_DROP
 
 
 def _told_by_more(

@@ -79,7 +79,9 @@ def _weighed(
     """The choice, or another name that says more of the rows that are equations for all of these candidates."""
     chosen = choice[0]
     beside = replace(state, base=tuple(range(finer.n_base)))
-    again = judge_all(data, finer, beside.base, candidates, state.noise, on_common_rows=True)
+    each = [data.kinds(one.columns) for one in candidates]
+    common = all(turns for turns, _ in each), all(starts for _, starts in each)
+    again = judge_all(data, finer, beside.base, candidates, state.noise, kinds=common)
     # That something is there is what the test on the grid says; here it is asked what it is called.
     again = [replace(item, p=parents[item.candidate.choice].p) for item in again]
     told = choose(data, finer, beside, again)

@@ -61,27 +61,23 @@ def judge_all(
     candidates: Sequence[Candidate],
     noise: FloatArray,
     *,
-    on_common_rows: bool = False,
+    kinds: tuple[bool, bool] | None = None,
 ) -> list[Judged]:
     """Judge every candidate beside the model whose columns are `base`, in both kinds of folds.
 
     Each on the rows that are equations for the model with it in: with friction that remembers the path also those
     where joints turn round, with friction that shows where a joint starts also those beside a halt; of all joints, so
-    that candidates on different ones have the same rows. `on_common_rows`: on those alone that are equations for all
-    the candidates, so that what they gain can be compared.
+    that candidates on different ones have the same rows. `kinds`: whether turning, and whether partial rows count for
+    all of them, whatever each is about, so that what they gain can be compared.
     """
-    own_kinds = [data.kinds(candidate.columns) for candidate in candidates]
-    if on_common_rows:
-        common = all(turns for turns, _ in own_kinds), all(starts for _, starts in own_kinds)
-        own_kinds = [common] * len(candidates)
     sets: dict[tuple[bool, bool], list[int]] = {}
-    for k, kind in enumerate(own_kinds):
-        sets.setdefault(kind, []).append(k)
+    for k, candidate in enumerate(candidates):
+        sets.setdefault(kinds or data.kinds(candidate.columns), []).append(k)
     found: list[Judged | None] = [None] * len(candidates)
     scores: list[FloatArray] = [np.zeros((0, 1))] * len(candidates)
-    for kinds, members in sets.items():
+    for used, members in sets.items():
         own = [candidates[k] for k in members]
-        rows = data.beside(base, np.array(kinds))
+        rows = data.beside(base, np.array(used))
         blocks = Blocks.of(rows, np.array(base, dtype=np.intp), own)
         for k, item in zip(members, _judged(rows, blocks, pool, own, noise), strict=True):
             found[k] = item
