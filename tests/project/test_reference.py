@@ -1,6 +1,6 @@
 """The reference has an entry for every public name, and the entry says what a caller has to know.
 
-What needs the generator (warnings, dead links, entries in the built pages) is checked as `docs/build_site.py` builds the site.
+What needs the generator (warnings, dead links, entries in the built pages) `docs/build_site.py` checks as it builds.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / "docs" / "reference"
+ARRAY = r"\b(Float|Int|Bool)Array\b"
 PACKAGES: list[str] = runpy.run_path(str(ROOT / "docs" / "build_site.py"))["public_packages"]()
 
 
@@ -31,6 +32,12 @@ def public(kind: type | tuple[type, ...]) -> list[tuple[str, object]]:
 
 
 FUNCTIONS = public(FunctionType)
+NAMES = public((FunctionType, type))
+
+
+def called(one: object) -> str:
+    """The name of a case; its value needs none."""
+    return one if isinstance(one, str) else ""
 
 
 def test_every_public_package_has_a_page_and_stands_in_the_index() -> None:
@@ -51,20 +58,22 @@ def test_what_the_front_door_takes_from_the_rooms_is_linked() -> None:
             assert f"~{homes[0]}.{name}`" in page, f"{name} has its entry in {homes[0]}: link it"
 
 
-@pytest.mark.parametrize(("name", "value"), public((FunctionType, type)), ids=lambda one: one if type(one) is str else "")
+@pytest.mark.parametrize(("name", "value"), NAMES, ids=called)
 def test_a_public_name_says_what_it_is(name: str, value: object) -> None:
     assert (inspect.getdoc(value) or "").strip(), name
 
 
-@pytest.mark.parametrize(("name", "function"), FUNCTIONS, ids=lambda one: one if type(one) is str else "")
+@pytest.mark.parametrize(("name", "function"), FUNCTIONS, ids=called)
 def test_a_public_function_gives_the_shapes_of_its_arrays(name: str, function: FunctionType) -> None:
     said = inspect.getdoc(function) or ""
-    arrays = [one for one, kind in function.__annotations__.items() if re.search(r"\b(Float|Int|Bool)Array\b", str(kind))]
-    shaped = re.search(r"\((?:[a-zN]|\d+)(?: [a-z])?,[^()]*\)|any shape", said)
+    arrays = [
+        one for one, kind in function.__annotations__.items() if re.search(r"\b(Float|Int|Bool)Array\b", str(kind))
+    ]
+    shaped = re.search(r"\((?:\d+|(?:\d+ )?[a-zN](?: \+ \d+)?),[^()]*\)|any shape", said)
     assert not arrays or shaped, f"{name}: {', '.join(arrays)} without a shape such as (m, n)"
 
 
-@pytest.mark.parametrize(("name", "function"), FUNCTIONS, ids=lambda one: one if type(one) is str else "")
+@pytest.mark.parametrize(("name", "function"), FUNCTIONS, ids=called)
 def test_a_public_function_that_refuses_something_says_what(name: str, function: FunctionType) -> None:
     raised = re.findall(r"^\s+raise (\w+Error)\(", inspect.getsource(function), re.MULTILINE)
     said = inspect.getdoc(function) or ""
