@@ -1,4 +1,4 @@
-"""The how-tos hold: each page's commands and programs run in their order, as somebody with a small arm would type them."""
+"""The how-tos hold: each page's commands and programs run in their order, as one with a small arm would type them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "arm.urdf").write_text(text, encoding="utf-8")
     last = re.findall(r'<child link="([^"]+)"', text)[-1]
     finger = (
-        f'<link name="finger"/><joint name="finger_joint" type="prismatic"><parent link="{last}"/><child link="finger"/>'
+        f'<link name="finger"/><joint name="finger_joint" type="prismatic"><parent link="{last}"/>'
+        '<child link="finger"/>'
         '<axis xyz="0 1 0"/><limit lower="0" upper="0.04" velocity="1" effort="1"/></joint></robot>'
     )
     (folder / "arm_with_gripper.urdf").write_text(text.replace("</robot>", finger), encoding="utf-8")
