@@ -124,7 +124,7 @@ def table(entries: list[dict[str, object]]) -> str:
             if one["on"] == place:
                 ours, theirs = (said(float(str(one[side])), str(one["kind"])) for side in ("ours", "theirs"))
                 span = f"{number(one['lowest'])} to {number(one['highest'])}, {one['runs']} runs"
-                better = f"{number(one['times better'])} ({span})"
+                better = f"{number(one['times better'])} ({span if one['runs'] != 1 else 'one run'})"
                 lines.append(f"| {one['what']} | {ours} | {one['rival']}, {theirs} | {better} |")
         parts.append("\n".join(lines))
     return "\n\n".join(parts)
