@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 import pinocchio
 from common import FloatArray, show
+from compared import compared
 from scipy.linalg import qr
 from scipy.optimize import minimize
 
@@ -106,6 +107,9 @@ def main() -> None:
     for name, rival in (("IPOPT, finite differences", ipopt), ("SLSQP, finite differences", slsqp)):
         seconds, reached = timed(lambda rival=rival: rival(scene), scene)
         mark = "" if reached <= scene.goal else "> "
+        compared(
+            f"exciting trajectory of a Franka arm, seed {asked.seed}", ours, f"{name}{mark and ', not there'}", seconds
+        )
         rows.append((name, f"{mark}{seconds:.1f}", f"{reached:.1f}", f"{mark}{seconds / ours:.0f}"))
     show(f"Time to a condition number of {scene.goal:.1f}", rows)
 

@@ -14,6 +14,7 @@ import time
 
 import numpy as np
 from common import FloatArray, show, simulated_samples
+from compared import compared
 from numpy.typing import NDArray
 
 from dynident.diagnosis import diagnose
@@ -72,6 +73,12 @@ def main() -> None:
             ("a whole diagnosis: pass, both kinds of folds, search, spectra", f"{whole:.2f} s", ""),
         ],
     )
+    what, rival = (
+        f"ranking {n} candidates, {robot.n} joints, {len(samples.t):,} samples",
+        "refitting each with numpy's lstsq",
+    )
+    compared(what, scoring, rival, each * n)
+    compared(f"{what}, with the pass over the data", scoring + reducing, rival, each * n)
     print(f"\n  ranking / refitting: {scoring / (each * n):.4f}", end="")
     print(f"; with the pass: {(scoring + reducing) / (each * n):.4f}")
     print(f"  largest difference between the held-out errors of the two: {worst:.1e} of the error")

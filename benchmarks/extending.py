@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 from common import median_time, simulated_samples
+from compared import compared
 
 from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, extend, identify, remove, to_bytes
@@ -40,6 +41,10 @@ def main() -> None:
     print(f"{robot.name}, two runs of {len(samples[0].t)} samples, {len(added)} effects, {len(grown.values)} in all")
     for what, seconds in times.items():
         print(f"  {what:34s} {1000 * seconds:7.1f} ms   {seconds / slowest:5.2f}")
+        if seconds != slowest:
+            compared(
+                f"two effects, 2 x 4,000 samples x 6 joints: {what}", seconds, "identify the larger model", slowest
+            )
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from common import (
     show,
     simulated_samples,
 )
+from compared import compared
 
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify_model
@@ -88,6 +89,10 @@ def main() -> None:
             ),
         ],
     )
+    what = (
+        f"arrays to parameters and standard deviations, {samples.source}, {len(samples.t):,} samples x {robot.n} joints"
+    )
+    compared(what, ours_time, "plain Pinocchio and numpy", plain_time)
     print(f"\n  ratio dynident / plain: {ours_time / plain_time:.2f}")
 
 

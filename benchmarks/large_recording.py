@@ -37,6 +37,7 @@ def main() -> None:
 
 def compare(folder: Path, n_samples: int, n_plain: int) -> None:
     from common import show
+    from compared import compared
 
     folder.mkdir(parents=True, exist_ok=True)
     counts = (n_samples // 5, n_samples, 2 * n_samples)
@@ -71,6 +72,10 @@ def compare(folder: Path, n_samples: int, n_plain: int) -> None:
     show(f"6 joints at {RATE:g} Hz, cut-off {CUTOFF:g} Hz, decimated by {DECIMATION}", rows)
     mine = found[n_samples]
     whole = mine["seconds"] + mine["importing"]
+    rival, scaled = f"plain Pinocchio and numpy, scaled from {n_plain:,}", scale * plain["seconds"]
+    compared(f"{n_samples:,} samples x 6 joints, from the checked recording", mine["seconds"], rival, scaled)
+    compared(f"{n_samples:,} samples x 6 joints, from the user's own file", whole, rival, scaled)
+    compared(f"memory for {n_samples:,} samples", mine["memory"], rival, scale * plain["memory"], "MB")
     print(f"\n  plain script scaled to {n_samples:,} samples: {scale * plain['seconds']:.1f} s", end="")
     print(f", {scale * plain['memory'] / 1e3:.1f} GB")
     print(f"  ratio dynident / plain, from the checked recording: {mine['seconds'] / (scale * plain['seconds']):.3f}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from common import median_time, show, simulated_samples
+from compared import compared
 
 from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, identify, reidentify
@@ -39,6 +40,7 @@ def main() -> None:
         again = median_time(lambda other=other: reidentify(known, other), REPEATS)
         anew = median_time(lambda other=other: identify(robot, [recording], [], other), 3)
         rows.append((name, f"{1e3 * again:.0f} ms", f"{1e3 * anew:.0f} ms", f"{again / anew:.2f}"))
+        compared(f"7 joints again from reduced data: {name}", again, "from the recording", anew)
     print(f"{robot.name}: {N_SAMPLES} samples x {robot.n} joints, {known.model.n_parameters} parameters; ", end="")
     print(f"median of {REPEATS} runs")
     show("The same data with other choices", rows)

@@ -34,6 +34,7 @@ ELSEWHERE = {
     "closed-loops.md": "tests/identification/test_identifying_closed_loops.py",
     "notebook.md": "tests/desk/test_the_page_about_notebooks.py",
     "own-effects.md": "tests/effects/test_own_effects.py",
+    **{page.name: "tests/project/test_how_to_pages.py" for page in (ROOT / "docs" / "how-to").glob("*.md")},
 }
 MARK = re.compile(r"<!-- not run: \S.+ -->\n\Z")
 

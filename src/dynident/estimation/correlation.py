@@ -13,7 +13,7 @@ _FEWEST_STRETCHES = 5
 
 
 def correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
-    """By how much the rows of one equation overstate the information in them (at least 1).
+    """By how much the rows of one equation overstate the information in them (at least 1), at parameters χ (c,).
 
     With g_s = W_sᵀρ_s the score of stretch s and A = WᵀW: Σ g_sᵀ A⁻¹ g_s over what it would be for independent
     residuals of the same size, σ² (p - Σ tr((A⁻¹A_s)²)); the second term is what the fit itself takes away.

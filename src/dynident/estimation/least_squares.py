@@ -119,7 +119,7 @@ def condition_number(reduction: Reduction) -> float:
 
 
 def equilibrated_condition_number(reduction: Reduction, noise: FloatArray) -> float:
-    """cond(W) of the weighted W with columns of the same size: units and magnitudes of parameters do not count."""
+    """cond(W) of the W weighted by noise (n,), with columns of the same size: units of parameters do not count."""
     factor = weighted_factor(reduction, noise)[:-1, :-1]
     scales = np.linalg.norm(factor, axis=0)
     return _condition(factor / np.where(scales > 0, scales, 1.0))

@@ -20,7 +20,13 @@ def library_names() -> tuple[str, ...]:
 
 
 def library_table(name: str) -> str:
-    """Return the modified Denavit-Hartenberg table of an arm as JSON text, as a robot's description."""
+    """Return the modified Denavit-Hartenberg table of an arm as JSON text, as a robot's description.
+
+    Raises
+    ------
+    DynidentError
+        Where there is no arm of that name; it lists those there are.
+    """
     if name not in library_names():
         raise DynidentError(f"There is no arm '{name}'; known: {listed(library_names())}.", title="Unknown robot")
     return (_FOLDER / f"{name}.json").read_text(encoding="utf-8")

@@ -67,7 +67,13 @@ def may_be_negative(effect: str, parameter: str, runs: Sequence[str]) -> bool:
 def on_each_joint(
     robot: Robot, effect: str, parameter: str, values: Sequence[float] | FloatArray
 ) -> tuple[TrueEffect, ...]:
-    """One parameter of one effect on every joint of a robot, from an array (n,)."""
+    """One parameter of one effect on every joint of a robot, from an array (n,).
+
+    Raises
+    ------
+    DynidentError
+        Where there are not as many values as joints.
+    """
     if len(values) != robot.n:
         raise DynidentError(f"{len(values)} values of {parameter} for {robot.n} joints of {robot.name}", title=_TITLE)
     return tuple(

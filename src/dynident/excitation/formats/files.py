@@ -35,7 +35,13 @@ def design_table(design: Design) -> pa.Table:
 
 
 def write_design(design: Design, path: Path) -> None:
-    """Write the trajectory to a file whose ending is .csv or .parquet."""
+    """Write the trajectory to a file: t in s, positions in rad or m and their derivatives, row by row.
+
+    Raises
+    ------
+    DynidentError
+        For a file that ends neither in .csv nor in .parquet.
+    """
     table = design_table(design)
     if path.suffix == ".parquet":
         pq.write_table(table, path)
