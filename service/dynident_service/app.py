@@ -15,7 +15,7 @@ from dynident.version import __version__
 from dynident_service.documentation import mount as mount_documentation
 from dynident_service.headers import SafeHeaders
 from dynident_service.keys import KeyRing
-from dynident_service.limits import Admission, BodyLimit
+from dynident_service.limits import Admission, BodyLimit, set_threads
 from dynident_service.metrics import Metrics
 from dynident_service.middleware import Gate, Timing
 from dynident_service.problem_responses import install as install_problems
@@ -42,6 +42,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        set_threads(settings)
         opening = open_services(settings)
         services = await to_thread.run_sync(opening.__enter__)
         try:

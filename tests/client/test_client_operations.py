@@ -173,6 +173,26 @@ def test_a_lost_answer_is_asked_for_again_with_the_same_key() -> None:
     assert keys[1] != keys[2]
 
 
+def test_a_busy_service_is_asked_again_when_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    waited: list[float] = []
+    monkeypatch.setattr("dynident_client.transport.time.sleep", waited.append)
+
+    def answer(request: httpx2.Request) -> httpx2.Response:
+        asked.append(request.headers["idempotency-key"])
+        busy = httpx2.Response(429, json={"title": "Too busy"}, headers={"Retry-After": "2"})
+        return busy if len(asked) < 8 else httpx2.Response(201, json=ANSWER)
+
+    with Client("http://x", transport=httpx2.MockTransport(answer)) as client:
+        client.robots.create("a", urdf="<robot/>")
+        assert (len(set(asked)), waited) == (1, [2.0] * 7)
+        asked.clear()
+        monkeypatch.setattr("dynident_client.transport.PATIENCE", 1.0)
+        with pytest.raises(ProblemError) as refused:
+            client.robots.create("a", urdf="<robot/>")
+    assert refused.value.status == 429
+
+
 def test_waiting_goes_on_after_a_lost_connection_where_it_was() -> None:
     resumed: list[str] = []
     done = {**ANSWER, "status": "succeeded", "result": {"verdict": "adequate"}}
