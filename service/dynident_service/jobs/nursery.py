@@ -25,7 +25,7 @@ PRELOADED = ("dynident_service.work", "dynident_service.work.awaited")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 MESSAGE = struct.Struct("!ii")
 FORK, REAP, LOOK = 1, 2, 3
-NICENESS = 10
+NICENESS = 5
 """Computations leave the processor to the service that answers beside them: it needs little, and that at once."""
 RUNNING = 1 << 20
 """Stands for an exit code while there is none."""

@@ -219,8 +219,8 @@ def _load_all(session: Session, rows: Sequence[ResourceRow]) -> tuple[Resource, 
         needs[dependent].append((role, on_id))
     objects: dict[str, list[Owned]] = {one: [] for one in ids}
     owned = select(ObjectRow.resource_id, ObjectRow.role, ObjectRow.key, ObjectRow.size, ObjectRow.media_type)
-    for owner, *one in session.execute(owned.where(ObjectRow.resource_id.in_(ids))):
-        objects[owner].append(Owned(*one))
+    for owner, role, key, size, media_type in session.execute(owned.where(ObjectRow.resource_id.in_(ids))):
+        objects[owner].append(Owned(role, key, size, media_type))
     jobs = {job.resource_id: job for job in session.scalars(select(JobRow).where(JobRow.resource_id.in_(ids)))}
     return tuple(_loaded(row, needs[row.id], objects[row.id], jobs.get(row.id)) for row in rows)
 
