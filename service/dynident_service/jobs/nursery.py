@@ -25,8 +25,6 @@ PRELOADED = ("dynident_service.work", "dynident_service.work.awaited")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 MESSAGE = struct.Struct("!ii")
 FORK, REAP, LOOK = 1, 2, 3
-NICENESS = 5
-"""Computations leave the processor to the service that answers beside them: it needs little, and that at once."""
 RUNNING = 1 << 20
 """Stands for an exit code while there is none."""
 
@@ -99,7 +97,6 @@ def main() -> None:
     """Load the science, then serve until the other end is closed."""
     control = socket.socket(fileno=int(sys.argv[1]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(NICENESS)
     os.dup2(2, 1)  # what solvers print belongs to the log
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
     warnings.filterwarnings("ignore", message=".*fork.*", category=DeprecationWarning)

@@ -31,7 +31,7 @@ from dynident_service.storage.migrate import configuration
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import reason_of
 from dynident_service.storage.records import FINAL
-from dynident_service.storage.tables import ObjectRow, ResourceRow
+from dynident_service.storage.tables import CheckpointRow, ObjectRow, ResourceRow
 from dynident_service.storage.tables import Table as Base
 
 AT_ONCE = 500
@@ -139,8 +139,8 @@ def put_object(files: Files, objects: ObjectStore, key: str, scratch: Path) -> i
 
 
 def tables() -> list[Table]:
-    """All tables, those first that others refer to."""
-    return list(Base.metadata.sorted_tables)
+    """All tables that are kept, those first that others refer to; a checkpoint only saves time."""
+    return [table for table in Base.metadata.sorted_tables if table.name != CheckpointRow.__tablename__]
 
 
 def revision_of(connection: Connection) -> str:

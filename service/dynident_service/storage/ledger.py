@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal, cast
 
-from sqlalchemy import func, select
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from dynident_service.problems import Problem, ProblemError, make_problem, not_found
 from dynident_service.storage.database import Database, clock
 from dynident_service.storage.identifiers import new_identifier
 from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
-from dynident_service.storage.tables import JobEventRow, JobRow
+from dynident_service.storage.tables import CheckpointRow, JobEventRow, JobRow
 
 LEASE = timedelta(seconds=30)
 """Longer than anybody waits for a lock, by the clock of the database."""
@@ -301,6 +301,7 @@ def _requeue(session: Session, row: JobRow) -> None:
 
 
 def _finish(session: Session, row: JobRow, state: State, problem: Problem | None = None) -> None:
+    session.execute(delete(CheckpointRow).where(CheckpointRow.job_id == row.id))
     row.state, row.lease_until, row.finished_at = state, None, clock(session)
     row.error = None if problem is None else problem.model_dump(exclude_none=True)
     data = {"state": state} if row.error is None else {"state": state, "error": row.error}

@@ -18,6 +18,7 @@ from sqlalchemy import (
     ForeignKey,
     Index,
     Integer,
+    LargeBinary,
     MetaData,
     String,
     TypeDecorator,
@@ -161,6 +162,15 @@ class JobRow(Table):
     finished_at: Mapped[datetime | None]
 
     __table_args__ = (Index("ix_jobs_state_id", "state", "id"),)
+
+
+class CheckpointRow(Table):
+    """What a job that has not ended has reached; its next attempt goes on from there."""
+
+    __tablename__ = "checkpoints"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
+    content: Mapped[bytes] = mapped_column(LargeBinary)
 
 
 class JobEventRow(Table):
