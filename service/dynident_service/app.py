@@ -17,7 +17,7 @@ from dynident_service.headers import SafeHeaders
 from dynident_service.keys import KeyRing
 from dynident_service.limits import Admission, BodyLimit, set_threads
 from dynident_service.metrics import Metrics
-from dynident_service.middleware import Gate, Timing
+from dynident_service.middleware import Audit, Gate, Timing
 from dynident_service.problem_responses import install as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.routes import ROUTERS
@@ -80,6 +80,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             allow_headers=["*"],
             expose_headers=["Location"],
         )
+    app.add_middleware(Audit)
     app.add_middleware(Admission, settings=settings)
     app.add_middleware(Timing, metrics=metrics)
     app.add_middleware(SafeHeaders)

@@ -45,6 +45,9 @@ def robot() -> Robot:
 def test_a_search_that_was_stopped_again_and_again_gives_the_same_design(robot: Robot) -> None:
     at_once = Kept()
     whole = design_experiment(robot, REQUEST, checkpoints=at_once)
+    last = reached_of(at_once.content)
+    assert last is not None
+    assert last.completed > 0  # there was one to be counted
     content, rounds = None, 0
     for stop_after in (1, 3, None):
         kept = Kept(stop_after, content)

@@ -197,10 +197,14 @@ class RetryRow(Table):
 
 
 class KeyRow(Table):
-    """An API key, as its SHA-256."""
+    """An API key, as its SHA-256, with what it allows."""
 
     __tablename__ = "api_keys"
 
     sha256: Mapped[str] = mapped_column(Text(64), primary_key=True)
     name: Mapped[str] = mapped_column(Text(200))
     created_at: Mapped[datetime] = mapped_column(default=now)
+    scope: Mapped[str] = mapped_column(Text(10), default="admin", server_default="admin")
+    owner: Mapped[str | None] = mapped_column(Text(200))
+    expires_at: Mapped[datetime | None]
+    last_used_at: Mapped[datetime | None]

@@ -199,7 +199,7 @@ class _Start:
             return
         self.rounds += 1
         settled = abs(self._before - at.criterion) < _SETTLED
-        self.finished = self.rounds == len(_ITERATIONS) or (at.worst < _SMALL_EXCESS and settled)
+        self.finished = bool(self.rounds == len(_ITERATIONS) or (at.worst < _SMALL_EXCESS and settled))
         enough = at.worst < _ENOUGH_PROGRESS * self._worst
         self._multipliers = self._multipliers.raised(
             at, self._multipliers.penalty * (1.0 if enough else _PENALTY_GROWTH)
