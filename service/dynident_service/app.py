@@ -48,7 +48,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         try:
             app.state.services = services
             app.state.keys = _keys_of(services)
-            metrics.watch_jobs(services.ledger.counts)
+            metrics.watch_jobs(services.ledger.counts, services.ledger.strain, settings.data_dir)
             yield
         finally:
             await to_thread.run_sync(opening.__exit__, None, None, None)

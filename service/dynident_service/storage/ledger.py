@@ -47,6 +47,18 @@ class Claim:
     resource_id: str | None
 
 
+@dataclass(frozen=True)
+class Strain:
+    """What tells whoever runs the service that something is wrong."""
+
+    oldest_queued: float
+    """Seconds that the oldest queued job has waited since it was accepted."""
+    deaths: int
+    """How often a computation died by itself."""
+    losses: int
+    """How often a job was lost with its worker, or its database or store."""
+
+
 class LostClaim(Exception):
     """The job was given to another worker, or cancelled: what this one does counts no more."""
 
@@ -207,6 +219,14 @@ class Ledger:
         with self._database.read() as session:
             rows = session.execute(select(JobRow.state, func.count()).group_by(JobRow.state)).all()
         return {str(state): int(number) for state, number in rows}
+
+    def strain(self) -> Strain:
+        """Tell how long the queue is in time, and how often jobs that are kept had to be begun again."""
+        with self._database.read() as session:
+            oldest = session.scalar(select(func.min(JobRow.created_at)).where(JobRow.state == "queued"))
+            deaths, losses = session.execute(select(func.sum(JobRow.deaths), func.sum(JobRow.losses))).one()
+            waited = 0.0 if oldest is None else max(0.0, (clock(session) - oldest).total_seconds())
+        return Strain(waited, int(deaths or 0), int(losses or 0))
 
     def _has_work(self) -> bool:
         with self._database.read() as session:
