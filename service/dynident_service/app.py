@@ -15,9 +15,9 @@ from dynident.version import __version__
 from dynident_service.documentation import mount as mount_documentation
 from dynident_service.headers import SafeHeaders
 from dynident_service.keys import KeyRing
-from dynident_service.limits import Admission, BodyLimit
+from dynident_service.limits import Admission, BodyLimit, set_threads
 from dynident_service.metrics import Metrics
-from dynident_service.middleware import Gate, Timing
+from dynident_service.middleware import Audit, Gate, Timing
 from dynident_service.problem_responses import install as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.routes import ROUTERS
@@ -42,12 +42,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        set_threads(settings)
         opening = open_services(settings)
         services = await to_thread.run_sync(opening.__enter__)
         try:
             app.state.services = services
             app.state.keys = _keys_of(services)
-            metrics.watch_jobs(services.ledger.counts)
+            metrics.watch_jobs(services.ledger.counts, services.ledger.strain, settings.data_dir)
             yield
         finally:
             await to_thread.run_sync(opening.__exit__, None, None, None)
@@ -79,6 +80,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             allow_headers=["*"],
             expose_headers=["Location"],
         )
+    app.add_middleware(Audit)
     app.add_middleware(Admission, settings=settings)
     app.add_middleware(Timing, metrics=metrics)
     app.add_middleware(SafeHeaders)

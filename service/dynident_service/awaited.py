@@ -14,6 +14,7 @@ from fastapi import Request
 
 from dynident_service.jobs.calls import Answer, Call
 from dynident_service.jobs.pool import ChildPool
+from dynident_service.limits import take_long
 from dynident_service.problems import ProblemError
 
 MOST_WAITING = 30
@@ -45,6 +46,7 @@ class Awaited:
             raise ProblemError(429, f"More than {MOST_WAITING} requests are computed; try again.", title="Too busy")
         if self._turns is None:
             self._turns, self._threads = anyio.Semaphore(self._size), anyio.CapacityLimiter(self._size)
+        take_long(request.scope)
         over = threading.Event()
         found: Answer | None = None
         self._waiting += 1

@@ -1,23 +1,76 @@
-"""API keys: 256 random bits, of which only the SHA-256 is kept."""
+"""API keys: 256 random bits, of which only the SHA-256 is kept; what each allows, to whom, and until when."""
 
 from __future__ import annotations
 
 import hashlib
 import secrets
+import time
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Literal, cast
 
-from sqlalchemy import select
+from sqlalchemy import delete, select, update
 
 from dynident_service.settings import Settings
-from dynident_service.storage.database import Database
-from dynident_service.storage.tables import KeyRow
+from dynident_service.storage.database import Database, clock
+from dynident_service.storage.tables import KeyRow, now
+
+Scope = Literal["read", "submit", "admin"]
+SCOPES: tuple[Scope, ...] = ("read", "submit", "admin")
+"""Each allows what those before it allow: to look, to send and change, to delete."""
+NOTED_EVERY = 60.0
+"""Seconds after which the use of a key is noted again."""
 
 
-def create_key(database: Database, name: str) -> str:
+@dataclass(frozen=True)
+class Holder:
+    """Who uses a key, and what it allows."""
+
+    name: str
+    scope: Scope = "admin"
+    owner: str | None = None
+    expires_at: datetime | None = None
+    last_used_at: datetime | None = None
+
+    def may(self, method: str) -> bool:
+        """Tell whether the key allows requests of a method."""
+        return SCOPES.index(self.scope) >= SCOPES.index(needed_scope(method))
+
+    @property
+    def is_expired(self) -> bool:
+        """Whether its time is over."""
+        return self.expires_at is not None and self.expires_at <= now()
+
+
+def needed_scope(method: str) -> Scope:
+    """What a key must allow for requests of a method."""
+    if method in ("GET", "HEAD", "OPTIONS"):
+        return "read"
+    return "admin" if method == "DELETE" else "submit"
+
+
+def create_key(
+    database: Database, name: str, scope: Scope = "admin", owner: str | None = None, days: float | None = None
+) -> str:
     """Make a key and store its hash; the key itself is shown this once."""
     key = f"dynident_{secrets.token_urlsafe(32)}"
     with database.write() as session:
-        session.add(KeyRow(sha256=hash_of(key), name=name))
+        expires_at = None if days is None else clock(session) + timedelta(days=days)
+        session.add(KeyRow(sha256=hash_of(key), name=name, scope=scope, owner=owner, expires_at=expires_at))
     return key
+
+
+def revoke_keys(database: Database, name: str) -> int:
+    """Delete the keys of a name; tells how many there were."""
+    with database.write() as session:
+        gone = delete(KeyRow).where(KeyRow.name == name).returning(KeyRow.sha256)
+        return len(session.scalars(gone).all())
+
+
+def list_keys(database: Database) -> list[Holder]:
+    """List the keys of the database, without anything that opens."""
+    with database.read() as session:
+        return [_holder(row) for row in session.scalars(select(KeyRow).order_by(KeyRow.name))]
 
 
 def hash_of(key: str) -> str:
@@ -26,11 +79,12 @@ def hash_of(key: str) -> str:
 
 
 class KeyRing:
-    """Tells whether a key is known."""
+    """Tells whether a key is known, and what it allows."""
 
     def __init__(self, settings: Settings, database: Database) -> None:
         self._configured = {hash_of(key.get_secret_value()) for key in settings.api_keys}
         self._database = database
+        self._noted: dict[str, float] = {}
 
     def is_empty(self) -> bool:
         """Tell whether there is no key at all, so that nobody could ever enter."""
@@ -40,9 +94,26 @@ class KeyRing:
             return session.scalar(select(KeyRow.sha256).limit(1)) is None
 
     def knows(self, key: str) -> bool:
-        """Tell whether a key is known."""
+        """Tell whether a key is known, and its time is not over."""
+        holder = self.holder_of(key)
+        return holder is not None and not holder.is_expired
+
+    def holder_of(self, key: str) -> Holder | None:
+        """Give who uses a key, and note from time to time that it is used; `None` where it is not known."""
         hashed = hash_of(key)
         if any(secrets.compare_digest(hashed, one) for one in self._configured):
-            return True
+            return Holder("DYNIDENT_API_KEYS")
         with self._database.read() as session:
-            return session.get(KeyRow, hashed) is not None
+            row = session.get(KeyRow, hashed)
+        if row is None:
+            return None
+        holder = _holder(row)
+        if not holder.is_expired and time.monotonic() - self._noted.get(hashed, -NOTED_EVERY) >= NOTED_EVERY:
+            self._noted[hashed] = time.monotonic()
+            with self._database.write() as session:
+                session.execute(update(KeyRow).where(KeyRow.sha256 == hashed).values(last_used_at=clock(session)))
+        return holder
+
+
+def _holder(row: KeyRow) -> Holder:
+    return Holder(row.name, cast(Scope, row.scope), row.owner, row.expires_at, row.last_used_at)

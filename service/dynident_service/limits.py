@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import random
+import sys
 import time
+from collections import Counter
 from dataclasses import dataclass
+from typing import Literal
 
 import anyio
+from anyio import to_thread
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -24,6 +29,25 @@ WEIGHTS = ((b",", 1), (b"[", 2), (b"{", 4))
 ALWAYS_ANSWERED = frozenset({"/healthz", "/readyz", "/metrics"})
 FIRST_GRACE = 30.0
 """Seconds that the first bytes may take, whatever the rate."""
+MOST_A_THREAD = 3
+"""As many short requests may be under way for each thread; what comes then would wait longer than it should."""
+SHORT_BODY = 100_000
+"""Bytes of a body that comes with its head; larger ones take as long as their network does."""
+SWITCH = 0.001
+"""Seconds after which a thread that computes lets the one that answers go on."""
+LONGEST_RETRY = 3
+"""Seconds after which, at most, who was refused is asked to come again: not all in the same moment."""
+Pace = Literal["short", "long", "following"]
+TURN = "dynident.turn"
+
+
+def set_threads(settings: Settings) -> None:
+    """Set how many requests read or write at a time: with more, each of them only takes longer.
+
+    Called where requests are answered, in its event loop.
+    """
+    to_thread.current_default_thread_limiter().total_tokens = settings.request_threads
+    sys.setswitchinterval(SWITCH)
 
 
 @dataclass(frozen=True)
@@ -104,37 +128,74 @@ class _Meter:
             raise _too_slow(took)
 
 
+class Turn:
+    """One request among those under way: it may turn out to take long."""
+
+    def __init__(self, under_way: Counter[Pace], pace: Pace) -> None:
+        self._under_way = under_way
+        self._pace = pace
+
+    def __enter__(self) -> Turn:
+        self._under_way[self._pace] += 1
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._under_way[self._pace] -= 1
+
+    def take_long(self) -> None:
+        """Make room for short ones: this one only waits for something that is computed elsewhere."""
+        self._under_way[self._pace] -= 1
+        self._pace = "long"
+        self._under_way[self._pace] += 1
+
+
 class Admission:
     """Answers 429 when too many requests are under way, instead of letting all of them wait."""
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         self._app = app
         self._settings = settings
-        self._under_way = 0
-        self._followed = 0
+        self._under_way: Counter[Pace] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request through while there is room for it; those that only follow a job are counted apart."""
         if scope["type"] != "http" or scope["path"] in ALWAYS_ANSWERED:
             return await self._app(scope, receive, send)
-        follows = scope["path"].endswith("/events")
-        most = self._settings.max_followers if follows else self._settings.max_requests
-        if (self._followed if follows else self._under_way) >= most:
-            what, name = ("jobs are followed", "FOLLOWERS") if follows else ("requests are under way", "REQUESTS")
-            detail = f"More than {most} {what} (DYNIDENT_MAX_{name}); try again in a moment."
-            problem = make_problem(429, detail, title="Too busy")
-            return await respond(problem, {"retry-after": "1", "connection": "close"})(scope, receive, send)
-        self._count(follows, 1)
-        try:
+        pace = _pace(scope)
+        refusal = self._refusal(pace)
+        if refusal is not None:
+            again = {"retry-after": str(random.randint(1, LONGEST_RETRY)), "connection": "close"}
+            return await respond(make_problem(429, refusal, title="Too busy"), again)(scope, receive, send)
+        with Turn(self._under_way, pace) as turn:
+            scope[TURN] = turn
             return await self._app(scope, receive, send)
-        finally:
-            self._count(follows, -1)
 
-    def _count(self, follows: bool, one: int) -> None:
-        if follows:
-            self._followed += one
-        else:
-            self._under_way += one
+    def _refusal(self, pace: Pace) -> str | None:
+        settings, count = self._settings, self._under_way
+        if pace == "following":
+            if count[pace] < settings.max_followers:
+                return None
+            return f"More than {settings.max_followers} jobs are followed (DYNIDENT_MAX_FOLLOWERS); try again soon."
+        if count["short"] + count["long"] >= settings.max_requests:
+            return f"More than {settings.max_requests} requests are under way (DYNIDENT_MAX_REQUESTS); try again soon."
+        most = MOST_A_THREAD * settings.request_threads
+        if pace == "short" and count[pace] >= most:
+            return f"More than {most} requests wait to be answered (thrice DYNIDENT_REQUEST_THREADS); try again soon."
+        return None
+
+
+def take_long(scope: Scope) -> None:
+    """Say that a request will take long, so that it keeps no short one out."""
+    turn = scope.get(TURN)
+    if isinstance(turn, Turn):
+        turn.take_long()
+
+
+def _pace(scope: Scope) -> Pace:
+    if scope["path"].endswith("/events"):
+        return "following"
+    length = Headers(scope=scope).get("content-length", "0")
+    return "short" if length.isdigit() and int(length) <= SHORT_BODY else "long"
 
 
 def _too_large(allowed: Allowance) -> str:

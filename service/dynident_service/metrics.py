@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterable
+from pathlib import Path
 
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Histogram, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
+
+from dynident_service.storage.ledger import Strain
 
 __all__ = ["CONTENT_TYPE_LATEST", "Metrics"]
 
@@ -28,9 +32,10 @@ class Metrics:
         self._requests.labels(method, route, str(status)).inc()
         self._seconds.labels(method, route).observe(seconds)
 
-    def watch_jobs(self, counts: Callable[[], dict[str, int]]) -> None:
-        """Show the number of jobs by state, as `counts` gives them."""
-        self._registry.register(_Jobs(counts))
+    def watch_jobs(self, counts: Callable[[], dict[str, int]], strain: Callable[[], Strain], folder: Path) -> None:
+        """Show the jobs by state, the age of the queue and the deaths by cause, and the room left for a folder."""
+        self._registry.register(_Jobs(counts, strain))
+        self._registry.register(_Room(folder))
 
     def text(self) -> bytes:
         """Give all figures in Prometheus' text format."""
@@ -38,11 +43,29 @@ class Metrics:
 
 
 class _Jobs(Collector):
-    def __init__(self, counts: Callable[[], dict[str, int]]) -> None:
+    def __init__(self, counts: Callable[[], dict[str, int]], strain: Callable[[], Strain]) -> None:
         self._counts = counts
+        self._strain = strain
 
     def collect(self) -> Iterable[Metric]:
         family = GaugeMetricFamily("dynident_jobs", "Jobs in the ledger.", labels=("state",))
         for state, number in self._counts().items():
             family.add_metric((state,), number)
         yield family
+        strain = self._strain()
+        age = "How long the oldest queued job has waited."
+        yield GaugeMetricFamily("dynident_oldest_queued_job_seconds", age, strain.oldest_queued)
+        deaths = "How often jobs of the ledger were begun again: computations that died, workers that were lost."
+        again = GaugeMetricFamily("dynident_job_deaths", deaths, labels=("cause",))
+        again.add_metric(("computation",), strain.deaths)
+        again.add_metric(("infrastructure",), strain.losses)
+        yield again
+
+
+class _Room(Collector):
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def collect(self) -> Iterable[Metric]:
+        free = shutil.disk_usage(self._folder).free
+        yield GaugeMetricFamily("dynident_free_disk_bytes", "Room left on the disk of the data directory.", free)

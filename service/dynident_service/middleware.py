@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from urllib.parse import urlsplit
@@ -10,14 +11,17 @@ from anyio import to_thread
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from dynident_service.keys import KeyRing
+from dynident_service.keys import Holder, KeyRing, needed_scope
 from dynident_service.metrics import Metrics
 from dynident_service.problem_responses import respond
-from dynident_service.problems import make_problem
+from dynident_service.problems import Problem, make_problem
 from dynident_service.settings import Settings, is_loopback
 
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})
 PAGE = "/workbench/"
+HOLDER = "dynident.holder"
+"""Where the scope of a request has who sent it."""
+audit = logging.getLogger("dynident.audit")
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -42,10 +46,12 @@ class Gate:
             if scope["path"] == "/" or scope["path"].startswith(PAGE):
                 return await self._app(scope, receive, send)  # the page holds no data, and asks for the key itself
             key = _key_in(headers)
-            if key is None or not await to_thread.run_sync(self._keys().knows, key):
-                detail = "This service asks for an API key, as 'Authorization: Bearer …' or 'X-API-Key: …'."
-                problem = make_problem(401, detail, title="API key needed")
-                return await respond(problem, {"www-authenticate": "Bearer"})(scope, receive, send)
+            holder = None if key is None else await to_thread.run_sync(self._keys().holder_of, key)
+            refused = _refusal(holder, scope["method"])
+            if refused is not None:
+                challenge = {"www-authenticate": "Bearer"} if refused.status == 401 else None
+                return await respond(refused, challenge)(scope, receive, send)
+            scope[HOLDER] = holder
         elif not is_loopback(_host(headers.get("host", ""))):
             detail = "Without API keys the service answers to localhost alone; set DYNIDENT_REQUIRE_KEYS to open it."
             return await respond(make_problem(421, detail))(scope, receive, send)
@@ -59,6 +65,49 @@ class Gate:
         if origin is None or method in SAFE_METHODS or origin in self._settings.allowed_origins:
             return True
         return urlsplit(origin).netloc == headers.get("host")
+
+
+def _refusal(holder: Holder | None, method: str) -> Problem | None:
+    """Why a request may not enter; `None` where it may."""
+    if holder is None:
+        detail = "This service asks for an API key, as 'Authorization: Bearer …' or 'X-API-Key: …'."
+        return make_problem(401, detail, title="API key needed")
+    if holder.is_expired:
+        detail = (
+            f"The key {holder.name!r} ended on {holder.expires_at:%Y-%m-%d}; ask whoever runs the service for another."
+        )
+        return make_problem(401, detail, title="API key expired")
+    if not holder.may(method):
+        detail = f"The key {holder.name!r} allows to {holder.scope}; {method} asks for one with {needed_scope(method)}."
+        return make_problem(403, detail, title="Not allowed by this key")
+    return None
+
+
+class Audit:
+    """Writes down who changed what: a line for every request that may have, without its query and its key."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Note what came of one request."""
+        if scope["type"] != "http" or scope["method"] in SAFE_METHODS:
+            return await self._app(scope, receive, send)
+        status = 500
+
+        async def noted(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, noted)
+        finally:
+            holder = scope.get(HOLDER)
+            by = holder.name if isinstance(holder, Holder) else "nobody known"
+            owner = f" of {holder.owner!r}" if isinstance(holder, Holder) and holder.owner else ""
+            audit.info("%r%s: %s %r: %d", by, owner, scope["method"], scope["path"], status)
 
 
 class Timing:

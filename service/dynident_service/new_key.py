@@ -2,24 +2,48 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
+from datetime import datetime
 
-from dynident_service.keys import create_key
+from dynident_service.keys import SCOPES, create_key, list_keys, revoke_keys
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.migrate import migrate
 
 
 def main(arguments: list[str]) -> int:
-    """Make a key under the name given."""
-    if len(arguments) != 1:
-        print(__doc__, file=sys.stderr)
-        return 2
+    """Make a key under the name given, or list or revoke keys."""
+    parser = argparse.ArgumentParser(prog="python -m dynident_service.new_key", description=__doc__)
+    parser.add_argument("name", nargs="?", help="what the key is for")
+    parser.add_argument("--scope", choices=SCOPES, default="admin", help="look; send and change; delete, too (default)")
+    parser.add_argument("--owner", help="who answers for it")
+    parser.add_argument("--days", type=float, help="after how many days it ends; never by default")
+    parser.add_argument("--list", action="store_true", help="list the keys, without what opens")
+    parser.add_argument("--revoke", action="store_true", help="delete the keys of this name")
+    asked = parser.parse_args(arguments)
+    if not asked.list and asked.name is None:
+        parser.error("give the key a name")
     database = Database(Settings().database)
     migrate(database)
-    print(create_key(database, arguments[0]))
-    database.close()
+    try:
+        if asked.list:
+            for one in list_keys(database):
+                used = f"used {_day(one.last_used_at)}, ends {_day(one.expires_at)}"
+                print(f"{one.name}: {one.scope}, owner {one.owner or 'not said'}, {used}")
+        elif asked.revoke:
+            if revoke_keys(database, asked.name) == 0:
+                print(f"there is no key {asked.name!r}", file=sys.stderr)
+                return 1
+        else:
+            print(create_key(database, asked.name, asked.scope, asked.owner, asked.days))
+    finally:
+        database.close()
     return 0
+
+
+def _day(moment: datetime | None) -> str:
+    return "never" if moment is None else moment.date().isoformat()
 
 
 if __name__ == "__main__":

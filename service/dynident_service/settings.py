@@ -27,6 +27,7 @@ class Settings(BaseSettings):
     request_workers: int = Field(default=2, ge=1, description="Computations at a time that requests wait for.")
     max_upload_bytes: int = Field(default=4_000 * MEGABYTE, ge=1, description="Largest recording.")
     max_body_bytes: int = Field(default=32 * MEGABYTE, ge=1, description="Largest body of any other request.")
+    request_threads: int = Field(default=8, ge=1, description="Requests at a time that read or write the database.")
     max_connections: int = Field(default=500, ge=1, description="Connections at a time.")
     max_requests: int = Field(default=100, ge=1, description="Requests at a time, but for those that follow a job.")
     max_followers: int = Field(default=200, ge=1, description="Requests at a time that follow a job.")

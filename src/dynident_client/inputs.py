@@ -37,6 +37,10 @@ class Robots(Labelled[Robot]):
             return self._post({"name": name, "description": {"format": "urdf", "content": content}, **more})
         return self._post({"name": name, "description": {"format": "modified_dh", "content": modified_dh}, **more})
 
+    def bundle(self, robot: Robot | str) -> Iterator[bytes]:
+        """Give a robot with all that rests on it as a ZIP, in pieces, for `dynident import-robot` elsewhere."""
+        return self._transport.stream(f"{self.path}/{id_of(robot)}/bundle")
+
 
 class Imports(Collection[Import]):
     """Files that were looked at before they are used."""

@@ -6,7 +6,7 @@ import time
 import uuid
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 import httpx2
 
@@ -15,6 +15,9 @@ from dynident_client.errors import ProblemError
 TRIES = 4
 PAUSE = 0.25
 """Seconds before the second try; twice as long before each further one."""
+BUSY = frozenset({429, 503})
+PATIENCE = 60.0
+"""Seconds for which a busy service is asked again, as often as it says by Retry-After."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +73,18 @@ class Transport:
     def events(self, path: str) -> Iterator[Event]:
         """Follow a stream of events to its end, over lost connections."""
         last, tries = "", 0
+        until = time.monotonic() + PATIENCE
         while True:
             headers = {"Last-Event-ID": last} if last else {}
             try:
                 with self._http.stream("GET", path, headers=headers, timeout=httpx2.Timeout(30.0)) as answer:
                     if answer.is_error:
                         answer.read()
-                        _raise_problem(answer)
+                        pause = _asked_to_wait(answer)
+                        if pause is None or time.monotonic() + pause > until:
+                            _raise_problem(answer)
+                        time.sleep(pause)
+                        continue
                     for one in httpx2.EventSource(answer):
                         last, tries = one.id or last, 0
                         data = one.json()
@@ -97,20 +105,24 @@ class Transport:
         headers = {"Idempotency-Key": uuid.uuid4().hex} if method == "POST" else {}
         if "params" in content:
             content["params"] = _given(content["params"])
-        for attempt in range(TRIES):
+        until = time.monotonic() + PATIENCE
+        attempt = 0
+        while True:
             try:
                 answer = self._http.request(method, path, headers=headers, **content)
             except httpx2.TransportError:
                 if attempt == TRIES - 1 or (method == "DELETE" and attempt > 0):
                     raise
-                time.sleep(PAUSE * 2**attempt)
-                if rewind is not None:
-                    rewind.seek(0)
-                continue
-            if answer.is_error:
-                _raise_problem(answer)
-            return answer
-        raise AssertionError("unreachable")
+                pause, attempt = PAUSE * 2**attempt, attempt + 1
+            else:
+                if not answer.is_error:
+                    return answer
+                pause = _asked_to_wait(answer)
+                if pause is None or time.monotonic() + pause > until:
+                    _raise_problem(answer)
+            time.sleep(pause)
+            if rewind is not None:
+                rewind.seek(0)
 
 
 def _given(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -118,7 +130,13 @@ def _given(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name.removesuffix("_"): value for name, value in values.items() if value is not None}
 
 
-def _raise_problem(answer: httpx2.Response) -> None:
+def _asked_to_wait(answer: httpx2.Response) -> float | None:
+    """Seconds after which a busy service wants to be asked again; `None` where it says no such thing."""
+    after = answer.headers.get("retry-after", "")
+    return float(after) if answer.status_code in BUSY and after.isdecimal() else None
+
+
+def _raise_problem(answer: httpx2.Response) -> NoReturn:
     problem: dict[str, Any] = {}
     if "problem+json" in answer.headers.get("content-type", ""):
         problem = answer.json()

@@ -55,6 +55,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.metrics(),
         lambda c: c.effects(),
         lambda c: c.robots.create("a", urdf="<robot/>"),
+        lambda c: list(c.robots.bundle("x1")),
         lambda c: c.imports.upload("r1", file),
         lambda c: c.measurements.upload("r1", file),
         lambda c: list(c.measurements.content("x1")),
@@ -171,6 +172,26 @@ def test_a_lost_answer_is_asked_for_again_with_the_same_key() -> None:
         client.robots.create("a", urdf="<robot/>")
     assert keys[0] == keys[1]
     assert keys[1] != keys[2]
+
+
+def test_a_busy_service_is_asked_again_when_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    waited: list[float] = []
+    monkeypatch.setattr("dynident_client.transport.time.sleep", waited.append)
+
+    def answer(request: httpx2.Request) -> httpx2.Response:
+        asked.append(request.headers["idempotency-key"])
+        busy = httpx2.Response(429, json={"title": "Too busy"}, headers={"Retry-After": "2"})
+        return busy if len(asked) < 8 else httpx2.Response(201, json=ANSWER)
+
+    with Client("http://x", transport=httpx2.MockTransport(answer)) as client:
+        client.robots.create("a", urdf="<robot/>")
+        assert (len(set(asked)), waited) == (1, [2.0] * 7)
+        asked.clear()
+        monkeypatch.setattr("dynident_client.transport.PATIENCE", 1.0)
+        with pytest.raises(ProblemError) as refused:
+            client.robots.create("a", urdf="<robot/>")
+    assert refused.value.status == 429
 
 
 def test_waiting_goes_on_after_a_lost_connection_where_it_was() -> None:

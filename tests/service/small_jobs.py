@@ -127,3 +127,15 @@ def _failing_at_first(name: str, method: Any, times: int) -> Any:
         raise OperationalError("UPDATE", {}, Exception("database is locked"))
 
     return failing
+
+
+def goes_on(task: Task) -> Outcome:
+    """Keep what was reached, die once in the middle, and tell where the last attempt began."""
+    began = int(task.checkpoints.last() or b"0")
+    Path(task.arguments["note"]).write_text(str(began))
+    for step in range(began, 10):
+        vars(task.checkpoints)["_next"] = 0.0  # at once, not after some seconds
+        task.checkpoints.keep(lambda step=step: b"%d" % step)
+        if step == 6 and began == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+    return Outcome()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
@@ -43,7 +44,7 @@ def test_a_made_key_opens_and_only_its_hash_is_kept(guarded: TestClient) -> None
     key = create_key(database, "cell 3")
     assert guarded.get("/v1/robots", headers={"x-api-key": key}).status_code == 200
     with database.read() as session:
-        (row,) = session.query(KeyRow).all()
+        (row,) = session.query(KeyRow).filter_by(name="cell 3")
     assert row.sha256 == hash_of(key)
     assert key not in row.sha256
 
@@ -87,4 +88,69 @@ def test_the_command_to_make_a_key_prints_one_that_works(
     database = Database(Settings().database)
     migrate(database)
     assert KeyRing(Settings(), database).knows(key)
+    database.close()
+
+
+def test_a_key_allows_what_its_scope_says_and_no_more(guarded: TestClient) -> None:
+    database: Database = guarded.app.state.services.database  # type: ignore[attr-defined]
+    statuses = {"read": (200, 403, 403), "submit": (200, 422, 403), "admin": (200, 422, 404)}
+    for scope, expected in statuses.items():
+        headers = {"x-api-key": create_key(database, f"a {scope} key", scope)}  # type: ignore[arg-type]
+        answers = (
+            guarded.get("/v1/robots", headers=headers),
+            guarded.post("/v1/robots", json={}, headers=headers),
+            guarded.delete("/v1/robots/rob_nothing", headers=headers),
+        )
+        assert tuple(answer.status_code for answer in answers) == expected
+    refused = guarded.post("/v1/robots", json={}, headers={"x-api-key": create_key(database, "watcher", "read")})
+    assert "'watcher' allows to read; POST asks for one with submit" in refused.json()["detail"]
+
+
+def test_a_key_whose_time_is_over_opens_no_more_and_says_so(guarded: TestClient) -> None:
+    database: Database = guarded.app.state.services.database  # type: ignore[attr-defined]
+    key, over = create_key(database, "guest", days=1), create_key(database, "last week's guest", days=-1)
+    assert guarded.get("/v1/robots", headers={"x-api-key": key}).status_code == 200
+    answer = guarded.get("/v1/robots", headers={"x-api-key": over})
+    assert (answer.status_code, answer.json()["title"]) == (401, "API key expired")
+
+
+def test_who_changed_what_is_written_down_and_no_key_ever_is(
+    guarded: TestClient, caplog: pytest.LogCaptureFixture
+) -> None:
+    database: Database = guarded.app.state.services.database  # type: ignore[attr-defined]
+    key = create_key(database, "cell 5", "admin", owner="Ada")
+    caplog.set_level("DEBUG")
+    for headers in ({"x-api-key": key}, {"authorization": f"Bearer {key}"}):
+        guarded.get(f"/v1/robots?cursor={key[:30]}", headers=headers)
+        guarded.delete("/v1/robots/rob_nothing%0Aforged", headers=headers)
+        guarded.delete("/v1/robots/rob_nothing", headers={"x-api-key": f"{key}?"})
+    lines = [record.getMessage() for record in caplog.records if record.name == "dynident.audit"]
+    assert len(lines) == 4
+    assert lines[0].startswith("'cell 5' of 'Ada': DELETE '/v1/robots/rob_nothing")
+    assert lines[1] == "'nobody known': DELETE '/v1/robots/rob_nothing': 401"
+    assert not any("\n" in line for line in lines)
+    ours = [record.getMessage() for record in caplog.records if record.name.startswith(("dynident", "uvicorn"))]
+    assert not any(key in line or hash_of(key) in line for line in ours)
+
+
+def test_keys_are_listed_with_their_last_use_and_revoked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from dynident_service import new_key
+    from dynident_service.keys import KeyRing
+
+    monkeypatch.setenv("DYNIDENT_DATA_DIR", str(tmp_path))
+    assert new_key.main(["cell 7", "--scope", "read", "--owner", "Ada", "--days", "30"]) == 0
+    key = capsys.readouterr().out.strip()
+    database = Database(Settings().database)
+    assert new_key.main(["--list"]) == 0
+    assert capsys.readouterr().out.startswith("cell 7: read, owner Ada, used never, ends 2")
+    assert KeyRing(Settings(), database).knows(key)
+    assert new_key.main(["--list"]) == 0
+    told = capsys.readouterr().out
+    assert "used 2" in told
+    assert key not in told
+    assert new_key.main(["cell 7", "--revoke"]) == 0
+    assert not KeyRing(Settings(), database).knows(key)
+    assert new_key.main(["cell 7", "--revoke"]) == 1
     database.close()

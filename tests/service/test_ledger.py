@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from datetime import timedelta
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from dynident_service.problems import ProblemError, make_problem
 from dynident_service.storage import ledger as ledger_module
 from dynident_service.storage.database import BUSY_TIMEOUT_MS, Database
-from dynident_service.storage.ledger import Ledger, LostClaim
+from dynident_service.storage.ledger import Ledger, LostClaim, Strain
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
 
@@ -190,3 +191,18 @@ def test_several_takers_at_once_never_take_a_job_twice(tmp_path: Path) -> None:
         thread.join()
     assert len(taken) == len(set(taken)) == 60
     first.close()
+
+
+def test_the_strain_tells_how_long_the_queue_is_and_why_jobs_were_begun_again(ledger: Ledger) -> None:
+    assert ledger.strain() == Strain(0.0, 0, 0)
+    ledger.enqueue(JOB)
+    time.sleep(0.02)
+    assert 0.02 <= ledger.strain().oldest_queued < 60
+    (claim,) = ledger.claim(1)
+    ledger.lost(claim, "its worker was lost")
+    (claim,) = ledger.claim(1)
+    ledger.died(claim, "killed")
+    (claim,) = ledger.claim(1)
+    ledger.lost(claim, "its worker was lost")
+    (claim,) = ledger.claim(1)
+    assert ledger.strain() == Strain(0.0, 1, 2)

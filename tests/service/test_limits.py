@@ -6,8 +6,9 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -18,7 +19,7 @@ from fastapi.testclient import TestClient
 from service_helpers import serving, wait_for
 
 from dynident_service.app import create_app
-from dynident_service.limits import MOST_VALUES, Admission
+from dynident_service.limits import MOST_VALUES, Admission, take_long
 from dynident_service.settings import Settings
 
 FORM = "multipart/form-data; boundary=x"
@@ -180,12 +181,51 @@ def test_more_requests_than_can_be_answered_are_told_to_come_back(tmp_path: Any)
             for path in ("/v1/robots", "/v1/jobs/b/events"):
                 refused = await client.get(path)
                 assert refused.status_code == 429
-                assert refused.headers["retry-after"] == "1"
+                assert refused.headers["retry-after"] in ("1", "2", "3")
                 assert refused.headers["content-type"] == "application/problem+json"
             group.start_soon(client.get, "/healthz")
             while len(inside) < 4:
                 await anyio.sleep(0.01)
             go_on.set()
         assert inside[3] == "/healthz"
+
+    anyio.run(ask)
+
+
+def test_those_who_would_wait_long_for_a_short_answer_are_told_so_at_once(tmp_path: Any) -> None:
+    settings = Settings(data_dir=tmp_path, request_threads=1)
+    go_on = threading.Event()
+    inside: list[str] = []
+
+    async def slow(scope: Any, receive: Any, send: Any) -> None:
+        if scope["path"] == "/v1/reports":
+            take_long(scope)
+        inside.append(scope["path"])
+        while not go_on.is_set():
+            await anyio.sleep(0.01)
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def until(condition: Callable[[], bool]) -> None:
+        while not condition():
+            await anyio.sleep(0.01)
+
+    async def ask() -> None:
+        transport = httpx2.ASGITransport(Admission(slow, settings))
+        async with (
+            httpx2.AsyncClient(transport=transport, base_url="http://localhost") as client,
+            anyio.create_task_group() as group,
+        ):
+            for _ in range(5):  # what is computed elsewhere, and large bodies, keep nobody out
+                group.start_soon(client.get, "/v1/reports")
+                group.start_soon(partial(client.post, "/v1/measurements", content=b"." * 200_000))
+            await until(lambda: len(inside) == 10)
+            for _ in range(3):
+                group.start_soon(client.get, "/v1/robots")
+            await until(lambda: len(inside) == 13)
+            refused = await client.get("/v1/robots")
+            assert refused.status_code == 429
+            assert "DYNIDENT_REQUEST_THREADS" in refused.json()["detail"]
+            go_on.set()
 
     anyio.run(ask)

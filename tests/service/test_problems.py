@@ -114,7 +114,8 @@ def test_health_readiness_and_metrics_are_answered(client: TestClient) -> None:
     client.get("/v1/robots/rob_nothing")
     metrics = client.get("/metrics").text
     assert 'route="/v1/robots/{robot_id}",status="404"' in metrics
-    assert "dynident_jobs" in metrics
+    for name in ("dynident_jobs", "dynident_oldest_queued_job_seconds", "dynident_job_deaths", "dynident_free_disk"):
+        assert name in metrics
 
 
 def test_the_documentation_is_served(client: TestClient) -> None:

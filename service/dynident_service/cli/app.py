@@ -16,6 +16,7 @@ from dynident_service.cli.asked import with_options
 from dynident_service.cli.failures import CANCELLED, MISUSED, tell_failure
 from dynident_service.cli.files import check_inputs
 from dynident_service.cli.verbs import (
+    backup,
     changes,
     compare,
     demo,
@@ -108,6 +109,10 @@ for _command in (
     export.export,
     effects.effects,
     doctor.doctor,
+    backup.backup,
+    backup.restore,
+    backup.export_robot,
+    backup.import_robot,
     serve.serve,
 ):
     app.command()(_guarded(with_options(_command)))

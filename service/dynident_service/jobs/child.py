@@ -24,8 +24,10 @@ from sqlalchemy.orm import Session
 
 from dynident.errors import Cancelled, DynidentError
 from dynident_service.jobs.calls import Answer, Call, answer
+from dynident_service.jobs.checkpoints import KeptCheckpoints
 from dynident_service.jobs.work import JobFunction, Memory, Outcome, Place, Task
 from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
+from dynident_service.storage.checkpoints import Checkpointing
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Claim, Ledger, LostClaim
 from dynident_service.storage.objects import ObjectStore
@@ -134,8 +136,8 @@ class Workshop:
             found = self.resources.find(claim.resource_id)
             if found is None:
                 raise LostClaim(claim.job_id)
-        reporter = Reporter(self.ledger, claim)
-        return function(Task(found, claim.arguments, self.resources, self.objects, self.memory, reporter))
+        reporter, kept = Reporter(self.ledger, claim), KeptCheckpoints(Checkpointing(self.database), claim)
+        return function(Task(found, claim.arguments, self.resources, self.objects, self.memory, reporter, kept))
 
 
 class Reporter:

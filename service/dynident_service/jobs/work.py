@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.progress import Progress
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import NewResource, Owned, Resource
@@ -62,6 +63,7 @@ class Task:
     objects: ObjectStore
     memory: Memory
     progress: Progress
+    checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
 
     @property
     def subject(self) -> Resource:

@@ -4,6 +4,7 @@ They import the science where they use it, not at their top: it takes seconds to
 """
 
 from dynident_service.routes import (
+    bundles,
     comparisons,
     designs,
     diagnoses,
@@ -29,6 +30,7 @@ from dynident_service.routes import (
 ROUTERS = (
     system.router,
     robots.router,
+    bundles.router,
     effects.router,
     designs.router,
     simulations.router,

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal, cast
 
-from sqlalchemy import func, select
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from dynident_service.problems import Problem, ProblemError, make_problem, not_found
 from dynident_service.storage.database import Database, clock
 from dynident_service.storage.identifiers import new_identifier
 from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
-from dynident_service.storage.tables import JobEventRow, JobRow
+from dynident_service.storage.tables import CheckpointRow, JobEventRow, JobRow
 
 LEASE = timedelta(seconds=30)
 """Longer than anybody waits for a lock, by the clock of the database."""
@@ -45,6 +45,18 @@ class Claim:
     function: str
     arguments: Mapping[str, Any]
     resource_id: str | None
+
+
+@dataclass(frozen=True)
+class Strain:
+    """What tells whoever runs the service that something is wrong."""
+
+    oldest_queued: float
+    """Seconds that the oldest queued job has waited since it was accepted."""
+    deaths: int
+    """How often a computation died by itself."""
+    losses: int
+    """How often a job was lost with its worker, or its database or store."""
 
 
 class LostClaim(Exception):
@@ -208,6 +220,14 @@ class Ledger:
             rows = session.execute(select(JobRow.state, func.count()).group_by(JobRow.state)).all()
         return {str(state): int(number) for state, number in rows}
 
+    def strain(self) -> Strain:
+        """Tell how long the queue is in time, and how often jobs that are kept had to be begun again."""
+        with self._database.read() as session:
+            oldest = session.scalar(select(func.min(JobRow.created_at)).where(JobRow.state == "queued"))
+            deaths, losses = session.execute(select(func.sum(JobRow.deaths), func.sum(JobRow.losses))).one()
+            waited = 0.0 if oldest is None else max(0.0, (clock(session) - oldest).total_seconds())
+        return Strain(waited, int(deaths or 0), int(losses or 0))
+
     def _has_work(self) -> bool:
         with self._database.read() as session:
             waiting = select(JobRow.id).where(
@@ -301,6 +321,7 @@ def _requeue(session: Session, row: JobRow) -> None:
 
 
 def _finish(session: Session, row: JobRow, state: State, problem: Problem | None = None) -> None:
+    session.execute(delete(CheckpointRow).where(CheckpointRow.job_id == row.id))
     row.state, row.lease_until, row.finished_at = state, None, clock(session)
     row.error = None if problem is None else problem.model_dump(exclude_none=True)
     data = {"state": state} if row.error is None else {"state": state, "error": row.error}

@@ -115,7 +115,7 @@ class Resources:
             query = query.where(ResourceRow.id.in_(resting))
         with self._database.read() as session:
             rows = session.scalars(query).all()
-            items = tuple(_load(session, row) for row in rows[:limit])
+            items = _load_all(session, rows[:limit])
         return Page(items, items[-1].id if len(rows) > limit else None)
 
     def delete(self, kind: Kind, identifier: str) -> None:
@@ -206,11 +206,28 @@ def _refuse_while_needed(session: Session, row: ResourceRow) -> None:
 
 
 def _load(session: Session, row: ResourceRow) -> Resource:
-    needs = session.execute(
-        select(DependencyRow.role, DependencyRow.on_id).where(DependencyRow.dependent_id == row.id)
-    ).all()
-    objects = session.scalars(select(ObjectRow).where(ObjectRow.resource_id == row.id)).all()
-    job = session.scalar(select(JobRow).where(JobRow.resource_id == row.id))
+    (loaded,) = _load_all(session, [row])
+    return loaded
+
+
+def _load_all(session: Session, rows: Sequence[ResourceRow]) -> tuple[Resource, ...]:
+    """Read what belongs to resources: as many queries for a page of them as for one."""
+    ids = [row.id for row in rows]
+    needs: dict[str, list[tuple[str, str]]] = {one: [] for one in ids}
+    resting = select(DependencyRow.dependent_id, DependencyRow.role, DependencyRow.on_id)
+    for dependent, role, on_id in session.execute(resting.where(DependencyRow.dependent_id.in_(ids))):
+        needs[dependent].append((role, on_id))
+    objects: dict[str, list[Owned]] = {one: [] for one in ids}
+    owned = select(ObjectRow.resource_id, ObjectRow.role, ObjectRow.key, ObjectRow.size, ObjectRow.media_type)
+    for owner, role, key, size, media_type in session.execute(owned.where(ObjectRow.resource_id.in_(ids))):
+        objects[owner].append(Owned(role, key, size, media_type))
+    jobs = {job.resource_id: job for job in session.scalars(select(JobRow).where(JobRow.resource_id.in_(ids)))}
+    return tuple(_loaded(row, needs[row.id], objects[row.id], jobs.get(row.id)) for row in rows)
+
+
+def _loaded(
+    row: ResourceRow, needs: Sequence[tuple[str, str]], objects: Sequence[Owned], job: JobRow | None
+) -> Resource:
     return Resource(
         id=row.id,
         kind=cast(Kind, row.kind),
@@ -218,8 +235,8 @@ def _load(session: Session, row: ResourceRow) -> Resource:
         created_at=row.created_at,
         request=row.request,
         result=row.result,
-        rests_on=tuple((role, on_id) for role, on_id in needs),
-        objects={one.role: Owned(one.role, one.key, one.size, one.media_type) for one in objects},
+        rests_on=tuple(needs),
+        objects={one.role: one for one in objects},
         job=None if job is None else as_job(job),
         tags=tuple(row.tags),
         archived=row.archived,

@@ -18,6 +18,7 @@ from sqlalchemy import (
     ForeignKey,
     Index,
     Integer,
+    LargeBinary,
     MetaData,
     String,
     TypeDecorator,
@@ -163,6 +164,15 @@ class JobRow(Table):
     __table_args__ = (Index("ix_jobs_state_id", "state", "id"),)
 
 
+class CheckpointRow(Table):
+    """What a job that has not ended has reached; its next attempt goes on from there."""
+
+    __tablename__ = "checkpoints"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
+    content: Mapped[bytes] = mapped_column(LargeBinary)
+
+
 class JobEventRow(Table):
     """What happened to a job, in order; the id is what `Last-Event-ID` resumes from."""
 
@@ -187,10 +197,14 @@ class RetryRow(Table):
 
 
 class KeyRow(Table):
-    """An API key, as its SHA-256."""
+    """An API key, as its SHA-256, with what it allows."""
 
     __tablename__ = "api_keys"
 
     sha256: Mapped[str] = mapped_column(Text(64), primary_key=True)
     name: Mapped[str] = mapped_column(Text(200))
     created_at: Mapped[datetime] = mapped_column(default=now)
+    scope: Mapped[str] = mapped_column(Text(10), default="admin", server_default="admin")
+    owner: Mapped[str | None] = mapped_column(Text(200))
+    expires_at: Mapped[datetime | None]
+    last_used_at: Mapped[datetime | None]

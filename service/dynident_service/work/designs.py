@@ -18,7 +18,7 @@ def design(task: Task) -> Outcome:
     asked = DesignRequest.model_validate(task.subject.request)
     robot = robot_by_id(task, asked.robot_id)
     earlier = recordings_by_id(task, asked.earlier_ids)
-    found = design_experiment(robot, request_of(asked, robot), task.progress, earlier)
+    found = design_experiment(robot, request_of(asked, robot), task.progress, earlier, task.checkpoints)
     with tempfile.TemporaryDirectory() as folder:
         path = write_trajectory(found, Path(folder) / "trajectory.parquet")
         trajectory = task.keep("trajectory", path, "application/vnd.apache.parquet")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.excitation.checks import check_request
 from dynident.excitation.criteria.deciding import with_rivals, yardstick_of
 from dynident.excitation.experiments.earlier import earlier_rows
@@ -26,7 +27,11 @@ from dynident.robot.model import Robot
 
 
 def design_experiment(
-    robot: Robot, request: DesignRequest, progress: Progress = silent, earlier: Sequence[Recording] = ()
+    robot: Robot,
+    request: DesignRequest,
+    progress: Progress = silent,
+    earlier: Sequence[Recording] = (),
+    checkpoints: Checkpoints | None = None,
 ) -> Design:
     """Design an experiment.
 
@@ -39,6 +44,8 @@ def design_experiment(
         them.
     progress : Progress
         Told the start, the iteration, the criterion and the tightest limit; may raise to cancel.
+    checkpoints : Checkpoints, optional
+        Keeps how far the search of a periodic trajectory is; one that was stopped goes on from there, its time counted.
 
     Returns
     -------
@@ -70,7 +77,7 @@ def design_experiment(
         one_equation=request.model in ("energy", "power"),
         earlier=earlier_rows(model, earlier, request) if earlier else None,
     )
-    task = Task(request, model, yardstick, limits, bounds, progress)
+    task = Task(request, model, yardstick, limits, bounds, progress, checkpoints or NoCheckpoints())
     progress(0.0, f"{model.n_parameters} base parameters")
     made = joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _moving_together(task, budget)
     motion = in_sequence(made.pieces, task.rate)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.baseline import baseline_of
 from dynident.excitation.criteria.deciding import Yardstick
@@ -17,9 +18,10 @@ from dynident.excitation.limits.shrinking import Shrinking
 from dynident.excitation.moves.home import with_moves
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.optimise import optimise
+from dynident.excitation.optimising.optimise import Course, optimise
 from dynident.excitation.optimising.problem import DesignProblem
 from dynident.excitation.optimising.random_trajectories import Candidate, Judge, random_candidates
+from dynident.excitation.optimising.reached import reached_of
 from dynident.excitation.request import DesignRequest, TrajectoryRequest
 from dynident.excitation.trajectories.b_spline import BSplineFamily
 from dynident.excitation.trajectories.family import Family, PeriodicMotion
@@ -55,7 +57,7 @@ def periodic(task: Task, budget: Budget) -> Made:
     if abs(family.period - asked) > 1e-9 * asked:
         notes.append(f"The period is {family.period:.9g} s: a whole number of sampling periods.")
     notes += task.yardstick.notes
-    found = searched(request, family, model, bounds, task.yardstick, budget, task.progress)
+    found = searched(request, family, model, bounds, task.yardstick, budget, task.progress, task.checkpoints)
     candidates, best = found.candidates, found.best
     baseline = baseline_of([one.values for one in candidates])
     notes += found.notes
@@ -98,6 +100,7 @@ def searched(
     yardstick: Yardstick,
     budget: Budget,
     progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
 ) -> Searched:
     """Look for coefficients that keep the limits and that the yardstick likes.
 
@@ -109,23 +112,29 @@ def searched(
         No trajectory fits into the limits.
     """
     judge = Judge(family, model, yardstick, rows=request.model)
-    candidates = random_candidates(
-        family,
-        bounds,
-        model,
-        judge,
-        count=request.random_trajectories,
-        seed=request.seed,
-        progress=part(progress, 0.0, 0.15),
-        enough=lambda: budget.share_spent > _RANDOM_SHARE,
-    )
+    before = None if checkpoints is None else reached_of(checkpoints.last())
+    if before is not None:
+        budget.go_on_after(before.seconds)
+        candidates = [Candidate(x, judge.values(x)) for x in before.candidates]
+    else:
+        candidates = random_candidates(
+            family,
+            bounds,
+            model,
+            judge,
+            count=request.random_trajectories,
+            seed=request.seed,
+            progress=part(progress, 0.0, 0.15),
+            enough=lambda: budget.share_spent > _RANDOM_SHARE,
+        )
     if not candidates:
         raise _no_room(bounds)
     if request.kind != "optimized":
         return Searched(tuple(candidates), candidates[0])
     problem = DesignProblem(family, model, yardstick.smooth, bounds, request.model)
     shrinking = Shrinking(family, bounds, model)
-    result = optimise(problem, shrinking, judge, candidates, budget, part(progress, 0.15, 0.95))
+    course = Course(checkpoints or NoCheckpoints(), before)
+    result = optimise(problem, shrinking, judge, candidates, budget, part(progress, 0.15, 0.95), course)
     completed = f"{result.starts} start{'' if result.starts == 1 else 's'} completed"
     note = f"{completed} before the time was over." if result.out_of_time else f"{completed}."
     return Searched(tuple(candidates), result.best, (note,))

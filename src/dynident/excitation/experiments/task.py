@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.excitation.criteria.baseline import Baseline
 from dynident.excitation.criteria.deciding import Yardstick, row_weights
 from dynident.excitation.criteria.expected import ExpectedParameter, expected_parameters
@@ -40,6 +41,7 @@ class Task:
     limits: Bounds
     bounds: Bounds
     progress: Progress
+    checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
 
     @property
     def rate(self) -> float:

@@ -21,6 +21,15 @@ class Budget:
         self._began = time.monotonic()
 
     @property
+    def taken(self) -> float:
+        """Seconds that have passed, those before it was stopped included."""
+        return time.monotonic() - self._began
+
+    def go_on_after(self, seconds: float) -> None:
+        """Count the time that was taken before the search was stopped."""
+        self._began -= seconds
+
+    @property
     def share_spent(self) -> float:
         """Share of the time that has passed; 0 where time does not matter."""
         return 0.0 if self.seconds is None else (time.monotonic() - self._began) / self.seconds

@@ -14,10 +14,12 @@ import numpy as np
 from scipy.optimize import OptimizeResult, minimize
 
 from dynident.arrays import FloatArray
+from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.excitation.limits.shrinking import Shrinking
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising.problem import DesignProblem, Evaluation, Multipliers
 from dynident.excitation.optimising.random_trajectories import Candidate, Judge
+from dynident.excitation.optimising.reached import Reached, StartReached
 from dynident.progress import Progress
 
 _PENALTY = 1.0
@@ -32,6 +34,15 @@ _SMALL_EXCESS = 2e-3
 """Within what the margin between samples leaves: shrinking takes the rest."""
 _SETTLED = 2e-3
 _CORRECTIONS = 20
+_NUMBERS = ("rounds", "iterations", "finished", "counted", "_worst", "_before")
+
+
+@dataclass(frozen=True)
+class Course:
+    """Where a search comes from, if it was stopped, and where it keeps how far it is."""
+
+    checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
+    before: Reached | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +61,14 @@ def optimise(
     candidates: Sequence[Candidate],
     budget: Budget,
     progress: Progress,
+    course: Course = Course(),
 ) -> Optimisation:
     """Improve random candidates, best first, until the budget is spent.
 
     What is returned keeps the limits on a fine grid and is never worse than the best candidate. A start that the
-    budget cuts short still counts with what it has reached.
+    budget cuts short still counts with what it has reached; one that was stopped from outside goes on from `course`.
     """
-    *_, last = search(problem, shrinking, judge, candidates, budget, progress)
+    *_, last = search(problem, shrinking, judge, candidates, budget, progress, course)
     return last
 
 
@@ -67,14 +79,21 @@ def search(
     candidates: Sequence[Candidate],
     budget: Budget,
     progress: Progress,
+    course: Course = Course(),
 ) -> Iterator[Optimisation]:
     """The same step by step: what there is at first, after every sketch of a start and after its end."""
+    before = course.before
     found = Optimisation(candidates[0], 0, budget.spent)
+    if before is not None:
+        found = Optimisation(Candidate(before.best, judge.values(before.best)), before.completed, budget.spent)
     yield found
     wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
-    for first in range(0, wanted, _HEAT):
+    for first in range(0 if before is None else before.first, wanted, _HEAT):
         heat = [_Start(problem, k, candidates[k].x) for k in range(first, min(first + _HEAT, wanted))]
         worth: dict[int, float] = {}
+        if before is not None and before.first == first:
+            for start, reached_before in zip(heat, before.starts, strict=False):
+                start.go_on_from(reached_before)
 
         def told(start: _Start, at: Evaluation, before: int = first, heat: Sequence[_Start] = heat) -> None:
             progress(
@@ -85,15 +104,26 @@ def search(
 
         for rounds in (_SKETCH, len(_ITERATIONS)):
             for start in sorted(heat, key=lambda one: worth.get(one.number, 0.0)):
-                if start.finished:
-                    continue
+                if start.counted or start.rounds > rounds:
+                    continue  # done before the search was stopped
                 if budget.spent:
                     return
-                start.advance(rounds, budget, partial(told, start))
+                while start.rounds < rounds and not start.finished and not budget.spent:
+                    start.advance(budget, partial(told, start))
+                    course.checkpoints.keep(partial(_reached, candidates, found, first, heat, budget))
                 reached = _within_limits(start.x, shrinking, judge)
                 worth[start.number] = np.inf if reached is None else reached.values.criterion
                 found = _with(found, reached, start.finished, budget)
+                start.counted = start.finished
                 yield found
+
+
+def _reached(
+    candidates: Sequence[Candidate], found: Optimisation, first: int, heat: Sequence[_Start], budget: Budget
+) -> bytes:
+    drawn = np.array([one.x for one in candidates])
+    starts = tuple(start.reached() for start in heat)
+    return Reached(budget.taken, drawn, found.best.x, first, found.starts, starts).to_bytes()
 
 
 def _within_limits(x: FloatArray, shrinking: Shrinking, judge: Judge) -> Candidate | None:
@@ -116,7 +146,8 @@ class _Start:
     x: FloatArray
     iterations: int = 0
     finished: bool = False
-    _round: int = 0
+    counted: bool = False
+    rounds: int = 0
     _worst: float = np.inf
     _before: float = np.inf
     _multipliers: Multipliers = field(init=False)
@@ -127,14 +158,25 @@ class _Start:
     @property
     def share_done(self) -> float:
         """Rounds that are done, of those that it may take."""
-        return 1.0 if self.finished else self._round / len(_ITERATIONS)
+        return 1.0 if self.finished else self.rounds / len(_ITERATIONS)
 
-    def advance(self, rounds: int, budget: Budget, tell: Callable[[Evaluation], None]) -> None:
-        """Go on until so many rounds altogether are done, the start is finished, or the time is over."""
-        while self._round < rounds and not self.finished and not budget.spent:
-            self._one_round(budget, tell)
+    def reached(self) -> StartReached:
+        """How far it has come."""
+        numbers = {name: float(getattr(self, name)) for name in _NUMBERS}
+        multipliers = self._multipliers
+        arrays = {"x": self.x, "values": multipliers.values, "crowding": multipliers.crowding}
+        return StartReached({**numbers, "penalty": multipliers.penalty}, arrays)
 
-    def _one_round(self, budget: Budget, tell: Callable[[Evaluation], None]) -> None:
+    def go_on_from(self, before: StartReached) -> None:
+        """Go on from where it was."""
+        for name in _NUMBERS:
+            setattr(self, name, type(getattr(self, name))(before.numbers[name]))
+        arrays = before.arrays
+        self.x = arrays["x"]
+        self._multipliers = Multipliers(arrays["values"], arrays["crowding"], before.numbers["penalty"])
+
+    def advance(self, budget: Budget, tell: Callable[[Evaluation], None]) -> None:
+        """Do one more round, as far as the time allows."""
         descent = _Descent(self.problem, self._multipliers)
 
         def after_iteration(intermediate_result: OptimizeResult) -> None:
@@ -149,15 +191,15 @@ class _Start:
             jac=True,
             method="L-BFGS-B",
             callback=after_iteration,
-            options={"maxiter": _ITERATIONS[self._round], "maxcor": _CORRECTIONS, "gtol": 1e-5, "ftol": 1e-10},
+            options={"maxiter": _ITERATIONS[self.rounds], "maxcor": _CORRECTIONS, "gtol": 1e-5, "ftol": 1e-10},
         )
         self.x = result.x.reshape(self.x.shape)
         at = self.problem.evaluate(result.x, self._multipliers)
         if budget.spent:
             return
-        self._round += 1
+        self.rounds += 1
         settled = abs(self._before - at.criterion) < _SETTLED
-        self.finished = self._round == len(_ITERATIONS) or (at.worst < _SMALL_EXCESS and settled)
+        self.finished = bool(self.rounds == len(_ITERATIONS) or (at.worst < _SMALL_EXCESS and settled))
         enough = at.worst < _ENOUGH_PROGRESS * self._worst
         self._multipliers = self._multipliers.raised(
             at, self._multipliers.penalty * (1.0 if enough else _PENALTY_GROWTH)

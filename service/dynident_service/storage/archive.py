@@ -1,0 +1,208 @@
+"""An archive of what is stored: rows of tables as lines of JSON and objects under their hashes, in a folder or a ZIP.
+
+    manifest.json          what it is, and which version wrote it
+    tables/resources.jsonl one row a line, by names of columns
+    objects/<sha256>       the bytes
+
+It belongs to no kind of database or store: what was written from SQLite is read into PostgreSQL, and the other way.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Literal, Protocol
+
+from dynident.errors import DynidentError
+from dynident.version import __version__
+from dynident_service.storage.tables import UtcDateTime
+
+FORMAT = 1
+CHUNK = 1 << 20
+Row = dict[str, Any]
+Content = Literal["everything", "robot"]
+
+
+class Files(Protocol):
+    """Named files, in a folder or in a ZIP."""
+
+    def write(self, name: str) -> AbstractContextManager[IO[bytes]]:
+        """Open a file to write it."""
+
+    def read(self, name: str) -> AbstractContextManager[IO[bytes]]:
+        """Open a file to read it; KeyError or FileNotFoundError where it is not there."""
+
+    def size(self, name: str) -> int | None:
+        """Tell how large a file is; `None` where it is not there."""
+
+
+class Folder:
+    """Files in a folder, each there under its name once it is whole."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def write(self, name: str) -> AbstractContextManager[IO[bytes]]:
+        """Open a file to write it."""
+        path = self._path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return _Whole(path)
+
+    def read(self, name: str) -> AbstractContextManager[IO[bytes]]:
+        """Open a file to read it."""
+        return (self._path / name).open("rb")
+
+    def size(self, name: str) -> int | None:
+        """Tell how large a file is."""
+        path = self._path / name
+        return path.stat().st_size if path.is_file() else None
+
+
+class Zipped:
+    """Files in a ZIP, which holds them as they are."""
+
+    def __init__(self, zipped: zipfile.ZipFile) -> None:
+        self._zipped = zipped
+
+    def write(self, name: str) -> AbstractContextManager[IO[bytes]]:
+        """Open a file to write it."""
+        return self._zipped.open(name, "w", force_zip64=True)
+
+    def read(self, name: str) -> AbstractContextManager[IO[bytes]]:
+        """Open a file to read it."""
+        return self._zipped.open(name)
+
+    def size(self, name: str) -> int | None:
+        """Tell how large a file is."""
+        try:
+            return self._zipped.getinfo(name).file_size
+        except KeyError:
+            return None
+
+
+class _Whole:
+    """A file that gets its name when all of it is on the disk."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._unfinished = path.with_name(path.name + ".part")
+
+    def __enter__(self) -> IO[bytes]:
+        self._file = self._unfinished.open("wb")
+        return self._file
+
+    def __exit__(self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None) -> None:
+        with self._file:
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        if kind is None:
+            self._unfinished.replace(self._path)
+        else:
+            self._unfinished.unlink()
+
+
+def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, Any]]) -> int:
+    """Write the rows of a table; tells how many."""
+    number = 0
+    with files.write(f"tables/{table}.jsonl") as file:
+        for row in rows:
+            file.write(json.dumps(dict(row), default=_plain, ensure_ascii=False).encode() + b"\n")
+            number += 1
+    return number
+
+
+def read_rows(files: Files, table: Any) -> Iterator[Row]:
+    """Read the rows of a table, those of its columns that there are; none where the archive has no such table."""
+    name = f"tables/{table.name}.jsonl"
+    if files.size(name) is None:
+        return
+    columns = {column.name: isinstance(column.type, UtcDateTime) for column in table.columns}
+    with files.read(name) as file:
+        for line in file:
+            yield {
+                name: datetime.fromisoformat(value) if columns[name] and value is not None else value
+                for name, value in json.loads(line).items()
+                if name in columns
+            }
+
+
+def write_object(files: Files, key: str, chunks: Iterable[bytes]) -> None:
+    """Write an object; DynidentError where it is not what it should be."""
+    with files.write(f"objects/{key}") as file:
+        sha256 = hashlib.sha256()
+        for chunk in chunks:
+            sha256.update(chunk)
+            file.write(chunk)
+        if sha256.hexdigest() != key:
+            raise DynidentError(f"the object {key} is damaged", title="Stored file damaged")
+
+
+def read_object(files: Files, key: str, target: IO[bytes]) -> int:
+    """Copy an object out of the archive, compared with its hash; tells its size."""
+    sha256, size = hashlib.sha256(), 0
+    try:
+        with files.read(f"objects/{key}") as file:
+            while chunk := file.read(CHUNK):
+                sha256.update(chunk)
+                size += target.write(chunk)
+    except (KeyError, FileNotFoundError, zipfile.BadZipFile) as error:
+        raise DynidentError(
+            f"the archive lacks the object {key}, or it is damaged", title="Unusable archive"
+        ) from error
+    if sha256.hexdigest() != key:
+        raise DynidentError(f"the object {key} of the archive is damaged", title="Unusable archive")
+    return size
+
+
+def write_manifest(
+    files: Files, content: Content, revision: str, counts: Mapping[str, int], subject: str | None = None
+) -> None:
+    """Write what the archive is; last, as an archive without it is not whole."""
+    said = {
+        "dynident_archive": FORMAT,
+        "content": content,
+        "dynident": __version__,
+        "revision": revision,
+        "subject": subject,
+        "counts": dict(counts),
+    }
+    with files.write("manifest.json") as file:
+        file.write(json.dumps(said, indent=1).encode())
+
+
+def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Row:
+    """Read what the archive is; DynidentError unless it is of that content and a version that is known here."""
+    try:
+        with files.read("manifest.json") as file:
+            said = json.loads(file.read(CHUNK))
+    except (KeyError, FileNotFoundError, ValueError) as error:
+        raise DynidentError(
+            "this is no whole archive of dynident: it has no manifest", title="Unusable archive"
+        ) from error
+    said = said if isinstance(said, dict) else {}
+    if said.get("dynident_archive") != FORMAT or str(said.get("revision")) not in known:
+        written = said.get("dynident")
+        detail = (
+            f"the archive was written by dynident {written}, which is newer than this one ({__version__}); update first"
+        )
+        raise DynidentError(detail, title="Unusable archive")
+    if said.get("content") != content:
+        does = {"everything": "`dynident restore` reads it", "robot": "`dynident import-robot` reads it"}
+        detail = (
+            f"the archive holds {said.get('content')}; {does.get(str(said.get('content')), 'it is of no use here')}"
+        )
+        raise DynidentError(detail, title="Unusable archive")
+    return said
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, datetime):
+        return value.isoformat()
+    raise TypeError(f"{type(value).__name__} has no form in an archive")

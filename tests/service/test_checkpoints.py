@@ -1,0 +1,83 @@
+"""A job whose worker is killed goes on from what it had reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+from sqlalchemy.exc import OperationalError
+
+from dynident_service.jobs import checkpoints
+from dynident_service.jobs.checkpoints import KeptCheckpoints
+from dynident_service.storage.checkpoints import MOST, Checkpointing
+from dynident_service.storage.database import Database
+from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.records import NewJob
+from dynident_service.storage.tables import CheckpointRow
+
+JOB = NewJob("report", "small_jobs:answer")
+
+
+@pytest.fixture
+def database(ledger: Ledger) -> Database:
+    return ledger._database
+
+
+def kept(database: Database) -> list[bytes]:
+    with database.read() as session:
+        return list(session.scalars(select(CheckpointRow.content)))
+
+
+def test_the_next_attempt_begins_where_the_last_one_was(ledger: Ledger, database: Database) -> None:
+    ledger.enqueue(JOB)
+    storage = Checkpointing(database)
+    (first,) = ledger.claim(1)
+    storage.keep(first, b"half")
+    storage.keep(first, b"more than half")
+    ledger.died(first, "killed")
+    (second,) = ledger.claim(1)
+    assert KeptCheckpoints(storage, first).last() is None
+    assert KeptCheckpoints(storage, second).last() == b"more than half"
+    storage.keep(first, b"of one that was given up for dead")
+    storage.keep(second, b"." * (MOST + 1))
+    assert kept(database) == [b"more than half"]
+    ledger.succeed(second, lambda session: None)
+    assert kept(database) == []
+
+
+def test_checkpoints_are_kept_from_time_to_time_and_never_stop_the_work(
+    ledger: Ledger, database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ledger.enqueue(JOB)
+    (claim,) = ledger.claim(1)
+    made: list[bytes] = []
+
+    def make() -> bytes:
+        made.append(b"x")
+        return b"x"
+
+    seldom = KeptCheckpoints(Checkpointing(database), claim)
+    for _ in range(100):
+        seldom.keep(make)
+    assert made == []
+    monkeypatch.setattr(checkpoints, "EVERY", 0.0)
+    broken = Checkpointing(database)
+    monkeypatch.setattr(broken, "keep", _away)
+    KeptCheckpoints(broken, claim).keep(make)
+    assert made == [b"x"]
+
+
+def _away(*_: Any) -> None:
+    raise OperationalError("UPDATE", {}, Exception("database is locked"))
+
+
+def test_a_job_that_dies_in_the_middle_goes_on(
+    start: Callable[..., str], wait: Callable[..., Any], tmp_path: Path
+) -> None:
+    note = tmp_path / "note"
+    job = wait(start("goes_on", note=str(note)), timeout=60)
+    assert (job.state, job.attempt) == ("succeeded", 2)
+    assert int(note.read_text()) == 6
