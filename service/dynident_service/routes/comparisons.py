@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 from fastapi import APIRouter, Query, Response
 
-from dynident_service.models.common import Page, Shown, plain
+from dynident_service.models.common import Shown, plain
 from dynident_service.models.comparisons import (
     AutocorrelationView,
     ComparisonRequest,
@@ -15,10 +15,11 @@ from dynident_service.models.comparisons import (
     Series,
     Spectrum,
 )
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_model
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.storage.records import NewJob, NewResource, RestsOn
 
 ShownT = TypeVar("ShownT", bound=Shown)
 
@@ -28,6 +29,19 @@ if TYPE_CHECKING:
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 
 JOB = NewJob("comparison", "dynident_service.work.comparisons:compare_model")
+keep(
+    router,
+    Kept(
+        "comparison",
+        ComparisonView,
+        of="identification",
+        several="comparisons",
+        one="comparison",
+        listed="List the comparisons, newest first; those of one identification if asked.",
+        shown="Show a comparison, with its result once there is one.",
+        deleted="Delete a comparison.",
+    ),
+)
 
 
 @router.post("", status_code=202)
@@ -40,27 +54,7 @@ def create_comparison(
     (measurement,) = needed_measurements(services, robot, [body.measurement_id], "measurement", "/measurement_id")
     needs = (RestsOn(model.id, "identification", "identification", "/identification_id"), measurement)
     new = NewResource("comparison", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return show(make(services, new, response))
-
-
-@router.get("")
-def list_comparisons(
-    services: ServicesDep, query: ListQueryDep, identification_id: Annotated[str | None, Query()] = None
-) -> Page[ComparisonView]:
-    """List the comparisons, newest first; those of one identification if asked."""
-    return page_of(services, "comparison", query, show, identification_id)
-
-
-@router.get("/{comparison_id}")
-def get_comparison(comparison_id: str, services: ServicesDep) -> ComparisonView:
-    """Show a comparison, with its result once there is one."""
-    return show(services.resources.get("comparison", comparison_id))
-
-
-@router.delete("/{comparison_id}", status_code=204)
-def delete_comparison(comparison_id: str, services: ServicesDep) -> None:
-    """Delete a comparison."""
-    services.resources.delete("comparison", comparison_id)
+    return computed(ComparisonView, make(services, new, response))
 
 
 @router.get("/{comparison_id}/series")
@@ -117,11 +111,6 @@ def get_autocorrelation(
 ) -> AutocorrelationView:
     """Give the autocorrelation of a joint's residual, and how many independent samples it is worth."""
     return _shown(AutocorrelationView, _stored(services, comparison_id).autocorrelation(joint, longest), joint=joint)
-
-
-def show(resource: Resource) -> ComparisonView:
-    """Show a stored comparison."""
-    return computed(ComparisonView, resource)
 
 
 def _stored(services: Services, identifier: str) -> StoredComparison:

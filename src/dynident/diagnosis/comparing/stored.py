@@ -143,12 +143,12 @@ class StoredComparison:
         mean, x_edges, y_edges, _ = binned_statistic_2d(over_x, over_y, residual, "mean", numbers_of_bins)
         spread, *_ = binned_statistic_2d(over_x, over_y, residual, "std", numbers_of_bins)
         count, *_ = binned_statistic_2d(over_x, over_y, residual, "count", numbers_of_bins)
-        spread = np.asarray(np.where(count > 0, spread, np.nan), dtype=np.float64)
+        filled = np.asarray(np.where(count > 0, spread, np.nan), dtype=np.float64)
         return ResidualMap(
             x_edges,
             y_edges if rest else None,
             np.asarray(mean, dtype=np.float64),
-            spread,
+            filled,
             np.asarray(count, dtype=np.float64),
         )
 
