@@ -12,8 +12,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from dynident.diagnosis import Comparison
+from dynident.diagnosis.comparing.stored import write_comparison
 from dynident.recordings.phases import Phase
-from dynident_service.adapters.comparisons import write_comparison
 from dynident_service.services import Services
 from dynident_service.storage.records import NewResource, Owned
 

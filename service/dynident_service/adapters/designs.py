@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,14 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from dynident.effects.catalogue import check_shape, joints_of
-from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
+from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_table
 from dynident.excitation.checks import check_request
 from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.robot import Robot
 from dynident.simulation import Reference
+from dynident_service.adapters.answers import shown
 from dynident_service.adapters.derived import taken, written
-from dynident_service.adapters.identifications import check_effects, finite
+from dynident_service.adapters.identifications import check_effects
 from dynident_service.models import designs as wire
 
 ROWS = 65_536
@@ -60,41 +60,13 @@ def show_request(request: DesignRequest, robot_id: str) -> wire.DesignRequest:
 
 def describe_design(found: Design) -> wire.DesignResult:
     """Describe a design for the wire."""
-    baseline = found.baseline
-    return wire.DesignResult(
-        criterion_values=wire.CriterionValues(**_values(found.criterion_values)),
-        baseline_values=None
-        if baseline is None
-        else wire.BaselineValues(
-            **_values(baseline.best),
-            count=baseline.count,
-            median_condition_number=finite(baseline.median_condition_number),
-        ),
-        margins=[
-            wire.Margin(joint=one.joint, limit=one.limit, value=one.value, bound=one.bound, share=finite(one.share))
-            for one in found.margins
-        ],
-        n_samples=found.n_samples,
-        sampling_rate=found.sampling_rate,
-        duration=found.duration,
-        exciting=found.exciting,
-        period=found.period,
-        parameter_names=list(found.parameter_names),
-        expected_parameters=[
-            wire.ExpectedParameter(
-                name=one.name,
-                effect=one.effect,
-                link=one.link,
-                unit=one.unit,
-                share=one.share,
-                standard_deviation=None if one.standard_deviation is None else finite(one.standard_deviation),
-            )
-            for one in found.expected
-        ],
-        joints=list(found.joint_names),
-        runs=[wire.Run(label=run.label, joints=list(run.joints), start=run.start, end=run.end) for run in found.runs],
-        notes=list(found.notes),
+    best = found.baseline
+    values = (
+        None
+        if best is None
+        else shown(wire.BaselineValues, best, **shown(wire.CriterionValues, best.best).model_dump())
     )
+    return shown(wire.DesignResult, found, baseline_values=values)
 
 
 def write_trajectory(found: Design, path: Path) -> Path:
@@ -116,13 +88,7 @@ def trajectory_as_csv(path: Path) -> Iterator[bytes]:
 def trajectory_as_samples(path: Path, joints: list[str]) -> wire.TrajectorySamples:
     """Give a stored trajectory as JSON arrays, [sample][joint]."""
     reference = stored_reference(path, joints)
-    return wire.TrajectorySamples(
-        joints=joints,
-        t=reference.t.tolist(),
-        q=reference.q.tolist(),
-        dq=reference.dq.tolist(),
-        ddq=reference.ddq.tolist(),
-    )
+    return shown(wire.TrajectorySamples, reference, joints=joints)
 
 
 def trajectory_for_ros2(path: Path, joints: list[str]) -> Iterator[str]:
@@ -144,7 +110,3 @@ def stored_reference(path: Path, joints: list[str]) -> Reference:
 def reference_of_design(found: Design) -> Reference:
     """Give the motion of a design."""
     return Reference(found.t, found.q, found.dq, found.ddq)
-
-
-def _values(values: CriterionValues) -> dict[str, float | None]:
-    return {name: finite(value) for name, value in asdict(values).items()}

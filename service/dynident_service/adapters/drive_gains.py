@@ -7,7 +7,7 @@ from typing import Any
 
 from dynident.identification import DriveGains, PayloadEstimate
 from dynident.robot import Robot
-from dynident_service.adapters.identifications import finite
+from dynident_service.adapters.answers import shown
 from dynident_service.models import drive_gains as wire
 
 
@@ -25,41 +25,12 @@ def describe_gains(
     warnings: Sequence[str] = (),
 ) -> wire.DriveGainsResult:
     """Describe gains for the wire, with the loads (measurement's id and name) weighed with them."""
-    return wire.DriveGainsResult(
-        gains=[_gain(robot, found, index) for index in range(robot.n)],
-        loads=[_load(*one) for one in loads],
-        warnings=[*found.warnings, *warnings],
-    )
-
-
-def _gain(robot: Robot, found: DriveGains, index: int) -> wire.IdentifiedGain:
-    low, high = found.intervals[index].tolist()
-    return wire.IdentifiedGain(
-        joint=found.joint_names[index],
-        drive_gain=float(found.values[index]),
-        standard_deviation=finite(found.standard_deviations[index]),
-        interval=(finite(low), finite(high)),
-        unit=_unit(robot, index),
-        stated=float(found.stated[index]),
-        factor=float(found.factors[index]),
-        identifiable=found.identifiable[index],
-    )
+    gains = [shown(wire.IdentifiedGain, one, unit=_unit(robot, index)) for index, one in enumerate(found.each)]
+    weighed = [shown(wire.WeighedLoad, load, measurement_id=one, name=name) for one, name, load in loads]
+    return wire.DriveGainsResult(gains=gains, loads=weighed, warnings=[*found.warnings, *warnings])
 
 
 def _unit(robot: Robot, index: int) -> str:
     if robot.drives[index].gain is None:
         return "-"
     return "N m/A" if robot.joints[index].kind == "revolute" else "N/A"
-
-
-def _load(measurement_id: str, name: str, weighed: PayloadEstimate) -> wire.WeighedLoad:
-    low, high = weighed.interval
-    return wire.WeighedLoad(
-        measurement_id=measurement_id,
-        name=name,
-        mass=weighed.mass,
-        standard_deviation=finite(weighed.standard_deviation),
-        from_gains=finite(weighed.from_gains),
-        interval=(finite(low), finite(high)),
-        identifiable=weighed.identifiable,
-    )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from dynident.diagnosis import Evidence
 from dynident.robot import Robot
-from dynident_service.adapters.identifications import finite
+from dynident_service.adapters.answers import shown
 from dynident_service.models import diagnoses as wire
 from dynident_service.models.common import plain
 from dynident_service.problems import ProblemError, unusable
@@ -38,18 +38,9 @@ def read_evidence(content: bytes, rank: int, joint: str | None) -> wire.Evidence
 
 def _shown(one: Evidence, found: Sequence[Evidence], robot: Robot) -> wire.Evidence:
     same = sorted((other for other in found if other.rank == one.rank), key=lambda other: -other.explained)
-    return wire.Evidence(
-        rank=one.rank,
-        effect=one.effect,
-        joint=one.joint,
+    return shown(
+        wire.Evidence,
+        one,
         joints=[other.joint for other in same],
         effort_unit=robot.joints[robot.joint_names.index(one.joint)].effort_unit,
-        variable=one.variable,
-        variable_unit=one.unit,
-        x=one.x.tolist(),
-        residual=one.residual.tolist(),
-        spread=one.spread.tolist(),
-        fitted=one.fitted.tolist(),
-        count=[int(value) for value in one.count],
-        explained=finite(one.explained),
     )

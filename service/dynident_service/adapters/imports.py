@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 from dynident.identification.imports import Inspection, inspect_file
 from dynident.robot import Robot
+from dynident_service.adapters.answers import shown
 from dynident_service.models import imports as wire
 from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata
@@ -35,20 +35,14 @@ def look_at(source: Path, robot: Robot, said: wire.ImportMetadata) -> wire.Impor
 def describe_inspection(found: Inspection) -> wire.InspectionView:
     """Describe what was found in a file for the wire."""
     proposal = found.proposal
-    return wire.InspectionView(
-        sha256=found.sha256,
-        format=found.format,
-        guesses=[
-            wire.GuessView(field=one.field, value=one.value, confidence=one.confidence, reason=one.reason)
-            for one in (proposal.guesses if proposal else ())
-        ],
-        questions=[
-            wire.QuestionView(field=one.field, detail=one.detail, choices=list(one.choices) or None)
-            for one in (proposal.questions if proposal else ())
-        ],
+    questions = [
+        shown(wire.QuestionView, one, choices=one.choices or None) for one in (proposal.questions if proposal else ())
+    ]
+    return shown(
+        wire.InspectionView,
+        found,
+        guesses=proposal.guesses if proposal else [],
+        questions=questions,
         effort_kind=proposal.effort_kind if proposal else "unknown",
-        preview=wire.PreviewView(
-            columns=list(found.columns),
-            rows=[[value if math.isfinite(value) else None for value in row] for row in found.rows.tolist()],
-        ),
+        preview=shown(wire.PreviewView, found),
     )

@@ -9,8 +9,8 @@ import numpy as np
 
 from dynident.identification import Identification
 from dynident.identification.gain import best_of
-from dynident_service.adapters.effects import show_choice
-from dynident_service.adapters.identifications import show_fit, show_held_out
+from dynident_service.adapters.answers import shown
+from dynident_service.adapters.identifications import show_fit
 from dynident_service.models.common import EffectChoice
 from dynident_service.models.identifications import ErrorsView, IdentificationView, Lineage, Rung, RungDifference
 
@@ -135,17 +135,14 @@ def rungs_of(found: Identification, name: str, beside: tuple[Identification, str
                 break
             ids[k] = _ids(beside[1], len(others))[k]
     rungs = [
-        Rung(
+        shown(
+            Rung,
+            model,
             id=identifier,
             name=identifier,
             parent_id=ids[k - 1] if k else None,
             status="succeeded",
-            added=[show_choice(one) for one in model.added],
-            removed=[show_choice(one) for one in model.removed],
-            effects=[show_choice(one) for one in model.choices.effects],
-            n_parameters=model.model.n_parameters,
             residual=show_fit(model),
-            validation=show_held_out(model),
         )
         for k, (identifier, model) in enumerate(zip(ids, models, strict=True))
     ]

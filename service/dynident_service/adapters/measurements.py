@@ -15,6 +15,7 @@ from dynident.recordings import (
     phase_shares,
 )
 from dynident.robot import Robot
+from dynident_service.adapters.answers import shown
 from dynident_service.adapters.revisions import metadata_of, show_revision
 from dynident_service.models import measurements as wire
 from dynident_service.problems import Problem, ProblemField, problem_of
@@ -39,43 +40,29 @@ def import_file(
 
 def describe_recording(recording: Recording, checks: Sequence[Check], sha256: str) -> wire.MeasurementResult:
     """Describe a recording for the wire."""
-    shares = phase_shares(recording)
-    return wire.MeasurementResult(
+    segments = [
+        shown(
+            wire.SegmentView,
+            one,
+            end_time=one.start_time + (one.length - 1) * recording.period,
+            n_samples=one.length,
+        )
+        for one in recording.segments
+    ]
+    return shown(
+        wire.MeasurementResult,
+        recording,
         sha256=sha256,
-        n_samples=recording.n_samples,
-        sampling_rate=recording.sampling_rate,
-        joints=list(recording.joint_names),
-        segments=[
-            wire.SegmentView(
-                start_time=segment.start_time,
-                end_time=segment.start_time + (segment.length - 1) * recording.period,
-                n_samples=segment.length,
-                label=segment.label,
-            )
-            for segment in recording.segments
-        ],
-        has_temperature=recording.has_temperature,
-        has_wrench=recording.has_wrench,
-        has_command=recording.has_command,
-        phases=wire.PhasesView(standing=shares.standing.tolist(), reversing=shares.reversing.tolist()),
+        joints=recording.joint_names,
+        segments=segments,
+        phases=shown(wire.PhasesView, phase_shares(recording)),
         checks=show_checks(checks),
     )
 
 
 def show_checks(checks: Sequence[Check]) -> list[wire.CheckView]:
     """Show what was looked at."""
-    return [
-        wire.CheckView(
-            name=one.name,
-            status=one.status,
-            detail=one.detail,
-            column=one.column,
-            row=one.row,
-            time=one.time,
-            apply=None if one.apply is None else show_revision(one.apply),
-        )
-        for one in checks
-    ]
+    return [shown(wire.CheckView, one, apply=None if one.apply is None else show_revision(one.apply)) for one in checks]
 
 
 def problem_with_file(error: RecordingError) -> Problem:

@@ -6,28 +6,15 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from dynident.recordings import Check, RecordingMetadata, Revision
+from dynident_service.adapters.answers import known
+from dynident_service.adapters.derived import taken
 from dynident_service.models import measurements as wire
 from dynident_service.models.revisions import RevisionRequest
 
 
 def metadata_of(said: wire.MeasurementMetadata) -> RecordingMetadata:
     """Take what is said of a file; `RecordingError` for a window or a delay that cannot be."""
-    return RecordingMetadata(
-        name=said.name,
-        format=said.format,
-        columns=said.columns,
-        units=said.units,
-        role=said.role,
-        windows=tuple(said.windows),
-        payload=said.payload,
-        torque_delay=said.torque_delay,
-        accept=tuple(said.accept),
-        permutation={kind: tuple(order) for kind, order in said.permutation.items()},
-        signs=said.signs,
-        scale=said.scale,
-        exclude=tuple(said.exclude),
-        effort_kind=said.effort_kind,
-    )
+    return taken(said, RecordingMetadata, payload=said.payload)
 
 
 def revision_of(asked: RevisionRequest) -> Revision:
@@ -59,15 +46,4 @@ def revised(said: wire.MeasurementMetadata, asked: RevisionRequest) -> wire.Meas
 
 def checks_of(shown: Sequence[wire.CheckView]) -> tuple[Check, ...]:
     """Take checks that were shown."""
-    return tuple(
-        Check(
-            one.name,
-            one.status,
-            one.detail,
-            one.column,
-            one.row,
-            one.time,
-            None if one.apply is None else revision_of(one.apply),
-        )
-        for one in shown
-    )
+    return tuple(known(Check, one, apply=None if one.apply is None else revision_of(one.apply)) for one in shown)

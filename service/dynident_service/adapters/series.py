@@ -2,40 +2,18 @@
 
 from __future__ import annotations
 
-from dynident.diagnosis.series import Course, Series
+from dynident.diagnosis.series import Series, SeriesChange
+from dynident_service.adapters.answers import shown
 from dynident_service.adapters.diagnoses import show_change
-from dynident_service.adapters.effects import show_choice
-from dynident_service.adapters.identifications import numbers
 from dynident_service.models import series as wire
 
 
 def describe_series(found: Series) -> wire.SeriesResult:
     """Describe a series of days for the wire."""
-    return wire.SeriesResult(
-        summary=found.summary,
-        days=list(found.days),
-        changes=[
-            wire.SeriesChange(
-                **show_change(one.change).model_dump(),
-                since=found.days[one.since],
-                earliest=found.days[one.earliest],
-                latest=found.days[one.latest],
-            )
-            for one in found.changes
-        ],
-        missing=[show_choice(one) for one in found.missing],
-        courses=[_course(one) for one in found.courses],
-    )
+    courses = [shown(wire.Course, one, lower=one.intervals[:, 0], upper=one.intervals[:, 1]) for one in found.courses]
+    return shown(wire.SeriesResult, found, changes=[_change(found, one) for one in found.changes], courses=courses)
 
 
-def _course(one: Course) -> wire.Course:
-    return wire.Course(
-        parameter=one.parameter,
-        effect=one.effect,
-        joint=one.joint,
-        unit=one.unit,
-        values=numbers(one.values),
-        lower=numbers(one.intervals[:, 0]),
-        upper=numbers(one.intervals[:, 1]),
-        varies=one.varies,
-    )
+def _change(found: Series, one: SeriesChange) -> wire.SeriesChange:
+    days = {name: found.days[getattr(one, name)] for name in ("since", "earliest", "latest")}
+    return wire.SeriesChange(**show_change(one.change).model_dump(), **days)

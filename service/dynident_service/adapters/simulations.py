@@ -24,6 +24,7 @@ from dynident.simulation import (
     typical_drive,
     typical_effect,
 )
+from dynident_service.adapters.answers import shown
 from dynident_service.models import simulations as wire
 
 RATE_OF_SAMPLES = 1000.0
@@ -92,12 +93,7 @@ def sensors_of(asked: wire.Noise, rate: float) -> Sensors:
 
 def describe_simulation(found: Measurement, rate: float) -> wire.SimulationResult:
     """Describe a virtual robot's measurement for the wire."""
-    return wire.SimulationResult(
-        n_samples=found.n_samples,
-        sampling_rate=rate,
-        noise=found.noise.tolist(),
-        tracking_error=found.tracking_error.tolist(),
-    )
+    return shown(wire.SimulationResult, found, sampling_rate=rate)
 
 
 def _joints(asked: wire.TrueEffect, robot: Robot, pointer: str) -> Iterable[str]:

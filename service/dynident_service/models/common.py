@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from datetime import datetime
+from math import nan
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -17,6 +19,18 @@ ResultT = TypeVar("ResultT", bound=BaseModel)
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Identifier = Annotated[str, Field(min_length=1, max_length=40)]
+
+
+@dataclass(frozen=True)
+class At:
+    """Beside a field of an answer: where a result of the science has it, if it is called otherwise there.
+
+    `path` is an attribute, or one of an attribute ("choice.joints"); `null` what null stands for in the science, of an
+    interval at either end.
+    """
+
+    path: str = ""
+    null: float | tuple[float, float] = nan
 
 
 class Asked(BaseModel):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
+from dynident_service.models.common import Asked, At, Computed, Identifier, Name, Shown
 from dynident_service.models.identifications import ErrorFigures
 from dynident_service.models.measurements import PhasesView
 
@@ -51,30 +51,19 @@ class LackOfFit(Shown):
 class RepeatedMotion(Shown):
     """An identification motion that a held-out run repeats: it tests noise, not generalisation."""
 
-    measurement: str = Field(description="Name of the measurement that the model was identified from")
+    measurement: Annotated[str, At("name")] = Field(
+        description="Name of the measurement that the model was identified from"
+    )
     share: float = Field(description="Of the time that the robot moves, 0 to 1")
 
 
-class ComparisonResult(Shown):
-    """How far measured and predicted torque are apart; where a joint stands, the distance to what friction may hold."""
+class Judged(Shown):
+    """What a residual is worth beside the noise."""
 
-    joints: list[str]
-    effort_units: list[str]
-    n_samples: int
-    start_time: float
-    end_time: float
-    rms: list[float | None]
-    relative: list[float | None]
-    relative_total: float | None
-    moving: ErrorFigures | None = Field(default=None, description="On the rows where each joint moves")
-    raw: ErrorFigures | None = Field(
-        default=None, description="On all rows, at rest against the predicted torque itself, which has no sign there"
+    noise_floor: Annotated[list[float | None], At("noise.values")] = Field(
+        default=[], description="rms of the noise behind the filter, N m or N"
     )
-    phases: PhasesView | None = Field(default=None, description="Of the rows behind the filters")
-    worst: list[WorstStretch]
-    held_out: bool | None = Field(default=None, description="Whether the model was identified without it")
-    noise_floor: list[float | None] = Field(default=[], description="rms of the noise behind the filter, N m or N")
-    noise_source: Literal["repeated_periods", "high_frequency"] | None = Field(
+    noise_source: Annotated[Literal["repeated_periods", "high_frequency"] | None, At("noise.source")] = Field(
         default=None, description="What the noise floor is from"
     )
     over_noise: list[float | None] = Field(default=[], description="rms of the residual over the noise floor")
@@ -82,9 +71,33 @@ class ComparisonResult(Shown):
         default=[], description="Independent samples that each joint's residual is worth"
     )
     repetition: Repetition | None = Field(default=None, description="null where the motion does not come twice")
-    lack_of_fit: LackOfFit | None = Field(default=None, description="There where periods are repeated")
-    repeated_motion: RepeatedMotion | None = None
+    lack_of_fit: Annotated[LackOfFit | None, At("noise.lack_of_fit")] = Field(
+        default=None, description="There where periods are repeated"
+    )
+    repeated_motion: Annotated[RepeatedMotion | None, At("repeated")] = None
     notes: list[str] = Field(default=[], description="What to know of these figures")
+
+
+class ComparisonResult(Judged):
+    """How far measured and predicted torque are apart; where a joint stands, the distance to what friction may hold."""
+
+    joints: Annotated[list[str], At("joint_names")]
+    effort_units: Annotated[list[str], At("units")]
+    n_samples: int
+    start_time: float
+    end_time: float
+    rms: list[float | None]
+    relative: list[float | None]
+    relative_total: float | None
+    moving: Annotated[ErrorFigures | None, At("moving_errors")] = Field(
+        default=None, description="On the rows where each joint moves"
+    )
+    raw: Annotated[ErrorFigures | None, At("raw_errors")] = Field(
+        default=None, description="On all rows, at rest against the predicted torque itself, which has no sign there"
+    )
+    phases: PhasesView | None = Field(default=None, description="Of the rows behind the filters")
+    worst: list[WorstStretch]
+    held_out: bool | None = Field(default=None, description="Whether the model was identified without it")
 
 
 class ComparisonView(Computed[ComparisonRequest, ComparisonResult]):
@@ -143,9 +156,11 @@ class Spectrum(Shown):
     effort_unit: str
     over: Literal["angle", "time"]
     frequency_unit: Literal["Hz", "cycles/rad", "cycles/m"]
-    frequency: list[float]
-    amplitude: list[float]
-    resolution: float = Field(description="Width of a peak, in the unit of the frequency")
+    frequency: Annotated[list[float], At("spectrum.frequency")]
+    amplitude: Annotated[list[float], At("spectrum.amplitude")]
+    resolution: Annotated[float, At("spectrum.resolution")] = Field(
+        description="Width of a peak, in the unit of the frequency"
+    )
     peaks: list[SpectralPeak] = Field(description="The highest, highest first")
 
 

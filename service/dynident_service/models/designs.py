@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from math import inf
+from typing import Annotated
+
 from pydantic import Field
 
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.request import DesignRequest as Designed
 from dynident.excitation.request import TrajectoryRequest
-from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Limits, Name, Shown
+from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Limits, Name, Shown
 from dynident_service.models.derived import asks
 
 
@@ -38,22 +41,25 @@ class DesignRequest(Asked):
     )
 
 
+_OrInfinite = Annotated[float | None, At(null=inf)]
+
+
 class CriterionValues(Shown):
     """What a motion is worth; singular values are those of W / √N."""
 
-    condition_number: float | None = Field(description="[12.12]; null where W has no full rank")
-    criterion: float | None
-    smallest_singular_value: float | None
-    largest_singular_value: float | None
-    log_determinant: float | None
-    trace_of_inverse: float | None
+    condition_number: _OrInfinite = Field(description="[12.12]; null where W has no full rank")
+    criterion: _OrInfinite
+    smallest_singular_value: _OrInfinite
+    largest_singular_value: _OrInfinite
+    log_determinant: Annotated[float | None, At(null=-inf)]
+    trace_of_inverse: _OrInfinite
 
 
 class BaselineValues(CriterionValues):
     """The best of the random trajectories."""
 
     count: int
-    median_condition_number: float | None
+    median_condition_number: _OrInfinite
 
 
 class Margin(Shown):
@@ -65,7 +71,7 @@ class Margin(Shown):
     )
     value: float = Field(description="The extreme one")
     bound: float
-    share: float | None = Field(description="Of the room that is used: 1 touches the limit")
+    share: _OrInfinite = Field(description="Of the room that is used: 1 touches the limit")
 
 
 class ExpectedParameter(Shown):
@@ -100,8 +106,10 @@ class DesignResult(Shown):
     exciting: tuple[float, float] = Field(description="Seconds between which the exciting part lies")
     period: float | None
     parameter_names: list[str]
-    expected_parameters: list[ExpectedParameter] = Field(default=[], description="How well they will come out")
-    joints: list[str]
+    expected_parameters: Annotated[list[ExpectedParameter], At("expected")] = Field(
+        default=[], description="How well they will come out"
+    )
+    joints: Annotated[list[str], At("joint_names")]
     runs: list[Run] = Field(default=[], description="Of a set of test motions; numbered in the trajectory's segment")
     notes: list[str]
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from math import inf
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
 
 
 class DiagnosisRequest(Asked):
@@ -28,8 +29,8 @@ class Candidate(Shown):
     """One family of effects, at its best place and shape; errors are relative, held out, on the joints named."""
 
     rank: int
-    effect: str
-    joints: list[str]
+    effect: Annotated[str, At("choice.effect")]
+    joints: Annotated[list[str], At("choice.joints")]
     error_before: float | None
     error_after: float | None
     error_drop: float | None
@@ -39,8 +40,10 @@ class Candidate(Shown):
     evidence: str
     equivalent: list[str] = Field(description="Effects that this data cannot tell apart from it")
     separability: float | None = Field(description="Share of its column that is left after the model")
-    shape_parameters: dict[str, float]
-    runs: list[str] = Field(default=[], description="Labels of the runs that it is in; none: in all of them")
+    shape_parameters: Annotated[dict[str, float], At("choice.shape")]
+    runs: Annotated[list[str], At("choice.runs")] = Field(
+        default=[], description="Labels of the runs that it is in; none: in all of them"
+    )
 
 
 class ChangedValue(Shown):
@@ -49,17 +52,21 @@ class ChangedValue(Shown):
     parameter: str
     value: float = Field(description="The difference")
     unit: str
-    interval: tuple[float | None, float | None] = Field(description="Holds the true difference in 95 of 100 cases")
+    interval: Annotated[tuple[float | None, float | None], At(null=(-inf, inf))] = Field(
+        description="Holds the true difference in 95 of 100 cases"
+    )
     before: float | None = Field(default=None, description="What it was, where the model has it")
 
 
 class Change(ChangedValue):
     """What the later measurements have and the baseline has not."""
 
-    effect: str
-    joints: list[str] = Field(description="Of a mass: the joint of the link that carries it")
-    shape_parameters: dict[str, float] = Field(default={})
-    runs: list[str] = Field(default=[], description="The later runs, that have it")
+    effect: Annotated[str, At("choice.effect")]
+    joints: Annotated[list[str], At("choice.joints")] = Field(
+        description="Of a mass: the joint of the link that carries it"
+    )
+    shape_parameters: Annotated[dict[str, float], At("choice.shape")] = Field(default={})
+    runs: Annotated[list[str], At("choice.runs")] = Field(default=[], description="The later runs, that have it")
     p_value: float | None
     evidence: str
     equivalent: list[str] = Field(default=[], description="Effects, or joints, that this data cannot tell from it")
@@ -100,7 +107,7 @@ class Separation(Shown):
     parameter: str = Field(description="The one that comes out best")
     unit: str
     share: float = Field(description="What is left of its column beside the model and the rival")
-    standard_deviation: float | None = Field(description="null where nothing determines it")
+    standard_deviation: Annotated[float | None, At(null=inf)] = Field(description="null where nothing determines it")
     t_value: float | None = Field(description="The amplitude found so far over it; null where none is known")
 
 
@@ -147,7 +154,7 @@ class Evidence(Shown):
     variable: Literal["position", "velocity", "acceleration", "load", "time", "travel since reversal", "phase"] = Field(
         description="What the effect depends on most plainly"
     )
-    variable_unit: str
+    variable_unit: Annotated[str, At("unit")]
     x: list[float] = Field(description="Mean of the variable in each bin")
     residual: list[float] = Field(description="Mean residual of the model without the effect")
     spread: list[float] = Field(description="Standard deviation of the residual in the bin")

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from dynident.identification.choices import IdentificationChoices
-from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
 from dynident_service.models.derived import asks
 from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import SeenMeasurement
@@ -88,7 +88,7 @@ class ParameterView(Shown):
     effect: str
     link: str
     grouping: str = Field(description="Written out in standard parameters")
-    shape_parameters: dict[str, float]
+    shape_parameters: Annotated[dict[str, float], At("shape")]
     interval: tuple[float | None, float | None] = Field(
         default=(None, None), description="Holds the true value in 95 of 100 cases"
     )
@@ -144,9 +144,9 @@ class StepView(Shown):
     """A model on the way from the parent to this one, with one effect more than the one before."""
 
     added: list[EffectChoice]
-    n_parameters: int
-    residual: ErrorsView
-    validation: ErrorsView | None
+    n_parameters: Annotated[int, At("model.n_parameters")]
+    residual: Annotated[ErrorsView, At("fit")]
+    validation: Annotated[ErrorsView | None, At("held_out")]
 
 
 class IdentificationResult(Shown):
@@ -156,15 +156,15 @@ class IdentificationResult(Shown):
     shape_constants: list[ShapeConstantView] = Field(
         default=[], description="How sure the effects' shape constants are, the other parameters accounted for"
     )
-    residual: ErrorsView
-    validation: ErrorsView | None
+    residual: Annotated[ErrorsView, At("fit")]
+    validation: Annotated[ErrorsView | None, At("held_out")]
     converged: bool = Field(default=True, description="Whether the rounds that the estimator takes have settled")
     condition_number: float | None
     n_equations: int
     equations_per_parameter: float
     effective_rows: list[float] = Field(description="Independent samples that each joint's rows are worth")
     inertia_matrix_positive_definite: bool
-    effects: list[EffectChoice]
+    effects: Annotated[list[EffectChoice], At("choices.effects")]
     preprocessing: UsedPreprocessing
     warnings: list[str]
     dependence: list[str] = Field(default=[], description="Parameters that the motion determines only together")
@@ -172,7 +172,7 @@ class IdentificationResult(Shown):
     rungs: list[StepView] = Field(
         default=[], description="Models between the parent and this one: an extension makes one for every effect"
     )
-    joints: list[str]
+    joints: Annotated[list[str], At("model.robot.joint_names")]
     effort_units: list[str]
     measurements: list[SeenMeasurement] = Field(
         default=[], description="Which revision of which file the model saw; [] in models that an older version stored"
@@ -192,11 +192,13 @@ class EssentialStepView(Shown):
     """One parameter less."""
 
     name: str
-    relative_standard_deviation: float | None = Field(description="Before it went, a fraction")
+    relative_standard_deviation: Annotated[float | None, At("relative_deviation")] = Field(
+        description="Before it went, a fraction"
+    )
     ratio: float | None = Field(description="Of the largest to the smallest relative standard deviation")
     p_value: float = Field(description="How often noise alone would be as large as all that is taken out so far")
-    residual: ErrorsView
-    validation: ErrorsView | None
+    residual: Annotated[ErrorsView, At("fit")]
+    validation: Annotated[ErrorsView | None, At("held_out")]
 
 
 class EssentialView(Shown):
@@ -206,14 +208,14 @@ class EssentialView(Shown):
     essential: list[str]
     steps: list[EssentialStepView]
     parameters: list[ParameterView] = Field(description="Estimated anew with the others at zero")
-    residual: ErrorsView
-    validation: ErrorsView | None
+    residual: Annotated[ErrorsView, At("identification.fit")]
+    validation: Annotated[ErrorsView | None, At("identification.held_out")]
 
 
 class CorrelationView(Shown):
     """How the estimates of the parameters depend on one another."""
 
-    parameters: list[str]
+    parameters: Annotated[list[str], At("names")]
     correlation: list[list[float | None]] = Field(description="Row by row, in the order of `parameters`")
     sentences: list[str] = Field(description="What the motion determines only together, worst first")
 
@@ -230,10 +232,10 @@ class Rung(Shown):
     status: str
     added: list[EffectChoice]
     removed: list[EffectChoice]
-    effects: list[EffectChoice]
-    n_parameters: int | None
-    residual: ErrorsView | None
-    validation: ErrorsView | None
+    effects: Annotated[list[EffectChoice], At("choices.effects")]
+    n_parameters: Annotated[int | None, At("model.n_parameters")]
+    residual: Annotated[ErrorsView | None, At("fit")]
+    validation: Annotated[ErrorsView | None, At("held_out")]
     best: bool = Field(default=False, description="The smallest validation error of the ladder")
     rises: bool = Field(
         default=False, description="Above the best rung, with a larger validation error: what was added does harm"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
 from dynident.validation.method import Method
 from dynident.validation.request import TRIALS, Stated
-from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
+from dynident_service.models.common import Asked, At, Computed, Identifier, Name, Shown
 from dynident_service.models.derived import asks
 from dynident_service.models.identifications import ErrorsView, UsedPreprocessing
 
@@ -51,12 +51,12 @@ class MeasurementErrors(Shown):
 class MethodView(Shown):
     """What one method gave on the data that all of them share."""
 
-    method: str = Field(description="In words")
-    model: str
-    strategy: str
+    method: Annotated[str, At("method.words")] = Field(description="In words")
+    model: Annotated[str, At("method.model")]
+    strategy: Annotated[str, At("method.strategy")]
     estimator: str | dict[str, Any] = Field(description="Its name, or an object with its options")
-    steps: str
-    prior: str | None
+    steps: Annotated[str, At("method.steps")]
+    prior: Annotated[str | None, At("method.prior")]
     problem: str | None = Field(description="Why there is no result")
     values: list[float | None] | None = Field(description="Parameters in the order of `parameters`")
     standard_deviations: list[float | None] | None
@@ -84,8 +84,8 @@ class SimulationOnMeasurement(Shown):
     torque: ErrorsView | None = Field(description="Simulated against measured torque")
     position: list[float | None] | None = Field(description="rad or m, root mean square, per joint")
     position_share: list[float | None] | None = Field(description="The same over the range the joint moved through")
-    verdict: VerdictWord
-    reason: str
+    verdict: Annotated[VerdictWord, At("judged.verdict")]
+    reason: Annotated[str, At("judged.reason")]
 
 
 class FilterTrialView(Shown):
@@ -105,8 +105,10 @@ class FiltersView(Shown):
     used: FilterTrialView
     chosen: FilterTrialView
     trials: list[FilterTrialView]
-    position_noise: list[float | None] = Field(description="Of the encoders, rad or m, per joint")
-    torque_noise: list[float | None] = Field(description="N m or N, per joint")
+    position_noise: Annotated[list[float | None], At("noise.position")] = Field(
+        description="Of the encoders, rad or m, per joint"
+    )
+    torque_noise: Annotated[list[float | None], At("noise.torque")] = Field(description="N m or N, per joint")
 
 
 class DriveGainView(Shown):
@@ -124,15 +126,23 @@ class PayloadView(Shown):
 
     measurement_id: str
     name: str
-    stated_mass: float = Field(description="kg")
-    identifiable: bool = Field(description="Whether the motion tells the load from friction")
-    mass: float | None = Field(description="kg; null where it is not identifiable")
-    interval: tuple[float, float] | None = Field(description="Holds the true mass in 95 of 100 cases, kg")
-    friction_shared: float | None = Field(description="kg, if friction is the same in all runs")
-    friction_apart: float | None = Field(description="kg, if every run has friction of its own")
+    stated_mass: Annotated[float, At("stated")] = Field(description="kg")
+    identifiable: Annotated[bool, At("weighed.identifiable")] = Field(
+        description="Whether the motion tells the load from friction"
+    )
+    mass: Annotated[float | None, At("weighed.mass")] = Field(description="kg; null where it is not identifiable")
+    interval: Annotated[tuple[float, float] | None, At("weighed.interval")] = Field(
+        description="Holds the true mass in 95 of 100 cases, kg"
+    )
+    friction_shared: Annotated[float | None, At("weighed.alike.mass")] = Field(
+        description="kg, if friction is the same in all runs"
+    )
+    friction_apart: Annotated[float | None, At("weighed.apart.mass")] = Field(
+        description="kg, if every run has friction of its own"
+    )
     gains: list[DriveGainView] = Field(default=[], description="What they would have to be for the stated mass")
-    verdict: VerdictWord
-    reason: str
+    verdict: Annotated[VerdictWord, At("judged.verdict")]
+    reason: Annotated[str, At("judged.reason")]
 
 
 class DrawnParameterView(Shown):
@@ -163,8 +173,8 @@ class ValidationResult(Shown):
     """What the model is worth by one test, with the verdict and its reason in a sentence."""
 
     kind: ValidationKind
-    verdict: VerdictWord
-    reason: str
+    verdict: Annotated[VerdictWord, At("judged.verdict")]
+    reason: Annotated[str, At("judged.reason")]
     limit: float | None = Field(default=None, description="The relative error that was the limit")
     measurements: list[MeasurementErrors] = Field(default=[])
     total: ErrorsView | None = Field(default=None, description="Over all measurements")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 from fastapi import APIRouter, Query, Response
 
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import Shown, plain
 from dynident_service.models.comparisons import (
     AutocorrelationView,
     ComparisonRequest,
@@ -15,17 +15,33 @@ from dynident_service.models.comparisons import (
     Series,
     Spectrum,
 )
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_model
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.storage.records import NewJob, NewResource, RestsOn
+
+ShownT = TypeVar("ShownT", bound=Shown)
 
 if TYPE_CHECKING:
-    from dynident_service.adapters.comparisons import StoredComparison
+    from dynident.diagnosis.comparing.stored import StoredComparison
 
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 
 JOB = NewJob("comparison", "dynident_service.work.comparisons:compare_model")
+keep(
+    router,
+    Kept(
+        "comparison",
+        ComparisonView,
+        of="identification",
+        several="comparisons",
+        one="comparison",
+        listed="List the comparisons, newest first; those of one identification if asked.",
+        shown="Show a comparison, with its result once there is one.",
+        deleted="Delete a comparison.",
+    ),
+)
 
 
 @router.post("", status_code=202)
@@ -38,27 +54,7 @@ def create_comparison(
     (measurement,) = needed_measurements(services, robot, [body.measurement_id], "measurement", "/measurement_id")
     needs = (RestsOn(model.id, "identification", "identification", "/identification_id"), measurement)
     new = NewResource("comparison", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return show(make(services, new, response))
-
-
-@router.get("")
-def list_comparisons(
-    services: ServicesDep, query: ListQueryDep, identification_id: Annotated[str | None, Query()] = None
-) -> Page[ComparisonView]:
-    """List the comparisons, newest first; those of one identification if asked."""
-    return page_of(services, "comparison", query, show, identification_id)
-
-
-@router.get("/{comparison_id}")
-def get_comparison(comparison_id: str, services: ServicesDep) -> ComparisonView:
-    """Show a comparison, with its result once there is one."""
-    return show(services.resources.get("comparison", comparison_id))
-
-
-@router.delete("/{comparison_id}", status_code=204)
-def delete_comparison(comparison_id: str, services: ServicesDep) -> None:
-    """Delete a comparison."""
-    services.resources.delete("comparison", comparison_id)
+    return computed(ComparisonView, make(services, new, response))
 
 
 @router.get("/{comparison_id}/series")
@@ -71,7 +67,12 @@ def get_series(
     points: Annotated[int, Query(ge=12, le=100_000, description="About how many")] = 2000,
 ) -> Series:
     """Give a joint's measured and predicted torque and residual over time, thinned so that extremes survive."""
-    return _stored(services, comparison_id).series(joint, start, end, points)
+    from dynident_service.adapters.comparisons import thinned
+
+    stored = _stored(services, comparison_id)
+    every = stored.signals(joint, start, end)
+    unit = stored.unit(joint)
+    return _shown(Series, thinned(every, points), joint=joint, effort_unit=unit, n_samples=len(every.t))
 
 
 @router.get("/{comparison_id}/residual_map")
@@ -84,7 +85,9 @@ def get_residual_map(
     bins: Annotated[int, Query(ge=2, le=200, description="In each direction")] = 30,
 ) -> ResidualMap:
     """Give mean, spread and count of a joint's residual over any two signals."""
-    return _stored(services, comparison_id).residual_map(joint, x, y, bins)
+    stored = _stored(services, comparison_id)
+    found = stored.residual_map(joint, x, y, bins)
+    return _shown(ResidualMap, found, joint=joint, effort_unit=stored.unit(joint), x=x, y=y)
 
 
 @router.get("/{comparison_id}/spectrum")
@@ -95,7 +98,8 @@ def get_spectrum(
     over: Annotated[Literal["angle", "time"], Query(description="The joint's own position, or time")] = "time",
 ) -> Spectrum:
     """Give the amplitude spectrum of a joint's residual: gears show over the angle, vibration over time."""
-    return _stored(services, comparison_id).spectrum(joint, over)
+    stored = _stored(services, comparison_id)
+    return _shown(Spectrum, stored.spectrum(joint, over), joint=joint, effort_unit=stored.unit(joint), over=over)
 
 
 @router.get("/{comparison_id}/autocorrelation")
@@ -106,16 +110,17 @@ def get_autocorrelation(
     longest: Annotated[float, Query(gt=0, le=60, description="Longest lag, s")] = 5.0,
 ) -> AutocorrelationView:
     """Give the autocorrelation of a joint's residual, and how many independent samples it is worth."""
-    return _stored(services, comparison_id).autocorrelation(joint, longest)
-
-
-def show(resource: Resource) -> ComparisonView:
-    """Show a stored comparison."""
-    return computed(ComparisonView, resource)
+    return _shown(AutocorrelationView, _stored(services, comparison_id).autocorrelation(joint, longest), joint=joint)
 
 
 def _stored(services: Services, identifier: str) -> StoredComparison:
-    from dynident_service.adapters.comparisons import StoredComparison
+    from dynident.diagnosis.comparing.stored import StoredComparison
 
     found = succeeded(services.resources.get("comparison", identifier))
     return StoredComparison(services.objects.path(found.objects["signals"].key))
+
+
+def _shown(view: type[ShownT], found: object, **more: object) -> ShownT:
+    from dynident_service.adapters.answers import shown
+
+    return shown(view, found, **more)

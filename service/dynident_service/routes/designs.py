@@ -7,18 +7,32 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.designs import DesignRequest, DesignResult, DesignView, TrajectorySamples
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_robot
 from dynident_service.services import ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.storage.records import NewJob, NewResource, RestsOn
 
 router = APIRouter(prefix="/v1/designs", tags=["designs"])
 
 JOB = NewJob("design", "dynident_service.work.designs:design")
 PARQUET = "application/vnd.apache.parquet"
 YAML = "application/yaml"
+keep(
+    router,
+    Kept(
+        "design",
+        DesignView,
+        of="robot",
+        several="designs",
+        one="design",
+        listed="List the designs, newest first; those of one robot if asked.",
+        shown="Show a design, with its result once there is one.",
+        deleted="Delete a design; 409 while others rest on it.",
+    ),
+)
 
 
 @router.post("", status_code=202)
@@ -34,27 +48,7 @@ def create_design(body: DesignRequest, services: ServicesDep, retry: RetryKeyDep
         *needed_measurements(services, robot, body.earlier_ids, "earlier", "/earlier_ids"),
     )
     new = NewResource("design", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return show(make(services, new, response))
-
-
-@router.get("")
-def list_designs(
-    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
-) -> Page[DesignView]:
-    """List the designs, newest first; those of one robot if asked."""
-    return page_of(services, "design", query, show, robot_id)
-
-
-@router.get("/{design_id}")
-def get_design(design_id: str, services: ServicesDep) -> DesignView:
-    """Show a design, with its result once there is one."""
-    return show(services.resources.get("design", design_id))
-
-
-@router.delete("/{design_id}", status_code=204)
-def delete_design(design_id: str, services: ServicesDep) -> None:
-    """Delete a design; 409 while others rest on it."""
-    services.resources.delete("design", design_id)
+    return computed(DesignView, make(services, new, response))
 
 
 @router.get(
@@ -84,8 +78,3 @@ def get_trajectory(
         headers = {"Content-Disposition": f'attachment; filename="{design_id}.yaml"'}
         return StreamingResponse(trajectory_for_ros2(path, joints), media_type=YAML, headers=headers)
     return JSONResponse(trajectory_as_samples(path, joints).model_dump())
-
-
-def show(resource: Resource) -> DesignView:
-    """Show a stored design."""
-    return computed(DesignView, resource)

@@ -6,17 +6,31 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.diagnoses import DiagnosisRequest, DiagnosisView, Evidence
 from dynident_service.problems import ProblemError, unusable
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_model
 from dynident_service.services import ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.storage.records import NewJob, NewResource, RestsOn
 
 router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
 
 JOB = NewJob("diagnosis", "dynident_service.work.diagnoses:diagnose_model")
+keep(
+    router,
+    Kept(
+        "diagnosis",
+        DiagnosisView,
+        of="identification",
+        several="diagnoses",
+        one="diagnosis",
+        listed="List the diagnoses, newest first; those of one identification if asked.",
+        shown="Show a diagnosis, with its result once there is one.",
+        deleted="Delete a diagnosis; 409 while others rest on it.",
+    ),
+)
 
 
 @router.post("", status_code=202)
@@ -41,21 +55,7 @@ def create_diagnosis(
         *needed_measurements(services, robot, body.baseline_ids, "baseline", "/baseline_ids"),
     )
     new = NewResource("diagnosis", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return show(make(services, new, response))
-
-
-@router.get("")
-def list_diagnoses(
-    services: ServicesDep, query: ListQueryDep, identification_id: Annotated[str | None, Query()] = None
-) -> Page[DiagnosisView]:
-    """List the diagnoses, newest first; those of one identification if asked."""
-    return page_of(services, "diagnosis", query, show, identification_id)
-
-
-@router.get("/{diagnosis_id}")
-def get_diagnosis(diagnosis_id: str, services: ServicesDep) -> DiagnosisView:
-    """Show a diagnosis, with its result once there is one."""
-    return show(services.resources.get("diagnosis", diagnosis_id))
+    return computed(DiagnosisView, make(services, new, response))
 
 
 @router.get("/{diagnosis_id}/evidence")
@@ -73,14 +73,3 @@ def get_evidence(
         detail = f"The diagnosis {diagnosis_id} was made without figures; diagnose again."
         raise ProblemError(404, detail, title="No figure")
     return read_evidence(services.objects.get(found.objects["evidence"].key), rank, joint)
-
-
-@router.delete("/{diagnosis_id}", status_code=204)
-def delete_diagnosis(diagnosis_id: str, services: ServicesDep) -> None:
-    """Delete a diagnosis; 409 while others rest on it."""
-    services.resources.delete("diagnosis", diagnosis_id)
-
-
-def show(resource: Resource) -> DiagnosisView:
-    """Show a stored diagnosis."""
-    return computed(DiagnosisView, resource)

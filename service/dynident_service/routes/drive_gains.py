@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Response
 
 from dynident.errors import DynidentError
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsView
 from dynident_service.models.robots import RobotResult
 from dynident_service.problems import unusable
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
+from dynident_service.routes.common import RetryKeyDep, computed, make
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_robot
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
@@ -19,6 +18,19 @@ from dynident_service.storage.records import NewJob, NewResource, Resource, Rest
 router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
 
 JOB = NewJob("drive_gains", "dynident_service.work.drive_gains:find_gains")
+keep(
+    router,
+    Kept(
+        "drive_gains",
+        DriveGainsView,
+        of="robot",
+        several="drive_gains",
+        one="drive_gains",
+        listed="List the drive gains, newest first; those of one robot if asked.",
+        shown="Show drive gains, with the result once there is one.",
+        deleted="Delete drive gains; the robot keeps those that it states.",
+    ),
+)
 
 
 @router.post("", status_code=202)
@@ -31,32 +43,7 @@ def create_drive_gains(
     needs = (RestsOn(robot.id, "robot", "robot", "/robot_id"), *_measurements(services, body, robot))
     _check_loads(services, body)
     new = NewResource("drive_gains", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return show(make(services, new, response))
-
-
-@router.get("")
-def list_drive_gains(
-    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
-) -> Page[DriveGainsView]:
-    """List the drive gains, newest first; those of one robot if asked."""
-    return page_of(services, "drive_gains", query, show, robot_id)
-
-
-@router.get("/{drive_gains_id}")
-def get_drive_gains(drive_gains_id: str, services: ServicesDep) -> DriveGainsView:
-    """Show drive gains, with the result once there is one."""
-    return show(services.resources.get("drive_gains", drive_gains_id))
-
-
-@router.delete("/{drive_gains_id}", status_code=204)
-def delete_drive_gains(drive_gains_id: str, services: ServicesDep) -> None:
-    """Delete drive gains; the robot keeps those that it states."""
-    services.resources.delete("drive_gains", drive_gains_id)
-
-
-def show(resource: Resource) -> DriveGainsView:
-    """Show stored drive gains."""
-    return computed(DriveGainsView, resource)
+    return computed(DriveGainsView, make(services, new, response))
 
 
 def _check_drives(robot: Resource) -> None:

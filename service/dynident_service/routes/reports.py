@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Response
 from fastapi.responses import StreamingResponse
 
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.reports import ReportRequest, ReportView
 from dynident_service.problems import ProblemError, unusable
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed, needed_measurements, needed_model
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
@@ -19,6 +18,19 @@ router = APIRouter(prefix="/v1/reports", tags=["reports"])
 
 JOB = NewJob("report", "dynident_service.work.reports:write_report")
 AVAILABLE = ("html", "json")
+keep(
+    router,
+    Kept(
+        "report",
+        ReportView,
+        of="identification",
+        several="reports",
+        one="report",
+        listed="List the reports, newest first; those of one identification if asked.",
+        shown="Show a report; its result says where the document is.",
+        deleted="Delete a report.",
+    ),
+)
 
 
 @router.post("", status_code=202)
@@ -39,27 +51,7 @@ def create_report(body: ReportRequest, services: ServicesDep, retry: RetryKeyDep
     if body.diagnosis_id is not None:
         needs.append(_diagnosis(services, body.diagnosis_id, model))
     new = NewResource("report", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
-    return show(make(services, new, response))
-
-
-@router.get("")
-def list_reports(
-    services: ServicesDep, query: ListQueryDep, identification_id: Annotated[str | None, Query()] = None
-) -> Page[ReportView]:
-    """List the reports, newest first; those of one identification if asked."""
-    return page_of(services, "report", query, show, identification_id)
-
-
-@router.get("/{report_id}")
-def get_report(report_id: str, services: ServicesDep) -> ReportView:
-    """Show a report; its result says where the document is."""
-    return show(services.resources.get("report", report_id))
-
-
-@router.delete("/{report_id}", status_code=204)
-def delete_report(report_id: str, services: ServicesDep) -> None:
-    """Delete a report."""
-    services.resources.delete("report", report_id)
+    return computed(ReportView, make(services, new, response))
 
 
 @router.get(
@@ -76,11 +68,6 @@ def get_report_content(report_id: str, services: ServicesDep) -> StreamingRespon
         "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:",
     }
     return StreamingResponse(services.objects.stream(document.key), media_type=document.media_type, headers=headers)
-
-
-def show(resource: Resource) -> ReportView:
-    """Show a stored report."""
-    return computed(ReportView, resource)
 
 
 def _design(services: Services, identifier: str, robot: Resource) -> RestsOn:

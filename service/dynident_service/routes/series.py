@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from fastapi import APIRouter, Response
 
-from fastapi import APIRouter, Query, Response
-
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.series import SeriesRequest, SeriesView
 from dynident_service.problems import unusable
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of, succeeded
+from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_model
 from dynident_service.services import ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.storage.records import NewJob, NewResource, RestsOn
 
 router = APIRouter(prefix="/v1/series", tags=["series"])
 
 JOB = NewJob("series", "dynident_service.work.series:follow_robot")
+keep(
+    router,
+    Kept(
+        "series",
+        SeriesView,
+        of="identification",
+        several="series_of_days",
+        one="series_of_days",
+        listed="List the series, newest first; those of one identification if asked.",
+        shown="Show a series, with its result once there is one.",
+        deleted="Delete a series; 409 while others rest on it.",
+    ),
+)
 
 
 @router.post("", status_code=202)
@@ -44,21 +56,7 @@ def create_series_of_days(
             used.add(identifier)
         needs += needed_measurements(services, robot, day.measurement_ids, "measurement", pointer)
     new = NewResource("series", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
-    return show(make(services, new, response))
-
-
-@router.get("")
-def list_series_of_days(
-    services: ServicesDep, query: ListQueryDep, identification_id: Annotated[str | None, Query()] = None
-) -> Page[SeriesView]:
-    """List the series, newest first; those of one identification if asked."""
-    return page_of(services, "series", query, show, identification_id)
-
-
-@router.get("/{series_id}")
-def get_series_of_days(series_id: str, services: ServicesDep) -> SeriesView:
-    """Show a series, with its result once there is one."""
-    return show(services.resources.get("series", series_id))
+    return computed(SeriesView, make(services, new, response))
 
 
 @router.get("/{series_id}/figure", response_class=Response, responses={200: {"content": {"image/svg+xml": {}}}})
@@ -66,14 +64,3 @@ def get_courses_figure(series_id: str, services: ServicesDep) -> Response:
     """Draw every parameter's course, with its intervals."""
     found = succeeded(services.resources.get("series", series_id))
     return Response(services.objects.get(found.objects["figure"].key), media_type="image/svg+xml")
-
-
-@router.delete("/{series_id}", status_code=204)
-def delete_series_of_days(series_id: str, services: ServicesDep) -> None:
-    """Delete a series; 409 while others rest on it."""
-    services.resources.delete("series", series_id)
-
-
-def show(resource: Resource) -> SeriesView:
-    """Show a stored series."""
-    return computed(SeriesView, resource)

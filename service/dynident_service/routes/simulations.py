@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from fastapi import APIRouter, Response
 
-from fastapi import APIRouter, Query, Response
-
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.designs import Trajectory
 from dynident_service.models.simulations import Samples, SimulationRequest, SimulationView
 from dynident_service.problems import unusable
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
+from dynident_service.routes.common import RetryKeyDep, computed, make
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed, needed_robot
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
@@ -18,6 +17,19 @@ from dynident_service.storage.records import NewJob, NewResource, Resource, Rest
 router = APIRouter(prefix="/v1/simulations", tags=["simulations"])
 
 JOB = NewJob("simulation", "dynident_service.work.simulations:measure_virtual_robot")
+keep(
+    router,
+    Kept(
+        "simulation",
+        SimulationView,
+        of="robot",
+        several="simulations",
+        one="simulation",
+        listed="List the simulations, newest first; those of one robot if asked.",
+        shown="Show a simulation; its result names the measurement.",
+        deleted="Delete a simulation; its measurement stays.",
+    ),
+)
 
 
 @router.post("", status_code=202)
@@ -31,32 +43,7 @@ def create_simulation(
     if body.design_id is not None:
         needs.append(_design(services, body.design_id, robot))
     new = NewResource("simulation", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
-    return show(make(services, new, response))
-
-
-@router.get("")
-def list_simulations(
-    services: ServicesDep, query: ListQueryDep, robot_id: Annotated[str | None, Query()] = None
-) -> Page[SimulationView]:
-    """List the simulations, newest first; those of one robot if asked."""
-    return page_of(services, "simulation", query, show, robot_id)
-
-
-@router.get("/{simulation_id}")
-def get_simulation(simulation_id: str, services: ServicesDep) -> SimulationView:
-    """Show a simulation; its result names the measurement."""
-    return show(services.resources.get("simulation", simulation_id))
-
-
-@router.delete("/{simulation_id}", status_code=204)
-def delete_simulation(simulation_id: str, services: ServicesDep) -> None:
-    """Delete a simulation; its measurement stays."""
-    services.resources.delete("simulation", simulation_id)
-
-
-def show(resource: Resource) -> SimulationView:
-    """Show a stored simulation."""
-    return computed(SimulationView, resource)
+    return computed(SimulationView, make(services, new, response))
 
 
 def _check(body: SimulationRequest, stored: Resource) -> None:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from fastapi import APIRouter, Response
 
-from fastapi import APIRouter, Query, Response
-
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.identifications import StoredIdentification
 from dynident_service.models.validations import ValidationRequest, ValidationView
 from dynident_service.problems import unusable
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, computed, make, page_of
+from dynident_service.routes.common import RetryKeyDep, computed, make
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_model
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
@@ -18,6 +17,19 @@ from dynident_service.storage.records import NewJob, NewResource, Resource, Rest
 router = APIRouter(prefix="/v1/validations", tags=["validations"])
 
 JOB = NewJob("validation", "dynident_service.work.validations:validate_model")
+keep(
+    router,
+    Kept(
+        "validation",
+        ValidationView,
+        of="identification",
+        several="validations",
+        one="validation",
+        listed="List the validations, newest first; those of one identification if asked.",
+        shown="Show a validation, with its result once there is one.",
+        deleted="Delete a validation.",
+    ),
+)
 
 
 @router.post("", status_code=202)
@@ -32,32 +44,7 @@ def create_validation(
         *_measurements(services, body, model),
     )
     new = NewResource("validation", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return show(make(services, new, response))
-
-
-@router.get("")
-def list_validations(
-    services: ServicesDep, query: ListQueryDep, identification_id: Annotated[str | None, Query()] = None
-) -> Page[ValidationView]:
-    """List the validations, newest first; those of one identification if asked."""
-    return page_of(services, "validation", query, show, identification_id)
-
-
-@router.get("/{validation_id}")
-def get_validation(validation_id: str, services: ServicesDep) -> ValidationView:
-    """Show a validation, with its result once there is one."""
-    return show(services.resources.get("validation", validation_id))
-
-
-@router.delete("/{validation_id}", status_code=204)
-def delete_validation(validation_id: str, services: ServicesDep) -> None:
-    """Delete a validation."""
-    services.resources.delete("validation", validation_id)
-
-
-def show(resource: Resource) -> ValidationView:
-    """Show a stored validation."""
-    return computed(ValidationView, resource)
+    return computed(ValidationView, make(services, new, response))
 
 
 def _check_fields(body: ValidationRequest) -> None:

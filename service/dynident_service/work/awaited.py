@@ -11,12 +11,14 @@ from dynident.identification import Identification, from_bytes
 from dynident.identification.dependence import parameter_dependence
 from dynident.identification.essential import essential_parameters
 from dynident.recordings import RecordingError
+from dynident_service.adapters.answers import shown
 from dynident_service.adapters.exports import exported_file
-from dynident_service.adapters.identifications import describe_correlation, describe_essential
+from dynident_service.adapters.identifications import describe_essential
 from dynident_service.adapters.imports import look_at
 from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
 from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request, robot_of
 from dynident_service.models.common import plain
+from dynident_service.models.identifications import CorrelationView
 from dynident_service.models.imports import ImportMetadata
 from dynident_service.models.measurements import MeasurementMetadata
 from dynident_service.models.robots import RobotRequest
@@ -57,7 +59,7 @@ def essential(model: str, ratio: float) -> dict[str, Any]:
 
 def correlation(model: str) -> dict[str, Any]:
     """Describe how the estimates of the model in a file depend on one another."""
-    return plain(describe_correlation(parameter_dependence(_read(model))))
+    return plain(shown(CorrelationView, parameter_dependence(_read(model))))
 
 
 def export(model: str, format: ExportFormat, nearest: bool, shown: Mapping[str, Any]) -> ExportedFile:

@@ -6,8 +6,9 @@ import tempfile
 from pathlib import Path
 
 from dynident.diagnosis import compare, judge
+from dynident.diagnosis.comparing.stored import write_comparison
 from dynident.progress import part
-from dynident_service.adapters.comparisons import describe_comparison, write_comparison
+from dynident_service.adapters.comparisons import describe_comparison
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.comparisons import ComparisonRequest

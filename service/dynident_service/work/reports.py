@@ -11,8 +11,8 @@ from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.progress import part
 from dynident.reports import ReportedRun, ReportedValidation, html_report
+from dynident_service.adapters.answers import show_errors, show_figures
 from dynident_service.adapters.diagnoses import diagnosis_of
-from dynident_service.adapters.identifications import show_errors, show_figures
 from dynident_service.adapters.revisions import checks_of, revision_of
 from dynident_service.adapters.stored_designs import design_of
 from dynident_service.adapters.validation_tables import reported

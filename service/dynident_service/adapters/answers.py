@@ -1,0 +1,160 @@
+"""From results of the science to the answers of the contract, field by field of the same name, and back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from dynident.arrays import FloatArray
+from dynident.effects import EffectChoice
+from dynident.estimation import Errors
+from dynident_service.adapters.effects import choice_of, show_choice
+from dynident_service.hints import hint_of
+from dynident_service.models import common
+from dynident_service.models.identifications import ErrorFigures, ErrorsView
+
+T = TypeVar("T")
+ViewT = TypeVar("ViewT", bound=BaseModel)
+
+_ABSENT = object()
+_AS_CALLED = common.At()
+
+
+def shown(view: type[ViewT], found: object, **more: object) -> ViewT:
+    """What the science found as the contract shows it.
+
+    Parameters
+    ----------
+    view : type
+        Each of its fields is the result's attribute of that name, or the one that stands beside it (`At`); one that
+        may be null is where the result has no finite number. Errors have those of moving rows beside them.
+    more
+        Fields that the result knows nothing of.
+    """
+    values: dict[str, object] = {}
+    for name, one in view.model_fields.items():
+        owner, attribute = _place(found, _at(one).path or name)
+        nothing = None if owner is None and found is not None else _ABSENT
+        value = more[name] if name in more else getattr(owner, attribute, nothing)
+        if value is _ABSENT:
+            continue
+        if isinstance(value, Errors) and ErrorsView in _parts(one.annotation):
+            value = show_errors(value, getattr(owner, f"{attribute}_moving", None))
+        values[one.alias or name] = _shown(one.annotation, value)
+    return view.model_validate(values)
+
+
+def known(science: type[T], told: BaseModel, **more: object) -> T:
+    """A result of the science from what was shown of it; `more` are fields that were not shown as they are."""
+    values: dict[str, dict[str, tuple[FieldInfo, object]]] = {}
+    for name, one in type(told).model_fields.items():
+        field, _, inner = (_at(one).path or name).partition(".")
+        values.setdefault(field, {})[inner] = (one, getattr(told, name))
+    stated = [one for one in fields(science) if one.name in values and one.name not in more]  # type: ignore[arg-type]
+    return science(**{one.name: _known(hint_of(science, one), values[one.name]) for one in stated}, **more)
+
+
+def show_errors(errors: Errors, moving: Errors | None = None, sigma: FloatArray | None = None) -> ErrorsView:
+    """Show the errors of a model on data: on all rows, and on those where each joint moves."""
+    return ErrorsView(
+        **show_figures(errors).model_dump(),
+        moving=None if moving is None else show_figures(moving),
+        sigma=None if sigma is None else numbers(sigma),
+    )
+
+
+def show_figures(errors: Errors) -> ErrorFigures:
+    """Show errors on some rows; a joint without any has none."""
+    there = errors.counts > 0
+    return ErrorFigures(
+        rms=numbers(np.where(there, errors.rms, np.nan)),
+        relative=numbers(np.where(there, errors.relative, np.nan)),
+        relative_total=finite(errors.relative_total) if there.any() else None,
+    )
+
+
+def finite(value: float) -> float | None:
+    """Give a number, or `None` for what JSON cannot say."""
+    return float(value) if math.isfinite(value) else None
+
+
+def numbers(values: FloatArray) -> list[float | None]:
+    """Give an array (n,) as JSON numbers."""
+    return [finite(value) for value in values.tolist()]
+
+
+def _at(one: FieldInfo) -> common.At:
+    return next((about for about in one.metadata if isinstance(about, common.At)), _AS_CALLED)
+
+
+def _place(found: object, path: str) -> tuple[object, str]:
+    owner, _, attribute = path.rpartition(".")
+    for step in owner.split(".") if owner else ():
+        found = getattr(found, step, None)
+    return found, attribute
+
+
+def _parts(hint: Any) -> tuple[Any, ...]:
+    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+
+
+def _shown(hint: Any, value: object) -> object:
+    parts = _parts(hint)
+    if isinstance(value, (np.ndarray, np.generic)):
+        # Long signals are numbers throughout.
+        if value.ndim and np.isfinite(value).all():
+            return value.tolist()
+        value = value.tolist()
+    if isinstance(value, float):
+        return value if math.isfinite(value) or NoneType not in parts else None
+    if value is None or hint is Any or isinstance(value, (str, int, BaseModel)):
+        return value
+    if isinstance(value, EffectChoice):
+        return show_choice(value)
+    if isinstance(value, Errors):
+        return show_figures(value)
+    hint = next(part for part in parts if part is not NoneType)
+    inner = get_args(hint)
+    if isinstance(value, (tuple, list)) and get_origin(hint) is tuple:
+        return tuple(_shown(part, one) for part, one in zip(inner, value, strict=True))
+    if isinstance(value, (tuple, list)) and get_origin(hint) is not dict:
+        return [_shown(inner[0], one) for one in value]
+    if isinstance(value, (Mapping, tuple)):
+        return {name: _shown(inner[1], one) for name, one in dict(value).items()}
+    return shown(hint, value)
+
+
+def _known(hint: Any, told: Mapping[str, tuple[FieldInfo, object]]) -> object:
+    """The value of a field of the science, of one field that was shown or of several that hold its own."""
+    if "" in told:
+        one, value = told[""]
+        return _back(hint, value, _at(one).null)
+    flat = {name: _back(hint_of(hint, one), told[one.name][1]) for one in fields(hint) if (name := one.name) in told}
+    return hint(**flat)
+
+
+def _back(hint: Any, value: object, null: float | tuple[float, float] = math.nan) -> object:
+    parts = _parts(hint)
+    if value is None:
+        return None if NoneType in parts else null
+    hint = next(part for part in parts if part is not NoneType)
+    if isinstance(value, common.EffectChoice):
+        return choice_of(value)
+    if isinstance(value, BaseModel):
+        return known(hint, value) if isinstance(hint, type) and is_dataclass(hint) else value
+    if isinstance(value, dict) and get_origin(hint) is tuple:
+        return tuple(sorted(value.items()))
+    if not isinstance(value, (list, tuple)):
+        return value
+    if get_origin(hint) is not tuple:
+        return np.array(value, dtype=np.float64)
+    if isinstance(null, tuple):
+        return tuple(end if one is None else one for one, end in zip(value, null, strict=True))
+    return tuple(_back(get_args(hint)[0], one) for one in value)

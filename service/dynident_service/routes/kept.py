@@ -1,0 +1,55 @@
+"""The routes that all resources which a job computes have: listed, shown, deleted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query
+
+from dynident_service.models.common import Computed, Page
+from dynident_service.routes.common import ListQueryDep, computed, page_of
+from dynident_service.services import ServicesDep
+from dynident_service.storage.records import Kind
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A kind of resource, and what its routes are called and say in the contract.
+
+    `of` is the kind that each of them rests on, and its list may be asked for; `several` and `one` are in the names
+    of the operations, `listed`, `shown` and `deleted` their descriptions.
+    """
+
+    kind: Kind
+    view: type[Computed[Any, Any]]
+    of: Kind
+    several: str
+    one: str
+    listed: str
+    shown: str
+    deleted: str
+
+
+def keep(router: APIRouter, kept: Kept) -> None:
+    """Add the three routes of a kind."""
+
+    def listed(services: ServicesDep, query: ListQueryDep, on_id: str | None = None) -> object:
+        return page_of(services, kept.kind, query, lambda one: computed(kept.view, one), on_id)
+
+    def shown(identifier: str, services: ServicesDep) -> object:
+        return computed(kept.view, services.resources.get(kept.kind, identifier))
+
+    def deleted(identifier: str, services: ServicesDep) -> None:
+        services.resources.delete(kept.kind, identifier)
+
+    # Parameters are called after the kinds.
+    named = Annotated[str, Path(alias=f"{kept.kind}_id")]
+    shown.__annotations__["identifier"] = deleted.__annotations__["identifier"] = named
+    listed.__annotations__["on_id"] = Annotated[str | None, Query(alias=f"{kept.of}_id")]
+    listed.__annotations__["return"] = Page.__class_getitem__(kept.view)
+    shown.__annotations__["return"] = kept.view
+    at = f"/{{{kept.kind}_id}}"
+    router.get("", name=f"list_{kept.several}", description=kept.listed)(listed)
+    router.get(at, name=f"get_{kept.one}", description=kept.shown)(shown)
+    router.delete(at, status_code=204, name=f"delete_{kept.one}", description=kept.deleted)(deleted)
