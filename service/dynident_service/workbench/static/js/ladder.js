@@ -8,10 +8,8 @@ import { computed, progressBar } from "./jobs.js";
 import { jointsFigure, totalsFigure } from "./ladder_figures.js";
 import { address, go } from "./location.js";
 import { problemBox } from "./problem.js";
+import { worsened } from "./step.js";
 import { changeOf, twoLadders } from "./two_ladders.js";
-
-// Without a superfluous effect the error stays as it is, but for rounding and noise.
-const UNCHANGED = 1.005;
 
 /** Of a model that came from another; of a first model only the comparison with others. */
 export function ladderSection(model, signal) {
@@ -24,7 +22,7 @@ export function ladderSection(model, signal) {
     "section",
     { "aria-labelledby": "ladder-title" },
     h("h2", { id: "ladder-title", tabindex: "-1" }, "Ladder"),
-    h("p", { class: fell(model) ? "box good" : "box warning", id: "step" }, stepInWords(model)),
+    h("p", { class: isBetter(worseIn(model)) ? "box good" : "box warning", id: "step" }, stepInWords(model)),
     h("div", { class: "two" }, totalsFigure(rungs, heldOut), jointsFigure(errors, model.joints, kind)),
     rungTable(model, rungs, heldOut, signal),
     jointTable(model, errors, kind),
@@ -46,19 +44,24 @@ export function stepInWords(model) {
   const change = (name, from, to) => `${name} ${percent(from.relative_total)} → ${percent(to.relative_total)}`;
   const parts = [change("error of the fit", before.residual, after.residual)];
   if (before.validation && after.validation) parts.unshift(change("held-out error", before.validation, after.validation));
+  const worse = worseIn(model);
+  const where = worse.joints.length ? ` Worse than before on ${worse.joints.join(", ")}: see the table per joint before you keep it.` : "";
   if (after.removed.length) {
-    const loss = fell(model) ? " It was not missed." : " The error is larger without it.";
-    return `Removed ${names(after.removed)}: ${parts.join(", ")}.${loss}`;
+    const loss = worse.total ? " The error is larger without it." : worse.joints.length ? "" : " It was not missed.";
+    return `Removed ${names(after.removed)}: ${parts.join(", ")}.${loss}${where}`;
   }
-  const advice = fell(model) ? "" : " It did not help on data that the fit has not seen: think before you keep it.";
-  return `Added ${names(after.added)}: ${parts.join(", ")}.${advice}`;
+  const unseen = before.validation && after.validation ? " on data that the fit has not seen" : "";
+  const advice = worse.total ? ` It did not help${unseen}: think before you keep it.` : "";
+  return `Added ${names(after.added)}: ${parts.join(", ")}.${advice}${where}`;
 }
 
-function fell(model) {
+function worseIn(model) {
   const { before, after } = lastStep(model);
-  const kind = before.validation && after.validation ? "validation" : "residual";
-  const allowed = after.removed.length ? UNCHANGED : 1;
-  return after[kind].relative_total < allowed * before[kind].relative_total;
+  return worsened(before, after, model.joints);
+}
+
+function isBetter(worse) {
+  return !worse.total && !worse.joints.length;
 }
 
 function rungTable(model, rungs, heldOut, signal) {
@@ -73,7 +76,7 @@ function rungTable(model, rungs, heldOut, signal) {
     cells.push(removeButton(model, one, signal));
     return row(cells, { class: here ? "chosen" : null });
   });
-  return [table("Models, first to last, all joints", head, rows, { id: "ladder-table" }), h("p", { id: "best-rung" }, bestInWords(rungs))];
+  return [table("Models, first to last, all joints", head, rows, { id: "ladder-table" }), h("p", { id: "best-rung" }, bestInWords(rungs), keepBest(model, rungs))];
 }
 
 /** What a rung is on held-out data. */
@@ -87,6 +90,13 @@ function bestInWords(rungs) {
   if (best < 0) return "";
   const found = `Model ${best + 1} predicts held-out data best`;
   return rises < 0 ? `${found}.` : `${found}; from model ${rises + 1} on the held-out error is larger: what was added there does not help.`;
+}
+
+/** A way back to the best rung; what an extension made on its way is no model that could be gone to. */
+function keepBest(model, rungs) {
+  const best = rungs.findIndex((one) => one.best);
+  if (best < 0 || rungs[best].id === model.id || rungs[best].part_of) return null;
+  return [" ", h("a", { class: "button", id: "keep-best", href: address({ identification: rungs[best].id, joint: model.joint }) }, `Keep the best: model ${best + 1}`)];
 }
 
 /** Takes what a rung added out of the model that is looked at; the other rungs stay. */

@@ -1,0 +1,23 @@
+// Whether a step of the ladder is one to keep: an error that falls in total may rise on one joint.
+
+// Rounding and noise move an error by this much though nothing has changed.
+const UNCHANGED = 1.005;
+
+/**
+ * What got worse from one rung to the next: { total, joints }, on held-out data where both rungs have it. `total` says
+ * that the error of all joints together rose (an effect added has to lower it), `joints` names those that got worse.
+ */
+export function worsened(before, after, joints) {
+  const kind = before.validation && after.validation ? "validation" : "residual";
+  const [from, to] = [before[kind], after[kind]];
+  const allowed = after.removed.length ? UNCHANGED : 1;
+  return {
+    total: !(to.relative_total < allowed * from.relative_total),
+    joints: joints.filter((_, index) => rose(from.relative[index], to.relative[index])),
+  };
+}
+
+/** A joint without an error, one that does not move, is no worse. */
+function rose(from, to) {
+  return from !== null && to !== null && to > UNCHANGED * from;
+}

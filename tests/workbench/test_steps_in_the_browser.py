@@ -1,0 +1,50 @@
+"""What the workbench says of a step of the ladder, in a real Chromium, against a live service."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
+pytestmark = pytest.mark.slow
+
+SHOW = """async ([rungs, shown]) => {
+  const { ladderSection } = await import('/workbench/js/ladder.js');
+  const model = {
+    id: shown, joints: ['shoulder', 'elbow'], joint: 'elbow', rungs, measurement: null, robot: { id: 'none' },
+    identification: { id: shown, parent_id: rungs.at(-2).id, robot_id: 'none' },
+    effects: { items: [], byId: new Map() }, contains: () => false, addEventListener: () => {},
+  };
+  document.getElementById('main').replaceChildren(ladderSection(model, new AbortController().signal));
+}"""
+
+
+def rung(name: str, held_out: list[float], total: float, **more: Any) -> dict[str, Any]:
+    errors = {"relative": held_out, "relative_total": total, "moving": None}
+    made: dict[str, Any] = {"id": name, "added": [], "removed": [], "n_parameters": 10, "part_of": None}
+    return {**made, "best": False, "rises": False, "residual": errors, "validation": errors, **more}
+
+
+def test_a_joint_that_got_worse_is_warned_of_though_the_whole_error_fell(page: Any) -> None:
+    page.goto("/?view=new")
+    page.locator("#new-robot").wait_for()
+    page.evaluate(SHOW, [[rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.07], 0.09, best=True)], "b"])
+    expect(page.locator("#step")).to_contain_class("warning")
+    expect(page.locator("#step")).to_contain_text("Worse than before on elbow")
+    expect(page.locator("#keep-best")).to_have_count(0)
+
+    page.evaluate(SHOW, [[rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.05], 0.09, best=True)], "b"])
+    expect(page.locator("#step")).to_contain_class("good")
+
+
+def test_the_best_model_of_a_ladder_is_gone_back_to_by_the_keyboard(page: Any) -> None:
+    page.goto("/?view=new")
+    page.locator("#new-robot").wait_for()
+    page.evaluate(SHOW, [[rung("a", [0.2, 0.05], 0.16, best=True), rung("b", [0.3, 0.05], 0.21, rises=True)], "b"])
+    expect(page.locator("#step")).to_contain_class("warning")
+    page.route("**/v1/identifications/a", lambda route: route.fulfill(status=404, body=json.dumps({"title": "none"})))
+    page.locator("#keep-best").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/?identification=a&joint=elbow")
