@@ -80,7 +80,8 @@ def search(
             progress(
                 budget.fraction(before + sum(one.share_done for one in heat)),
                 f"start {start.number + 1}, iteration {start.iterations}: criterion {np.exp(at.criterion):.4g}, "
-                f"tightest limit at {100 * (1 + at.worst):.0f} %",
+                f"tightest limit at {100 * (1 + at.worst):.0f} %; best within the limits "
+                f"{found.best.values.criterion:.4g}, best random {candidates[0].values.criterion:.4g}",
             )
 
         for rounds in (_SKETCH, len(_ITERATIONS)):
