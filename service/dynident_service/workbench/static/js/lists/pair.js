@@ -58,14 +58,12 @@ function errors(models, names) {
     return row([name, ...four.flatMap(([one, other]) => [numeric(percent(one), one), numeric(percent(other), other), { class: "n", text: change(one, other) }])], name === "all joints" ? { class: "total" } : {});
   });
   const right = (text) => ({ text, class: "n" });
-  const head = ["joint", ...["held out", "fit"].flatMap((kind) => [right(`${names[0]}, ${kind}`), right(`${names[1]}, ${kind}`), right("change")])];
+  const head = ["joint", ...["held out", "fit"].flatMap((kind) => [right(`${names[0]}, ${kind}`), right(`${names[1]}, ${kind}`), right("second over first")])];
   return part("Errors", table("Relative errors by joint", head, rows, { id: "pair-errors" }));
 }
 
 function change(one, other) {
-  if (!one || other === null) return "–";
-  const by = other / one - 1;
-  return `${by > 0 ? "+" : ""}${percent(by, 2)}`;
+  return one && other !== null ? `× ${number(other / one)}` : "–";
 }
 
 function parameters(models, names) {
