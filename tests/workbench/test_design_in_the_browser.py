@@ -33,8 +33,8 @@ def test_an_experiment_is_designed_taken_along_and_made_by_a_virtual_robot(
     page: Any, heard: Any, tmp_path: Path
 ) -> None:
     robot = heavy_arm(page)
-    page.goto(f"/?view=robots")
-    page.get_by_role("link", name="Design").last.click()
+    page.goto("/?view=robots")
+    page.locator(f"tr[data-id={robot}]").get_by_role("link", name="Design").click()
     page.get_by_label("Largest velocity of elbow").fill("4")
     for joint in ("shoulder", "elbow"):
         page.get_by_label(f"Noise of {joint}").fill("0.1")
@@ -74,11 +74,11 @@ def test_an_experiment_that_cannot_be_says_where_and_keeps_what_was_filled_in(pa
     robot = heavy_arm(page)
     page.goto(f"/?view=design&robot={robot}")
     page.get_by_label("Tell these two apart").check()
-    page.get_by_label("First effect").select_option("coulomb")
+    page.get_by_label("First effect", exact=True).select_option("coulomb")
     page.fill("#design-duration", "-1")
     page.click("#run-design")
     expect(page.locator("[data-pointer='/trajectory/duration'] .complaint")).to_be_visible()
-    expect(page.get_by_label("First effect")).to_have_value("coulomb")
+    expect(page.get_by_label("First effect", exact=True)).to_have_value("coulomb")
 
 
 def test_the_next_experiment_of_a_diagnosis_is_filled_in(page: Any) -> None:

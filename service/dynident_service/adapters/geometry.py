@@ -14,9 +14,7 @@ def describe_geometry(robot: Robot) -> wire.GeometryView:
     return wire.GeometryView(
         joints=list(robot.joint_names),
         frames=[_frame(robot, place) for place in range(robot.tree.n)],
-        capsules=[
-            _capsule(body.joint, enclosing_capsule(shape)) for body in found.bodies for shape in body.shapes
-        ],
+        capsules=[_capsule(body.joint, enclosing_capsule(shape)) for body in found.bodies for shape in body.shapes],
         notes=list(found.notes),
     )
 
@@ -46,6 +44,4 @@ def _follows(robot: Robot, place: int) -> tuple[list[float] | None, float]:
 
 def _capsule(joint: int, capsule: Capsule) -> wire.CapsuleView:
     start, end = ((float(x), float(y), float(z)) for x, y, z in (capsule.start, capsule.end))
-    return wire.CapsuleView(
-        frame=None if joint == BASE else joint, start=start, end=end, radius=float(capsule.radius)
-    )
+    return wire.CapsuleView(frame=None if joint == BASE else joint, start=start, end=end, radius=float(capsule.radius))

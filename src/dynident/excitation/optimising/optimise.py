@@ -71,6 +71,7 @@ def search(
     """The same step by step: what there is at first, after every sketch of a start and after its end."""
     found = Optimisation(candidates[0], 0, budget.spent)
     yield found
+    latest = [found]  # What is told of an iteration has the best of that moment.
     wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
     for first in range(0, wanted, _HEAT):
         heat = [_Start(problem, k, candidates[k].x) for k in range(first, min(first + _HEAT, wanted))]
@@ -81,7 +82,7 @@ def search(
                 budget.fraction(before + sum(one.share_done for one in heat)),
                 f"start {start.number + 1}, iteration {start.iterations}: criterion {np.exp(at.criterion):.4g}, "
                 f"tightest limit at {100 * (1 + at.worst):.0f} %; best within the limits "
-                f"{found.best.values.criterion:.4g}, best random {candidates[0].values.criterion:.4g}",
+                f"{latest[0].best.values.criterion:.4g}, best random {candidates[0].values.criterion:.4g}",
             )
 
         for rounds in (_SKETCH, len(_ITERATIONS)):
@@ -93,7 +94,7 @@ def search(
                 start.advance(rounds, budget, partial(told, start))
                 reached = _within_limits(start.x, shrinking, judge)
                 worth[start.number] = np.inf if reached is None else reached.values.criterion
-                found = _with(found, reached, start.finished, budget)
+                found = latest[0] = _with(found, reached, start.finished, budget)
                 yield found
 
 

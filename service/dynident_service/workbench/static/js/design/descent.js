@@ -15,12 +15,13 @@ export function descent(jobId, signal) {
   const words = h("p", { class: "note", role: "status" });
   const element = h("section", { hidden: true, id: "descent", "aria-label": "The criterion while it is sought" }, h("h2", {}, "The criterion, falling"), words, chart);
   let drawn = null;
+  let ended = false;
 
   function show() {
-    element.hidden = shares.length < 2;
+    element.hidden = !shares.length;
     if (element.hidden || !element.isConnected) return;
     const data = [shares, best, random];
-    words.textContent = `${number(best.at(-1))} so far, within all limits; the best random motion has ${number(random.at(-1))}. Smaller is better.`;
+    words.textContent = `${number(best.at(-1))} ${ended ? "in the end" : "so far"}, within all limits; the best random motion has ${number(random.at(-1))}. Smaller is better.`;
     if (drawn) drawn.setData(data);
     else drawn = plot(chart, options(), data, signal);
   }
@@ -31,21 +32,30 @@ export function descent(jobId, signal) {
     show();
   }
 
+  function add(share, own, other) {
+    shares.push(100 * share);
+    best.push(own);
+    random.push(other);
+    show();
+  }
+
+  /** What came of it, once it is known. */
+  function end({ criterion_values: own, baseline_values: other }) {
+    ended = true;
+    if (own.criterion && other?.criterion) add(1, own.criterion, other.criterion);
+  }
+
   async function listen() {
     for await (const event of events(jobId, signal)) {
       const found = TOLD.exec(event.message ?? "");
-      if (!found) continue;
-      shares.push(100 * event.fraction);
-      best.push(Number(found[1]));
-      random.push(Number(found[2]));
-      show();
+      if (found && !ended) add(event.fraction, Number(found[1]), Number(found[2]));
     }
   }
 
   onColours(redraw, signal);
   // The chart is an extra: without it the bar still tells how far the search is.
-  listen().catch(() => {});
-  return { element, show };
+  const told = listen().catch(() => {});
+  return { element, end: (result) => told.then(() => end(result)) };
 }
 
 function options() {

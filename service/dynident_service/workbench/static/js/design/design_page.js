@@ -67,6 +67,7 @@ async function onePage(target, id, signal) {
     if (first.status !== "succeeded") put(body, bar.element);
     const design = first.status === "succeeded" ? first : await computed("/designs", first, bar.update, signal);
     if (design !== first) announce("The design is there");
+    course.end(design.result);
     await designResult(body, design, robot, signal);
   } catch (error) {
     if (signal.aborted) return;
