@@ -87,6 +87,7 @@ def search(
     if before is not None:
         found = Optimisation(Candidate(before.best, judge.values(before.best)), before.completed, budget.spent)
     yield found
+    latest = [found]  # What is told of an iteration has the best of that moment.
     wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
     for first in range(0 if before is None else before.first, wanted, _HEAT):
         heat = [_Start(problem, k, candidates[k].x) for k in range(first, min(first + _HEAT, wanted))]
@@ -99,7 +100,8 @@ def search(
             progress(
                 budget.fraction(before + sum(one.share_done for one in heat)),
                 f"start {start.number + 1}, iteration {start.iterations}: criterion {np.exp(at.criterion):.4g}, "
-                f"tightest limit at {100 * (1 + at.worst):.0f} %",
+                f"tightest limit at {100 * (1 + at.worst):.0f} %; best within the limits "
+                f"{latest[0].best.values.criterion:.4g}, best random {candidates[0].values.criterion:.4g}",
             )
 
         for rounds in (_SKETCH, len(_ITERATIONS)):
@@ -113,7 +115,7 @@ def search(
                     course.checkpoints.keep(partial(_reached, candidates, found, first, heat, budget))
                 reached = _within_limits(start.x, shrinking, judge)
                 worth[start.number] = np.inf if reached is None else reached.values.criterion
-                found = _with(found, reached, start.finished, budget)
+                found = latest[0] = _with(found, reached, start.finished, budget)
                 start.counted = start.finished
                 yield found
 

@@ -49,6 +49,16 @@ export function post(path, body, { key = "", signal = undefined } = {}) {
   return ask("POST", path, { headers, body: JSON.stringify(body), signal });
 }
 
+/** Change a resource: what is not given stays. */
+export function patch(path, body) {
+  return ask("PATCH", path, { headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
+}
+
+/** Delete a resource; 409 with its dependents while others rest on it. */
+export function remove(path) {
+  return ask("DELETE", path, {});
+}
+
 /** Upload a recording; `onProgress` is told the share that has gone. */
 export function upload(file, metadata, onProgress) {
   const form = new FormData();

@@ -9,6 +9,14 @@ import { modelPage } from "./model_page.js";
 import { ModelList } from "./model_list.js";
 import { problemBox } from "./problem.js";
 
+// Views that are read when they are opened: what most visits do without is not waited for.
+const VIEWS = {
+  models: () => import("./lists/models_page.js"),
+  jobs: () => import("./lists/jobs_page.js"),
+  robots: () => import("./lists/robots_page.js"),
+  recordings: () => import("./lists/recordings_page.js"),
+  design: () => import("./design/design_page.js"),
+};
 const main = document.getElementById("main");
 const list = new ModelList(document.getElementById("models"));
 let running = new AbortController();
@@ -17,7 +25,7 @@ let shown = null;
 /** Show what the address asks for, unless it is shown already. */
 async function show({ anew = false } = {}) {
   const wanted = asked();
-  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot]);
+  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot, wanted.design, wanted.diagnosis, wanted.pair]);
   if (view === shown && !anew) return;
   shown = view;
   running.abort();
@@ -29,6 +37,7 @@ async function show({ anew = false } = {}) {
   scrollTo(0, 0);
   try {
     if (wanted.view === "new") await beginPage(main, wanted, signal);
+    else if (VIEWS[wanted.view]) await (await VIEWS[wanted.view]()).page(main, wanted, signal);
     else if (wanted.identification) await modelPage(main, wanted, signal);
     else await firstView(signal);
   } catch (error) {
@@ -48,7 +57,7 @@ async function firstView(signal) {
 }
 
 function navigation(view) {
-  const links = [["", "Models"], ["new", "New model"]];
+  const links = [["", "Model"], ["models", "Models"], ["new", "New model"], ["design", "Design"], ["robots", "Robots"], ["recordings", "Recordings"], ["jobs", "Jobs"]];
   put(
     document.getElementById("views"),
     links.map(([name, text]) =>

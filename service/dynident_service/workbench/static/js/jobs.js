@@ -74,9 +74,10 @@ export function progressBar(jobId, label) {
   return { element, update };
 }
 
-/** Tell a listener whenever a job began, moved or ended, whoever asked for it. */
-export function onJobs(listener) {
+/** Tell a listener whenever a job began, moved or ended, whoever asked for it; until `signal` aborts. */
+export function onJobs(listener, signal = undefined) {
   listeners.add(listener);
+  signal?.addEventListener("abort", () => listeners.delete(listener));
 }
 
 /** Look for running jobs now and from time to time, and show them in `target`. */

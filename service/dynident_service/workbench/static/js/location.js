@@ -1,6 +1,6 @@
 // What the page shows is in its address: it can be shared, reloaded, and gone back to.
 
-const NAMES = ["view", "identification", "joint", "measurement", "robot"];
+const NAMES = ["view", "identification", "joint", "measurement", "robot", "design", "diagnosis", "pair", "sort", "filter", "archived"];
 
 /** What the address asks for: { view, identification, joint, measurement, robot }, "" where it says nothing. */
 export function asked() {

@@ -1,0 +1,47 @@
+"""The geometry of a robot for the wire."""
+
+from __future__ import annotations
+
+from dynident.robot import Robot
+from dynident.robot.collision import BASE, collision_geometry
+from dynident.robot.shapes import Capsule, enclosing_capsule
+from dynident_service.models import geometry as wire
+
+
+def describe_geometry(robot: Robot) -> wire.GeometryView:
+    """Describe where a robot's links are; those without collision geometry have a frame only."""
+    found = collision_geometry(robot.tree)
+    return wire.GeometryView(
+        joints=list(robot.joint_names),
+        frames=[_frame(robot, place) for place in range(robot.tree.n)],
+        capsules=[_capsule(body.joint, enclosing_capsule(shape)) for body in found.bodies for shape in body.shapes],
+        notes=list(found.notes),
+    )
+
+
+def _frame(robot: Robot, place: int) -> wire.FrameView:
+    joint = robot.tree.joints[place]
+    ratios, offset = _follows(robot, place)
+    x, y, z = (float(value) for value in joint.axis)
+    return wire.FrameView(
+        name=joint.name,
+        type=joint.kind,
+        parent=None if joint.parent < 0 else joint.parent,
+        placement=joint.placement.tolist(),
+        axis=(x, y, z),
+        ratios=ratios,
+        offset=offset,
+    )
+
+
+def _follows(robot: Robot, place: int) -> tuple[list[float] | None, float]:
+    """How a joint of the tree follows the robot's joints: ratios (n,) and offset; none where a loop determines it."""
+    if robot.linkage is None:
+        return [float(place == other) for other in range(robot.n)], 0.0
+    own, offset = robot.linkage.ratios[place], float(robot.linkage.offsets[place])
+    return (None if own[robot.n :].any() else own[: robot.n].tolist()), offset
+
+
+def _capsule(joint: int, capsule: Capsule) -> wire.CapsuleView:
+    start, end = ((float(x), float(y), float(z)) for x, y, z in (capsule.start, capsule.end))
+    return wire.CapsuleView(frame=None if joint == BASE else joint, start=start, end=end, radius=float(capsule.radius))

@@ -1,0 +1,44 @@
+"""Where a robot's links are, on the wire: enough to draw it in any posture."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from dynident_service.models.common import Shown
+
+Point = tuple[float, float, float]
+
+
+class FrameView(Shown):
+    """The frame of a joint that carries a link; it moves with its joint."""
+
+    name: str
+    type: Literal["revolute", "prismatic"]
+    parent: int | None = Field(description="Place of the frame before it in the list; null on the base")
+    placement: list[list[float]] = Field(description="4 x 4: from this frame at zero position to the one before it")
+    axis: Point = Field(description="Unit vector in this frame that the joint turns about or slides along")
+    ratios: list[float] | None = Field(
+        description="Its position is the sum of ratio x position of the robot's joints, plus offset; null where a "
+        "closed loop determines it"
+    )
+    offset: float = Field(description="rad or m")
+
+
+class CapsuleView(Shown):
+    """All points within a radius of a segment, fixed to a frame: encloses a part of the link's collision geometry."""
+
+    frame: int | None = Field(description="Place of the frame that it moves with; null on the base")
+    start: Point = Field(description="m")
+    end: Point = Field(description="m")
+    radius: float = Field(description="m")
+
+
+class GeometryView(Shown):
+    """What a picture of the robot needs; lengths in m, angles in rad."""
+
+    joints: list[str] = Field(description="The robot's joints, in the order of ratios")
+    frames: list[FrameView] = Field(description="Each behind the one that it stands on")
+    capsules: list[CapsuleView]
+    notes: list[str] = Field(description="What of the geometry could not be read")

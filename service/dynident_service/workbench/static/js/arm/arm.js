@@ -1,0 +1,134 @@
+// The arm in motion: drawn from the geometry that the API gives, turned by dragging, with a slider of time.
+
+import { get } from "../api.js";
+import { h, put } from "../dom.js";
+import { quantity } from "../format.js";
+import { onColours } from "../plots.js";
+import { draw } from "./drawing.js";
+import { BASE, framesAt, origin, segmentsAt } from "./kinematics.js";
+
+const POSES_OF_PATH = 300;
+const STEP = 0.12; // rad a key
+
+/**
+ * Show a robot's motion in `element`.
+ *
+ * `times` (s) and `positions` ([sample][joint], rad or m) are those of its joints in the robot's order. Gives
+ * { show(time), element }; `onTime(time)` is told when a person moves the arm to another time. Without `positions` the
+ * arm stands at zero. Nothing goes on after `signal` aborts.
+ */
+export async function mountArm(element, { robotId, times = [0], positions = null, onTime = () => {}, signal = undefined }) {
+  const geometry = await get(`/robots/${robotId}/geometry`, {}, signal);
+  const motion = positions ?? [geometry.joints.map(() => 0)];
+  const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, motion) } };
+  const path = pathOf(geometry, motion);
+  const canvas = h("canvas", { class: "arm", tabindex: "0", role: "img", "aria-label": "The arm. Drag or use the arrow keys to turn it; plus and minus change its size." });
+  const slider = h("input", { type: "range", min: times[0], max: times.at(-1), step: "any", value: times[0], "aria-label": "Time in s", oninput: () => moved(Number(slider.value)) });
+  const clock = h("output", { class: "note" });
+  const play = h("button", { type: "button", class: "small", onclick: () => (state.playing ? stop() : start()) }, "Play");
+
+  function show(time) {
+    state.time = Math.min(Math.max(time, times[0]), times.at(-1));
+    slider.value = state.time;
+    clock.textContent = quantity(state.time, "s");
+    const frames = framesAt(geometry, motion[before(times, state.time)]);
+    canvas.dataset.origins = JSON.stringify(frames.map((pose) => pose && origin(pose)));
+    draw(canvas, state.view, segmentsAt(geometry, frames, 0.025 * state.view.reach), [BASE, ...frames], path);
+  }
+
+  function moved(time) {
+    show(time);
+    onTime(state.time);
+  }
+
+  function start() {
+    const from = state.time >= times.at(-1) ? times[0] : state.time;
+    const began = performance.now();
+    play.textContent = "Pause";
+    const next = (now) => {
+      if (signal?.aborted || !canvas.isConnected) return;
+      const time = from + (now - began) / 1000;
+      moved(time);
+      if (time >= times.at(-1)) stop();
+      else state.playing = requestAnimationFrame(next);
+    };
+    state.playing = requestAnimationFrame(next);
+  }
+
+  function stop() {
+    cancelAnimationFrame(state.playing);
+    state.playing = null;
+    play.textContent = "Play";
+  }
+
+  const turn = (right, up) => {
+    state.view.turn -= right;
+    state.view.tilt = Math.min(Math.max(state.view.tilt + up, -1.57), 1.57);
+    show(state.time);
+  };
+  const size = (factor) => {
+    state.view.reach *= factor;
+    show(state.time);
+  };
+  const keys = { ArrowLeft: () => turn(-STEP, 0), ArrowRight: () => turn(STEP, 0), ArrowUp: () => turn(0, STEP), ArrowDown: () => turn(0, -STEP), "+": () => size(0.8), "-": () => size(1.25) };
+  canvas.addEventListener("keydown", (event) => {
+    if (!keys[event.key] || event.ctrlKey || event.metaKey) return;
+    event.preventDefault();
+    keys[event.key]();
+  });
+  canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
+  canvas.addEventListener("pointermove", (event) => {
+    if (canvas.hasPointerCapture(event.pointerId)) turn(event.movementX / 120, event.movementY / 120);
+  });
+
+  const loops = geometry.frames.filter((one) => !one.ratios).map((one) => one.name);
+  const notes = [
+    geometry.capsules.length ? "" : "The description has no collision geometry that can be read: rods stand for the links.",
+    loops.length ? `Not drawn, because a closed loop moves it: ${loops.join(", ")}.` : "",
+  ].filter(Boolean).join(" ");
+  put(element, canvas, h("p", { class: "arm-time" }, times.length > 1 ? [play, slider, clock] : null),
+    h("p", { class: "note" }, "Axes x, y, z in orange, green, blue; the line is the way of the last joint's origin. Drag to turn. ", notes));
+  const observer = new ResizeObserver(() => canvas.clientWidth && show(state.time));
+  observer.observe(canvas);
+  signal?.addEventListener("abort", () => observer.disconnect());
+  onColours(() => show(state.time), signal);
+  show(state.time);
+  return { show, element };
+}
+
+/** The last sample that is not after a time. */
+function before(times, time) {
+  let [low, high] = [0, times.length - 1];
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (times[middle] <= time) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}
+
+function some(motion) {
+  const step = Math.max(1, Math.floor(motion.length / POSES_OF_PATH));
+  return motion.filter((_, index) => index % step === 0);
+}
+
+function pathOf(geometry, motion) {
+  return some(motion).map((posture) => framesAt(geometry, posture).findLast(Boolean)).filter(Boolean).map(origin);
+}
+
+/** Middle and reach of all that the motion sweeps. */
+function extent(geometry, motion) {
+  const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+  for (const posture of some(motion)) {
+    for (const { start, end, radius } of segmentsAt(geometry, framesAt(geometry, posture), 0.02)) {
+      for (const point of [start, end]) {
+        point.forEach((value, k) => {
+          low[k] = Math.min(low[k], value - radius);
+          high[k] = Math.max(high[k], value + radius);
+        });
+      }
+    }
+  }
+  const middle = low.map((value, k) => (value + high[k]) / 2);
+  return { middle, reach: Math.max(0.1, Math.hypot(...low.map((value, k) => high[k] - value)) / 2) };
+}

@@ -1,0 +1,86 @@
+// The view that designs an experiment: what is wanted, how the search goes, what it found.
+
+import { get } from "../api.js";
+import { announce, field, h, put, row, select, table } from "../dom.js";
+import { moment, number } from "../format.js";
+import { computed, progressBar } from "../jobs.js";
+import { address, go } from "../location.js";
+import { problemBox } from "../problem.js";
+import { descent } from "./descent.js";
+import { designForm } from "./design_form.js";
+import { designResult } from "./design_result.js";
+import { proposalOf, proposals } from "./proposals.js";
+
+/** With `design` that one, else a form for a new one; with `diagnosis` filled in as it proposes. */
+export async function page(target, wanted, signal) {
+  document.title = "Design: dynident";
+  if (wanted.design) return onePage(target, wanted.design, signal);
+  const [{ items: robots }, next] = await Promise.all([get("/robots", { limit: 200 }, signal), wanted.diagnosis ? proposalOf(wanted.diagnosis, signal) : null]);
+  const robot = robots.find((one) => one.id === (next?.design.robot_id ?? wanted.robot)) ?? robots[0];
+  if (!robot) {
+    put(target, h("h1", {}, "Design an experiment"), h("div", { class: "box warning" }, "There is no robot yet. ", h("a", { href: address({ view: "new" }) }, "Make one from its description"), " first."));
+    return;
+  }
+  const choose = select(robots.map((one) => [one.id, one.name]), robot.id, (id) => go({ view: "design", robot: id }), { id: "design-robot" });
+  const [form, proposed, earlier] = await Promise.all([designForm(robot, next?.design ?? {}), next ? null : proposals(robot, signal), earlierDesigns(robot, signal)]);
+  put(
+    target,
+    h("h1", {}, "Design an experiment"),
+    h("p", {}, "A motion within the robot's limits that tells its parameters apart as well as can be."),
+    h("div", { class: "bar-of-fields" }, field("Robot", choose)),
+    next ? nextBox(next) : proposed,
+    form,
+    earlier,
+  );
+}
+
+function nextBox(next) {
+  return h("div", { class: "box" }, h("p", {}, h("strong", {}, "Next experiment, filled in below. "), next.reason),
+    next.instructions?.length ? h("ol", {}, next.instructions.map((step) => h("li", {}, step))) : null);
+}
+
+async function earlierDesigns(robot, signal) {
+  const { items } = await get("/designs", { robot_id: robot.id, limit: 50 }, signal);
+  if (!items.length) return null;
+  const rows = items.map((one) => row([
+    h("a", { href: address({ view: "design", robot: robot.id, design: one.id }) }, one.name ?? `${one.request.kind.replaceAll("_", " ")}, ${one.request.criterion.name.replaceAll("_", " ")}`),
+    moment(one.created_at),
+    h("span", { class: `mark ${one.status}` }, one.status),
+    { class: "n", text: number(one.result?.criterion_values.criterion) },
+    { class: "n", text: number(one.result?.baseline_values?.criterion) },
+  ]));
+  const right = (text) => ({ text, class: "n" });
+  return h("section", { "aria-label": "Designs" }, h("h2", {}, "Designs that are there"), table("Designs of this robot", ["design", "date", "state", right("criterion"), right("best random")], rows, { id: "designs-table" }));
+}
+
+async function onePage(target, id, signal) {
+  const first = await get(`/designs/${id}`, {}, signal);
+  const robot = await get(`/robots/${first.request.robot_id}`, {}, signal);
+  const title = first.name ?? "Design";
+  document.title = `${title}: dynident`;
+  const body = h("div");
+  const course = descent(first.job_id, signal);
+  const bar = progressBar(first.job_id, "Designing");
+  put(target, h("p", {}, h("a", { href: address({ view: "design", robot: robot.id }) }, "← All designs of this robot")), h("h1", {}, title),
+    h("p", { class: "note" }, `${robot.name}; ${moment(first.created_at)}`), body, course.element, again(robot, first));
+  try {
+    if (first.status !== "succeeded") put(body, bar.element);
+    const design = first.status === "succeeded" ? first : await computed("/designs", first, bar.update, signal);
+    if (design !== first) announce("The design is there");
+    course.end(design.result);
+    await designResult(body, design, robot, signal);
+  } catch (error) {
+    if (signal.aborted) return;
+    put(body, problemBox(error), h("p", {}, "Change what is asked below and design it once more."));
+    target.querySelector("#design-again").open = true;
+  }
+}
+
+/** The form with what was asked, so that a second try is not typed anew. */
+function again(robot, design) {
+  const place = h("div");
+  const fill = async (event) => {
+    if (event.target.open && !place.firstChild) put(place, await designForm(robot, design.request));
+  };
+  return h("details", { id: "design-again", ontoggle: fill }, h("summary", {}, "Change what is asked and design it once more"), place);
+}

@@ -1,0 +1,96 @@
+// A design that is found: its worth, its motion with the arm, what it promises, and what to do with it.
+
+import { file, get } from "../api.js";
+import { announce, h, numeric, put, row, table } from "../dom.js";
+import { grouped, number, percent, quantity } from "../format.js";
+import { positionUnit } from "../format.js";
+import { problemBox } from "../problem.js";
+import { motionCurves } from "./curves.js";
+import { virtualRobot } from "./virtual.js";
+
+const MOST_POINTS = 1500;
+const FORMATS = [["csv", "CSV: t, q, dq, ddq"], ["parquet", "Parquet"], ["ros2", "ROS 2 JointTrajectory (YAML)"]];
+
+/** Put a design that succeeded into `target`. */
+export async function designResult(target, design, robot, signal) {
+  const { result } = design;
+  const motion = h("section", { "aria-label": "The motion" }, h("h2", {}, "The motion"), h("p", { class: "note" }, "Loading …"));
+  put(target, worth(result), take(design), virtualRobot(design, robot, signal), motion, promises(result), margins(result, robot));
+  await showMotion(motion, design, robot, signal);
+}
+
+function worth({ criterion_values: own, baseline_values: random, duration, n_samples: samples, sampling_rate: rate, notes }) {
+  const better = random?.criterion && own.criterion ? `${number(random.criterion / own.criterion, 2)} times better than the best of ${random.count} random motions` : "";
+  const tiles = [
+    ["criterion", number(own.criterion), better || "smaller is better", "design-criterion"],
+    ["best random motion", number(random?.criterion), random ? `median condition number ${number(random.median_condition_number)}` : "none was asked for"],
+    ["condition number of W", number(own.condition_number), "smaller is better"],
+    ["duration", quantity(duration, "s"), `${grouped(samples)} samples at ${quantity(rate, "Hz")}`],
+  ];
+  return h("section", { "aria-label": "What the design is worth" },
+    h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) => h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ?? null }, value), h("dd", { class: "note" }, more)))),
+    notes.length ? h("details", {}, h("summary", {}, `What to know of it (${notes.length})`), h("ul", {}, notes.map((one) => h("li", {}, one)))) : null);
+}
+
+function take(design) {
+  const said = h("div");
+  const links = FORMATS.map(([format, text]) => {
+    const path = `/v1/designs/${design.id}/trajectory?format=${format}`;
+    return h("a", { class: "button", href: path, "data-format": format, onclick: (event) => { event.preventDefault(); save(path, said); } }, text);
+  });
+  return h("section", { "aria-label": "For the controller" }, h("h2", {}, "For the controller"), h("p", { class: "actions" }, links), h("p", { class: "note" }, "Run it, record positions and torques or currents, then add the recording under New model."), said);
+}
+
+async function save(path, said) {
+  try {
+    const { content, name } = await file(path);
+    const link = h("a", { href: URL.createObjectURL(content), download: name });
+    link.click();
+    URL.revokeObjectURL(link.href);
+    announce(`${name} is saved`);
+  } catch (error) {
+    put(said, problemBox(error));
+  }
+}
+
+async function showMotion(section, design, robot, signal) {
+  const [arm, whole] = await Promise.all([import("../arm/arm.js"), get(`/designs/${design.id}/trajectory`, { format: "json" }, signal)]);
+  const step = Math.ceil(whole.t.length / MOST_POINTS);
+  const motion = Object.fromEntries(["t", "q", "dq", "ddq"].map((name) => [name, whole[name].filter((_, index) => index % step === 0)]));
+  const units = robot.joints.map((one) => positionUnit(one.type === "revolute" ? "N m" : "N"));
+  const place = h("div");
+  let moved = () => {};
+  const curves = motionCurves(motion, design.result, units, (time) => moved(time), signal);
+  put(section, h("h2", {}, "The motion"), h("div", { class: "two" }, place, curves.element));
+  curves.show();
+  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, onTime: curves.mark, signal });
+  moved = (time) => {
+    mounted.show(time);
+    curves.mark(time);
+  };
+  curves.mark(motion.t[0]);
+}
+
+function promises({ expected_parameters: expected }) {
+  if (!expected.length) return null;
+  const stated = expected.some((one) => one.standard_deviation !== null);
+  const right = (text) => ({ text, class: "n" });
+  const rows = expected.map((one) => row([h("code", {}, one.name), one.link, one.effect.replaceAll("_", " "), numeric(quantity(one.standard_deviation, one.unit), one.standard_deviation), numeric(percent(one.share), one.share)]));
+  return h("section", { "aria-label": "What it promises" }, h("h2", {}, "What it promises"),
+    stated ? null : h("p", { class: "note" }, "Standard deviations need the noise of each joint's torque: state it in the table of limits and design once more."),
+    table("Parameters as this motion will determine them", ["parameter", "link", "effect", right("standard deviation"), right("left beside all others")], rows, { id: "promises" }));
+}
+
+function margins({ margins: found }, robot) {
+  const right = (text) => ({ text, class: "n" });
+  const rows = found.map((one) => row([one.joint, one.limit.replaceAll("_", " "), numeric(quantity(one.value, unitOf(one, robot)), one.value), numeric(quantity(one.bound, unitOf(one, robot)), one.bound), numeric(percent(one.share), one.share)]));
+  return h("details", { id: "margins" }, h("summary", {}, `How near it comes to its limits and to itself (${found.length})`),
+    table("Extremes of the motion beside their limits", ["where", "limit", right("extreme"), right("bound"), right("of the room")], rows));
+}
+
+function unitOf({ joint, limit }, robot) {
+  const turns = robot.joints.find((one) => one.name === joint)?.type === "revolute";
+  const position = turns ? "rad" : "m";
+  const units = { position_min: position, position_max: position, velocity: `${position}/s`, acceleration: `${position}/s²`, jerk: `${position}/s³`, torque: turns ? "N m" : "N", power: "W" };
+  return units[limit] ?? "m";
+}

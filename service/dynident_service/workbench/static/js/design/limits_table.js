@@ -1,0 +1,64 @@
+// The limits of the joints as a table: as the robot has them, to be tightened for this experiment.
+
+import { h, row, table } from "../dom.js";
+
+const KINDS = [["velocity", "/s"], ["acceleration", "/s²"], ["jerk", "/s³"]];
+
+/** Inputs for each joint's limits and noise; `read()` gives { limits, noise } with what was changed. */
+export function limitsTable(robot, given) {
+  const inputs = []; // { joint, kind, index, element, before }
+  const head = ["joint", "from", "to", ...KINDS.map(([name, unit]) => `${name} (unit${unit})`), "effort", "power (W)", "noise σ of the torque"];
+  const rows = robot.joints.map((joint) => {
+    const turns = joint.type === "revolute";
+    const wanted = { ...joint.limits, ...dropNull(given.limits?.[joint.name]) };
+    const cell = (kind, value, words, index = null) => {
+      const element = h("input", { type: "number", step: "any", class: "limit", value: value ?? "", "aria-label": `${words} of ${joint.name}` });
+      const pointer = kind === "noise" ? `/noise/${joint.name}` : `/limits/${joint.name}/${kind}`;
+      inputs.push({ joint: joint.name, kind, index, element, own: own(joint, kind, index) });
+      return h("div", { "data-pointer": pointer }, element);
+    };
+    return row([
+      [joint.name, h("span", { class: "note" }, turns ? " rad, N m" : " m, N")],
+      cell("position", wanted.position?.[0], "Lowest position", 0),
+      cell("position", wanted.position?.[1], "Highest position", 1),
+      ...KINDS.map(([kind]) => cell(kind, wanted[kind], `Largest ${kind}`)),
+      cell("effort", wanted.effort, turns ? "Largest torque" : "Largest force"),
+      cell("power", wanted.power, "Largest power"),
+      cell("noise", given.noise?.[joint.name], "Noise"),
+    ]);
+  });
+  const element = h("fieldset", { "data-pointer": "/limits" }, h("legend", {}, "Limits"),
+    h("p", { class: "note" }, "As the robot has them; what you write holds for this experiment. Where a limit of acceleration or jerk is missing, one is assumed and told. With the noise σ (N m or N, of one sample) the standard deviations of the parameters are promised."),
+    table("Limits by joint", head, rows, { id: "limits-table" }));
+  return { element, read: () => read(robot, inputs) };
+}
+
+function read(robot, inputs) {
+  const [limits, noise] = [{}, {}];
+  for (const { joint, kind, index, element, own: before } of inputs) {
+    if (element.value === "" || Number(element.value) === before) continue;
+    const value = Number(element.value);
+    if (kind === "noise") {
+      noise[joint] = value;
+      continue;
+    }
+    limits[joint] ??= {};
+    if (index === null) limits[joint][kind] = value;
+    else limits[joint].position = bothEnds(inputs, joint);
+  }
+  return { limits, noise };
+}
+
+function bothEnds(inputs, joint) {
+  const ends = inputs.filter((one) => one.joint === joint && one.kind === "position");
+  return ends.map(({ element }) => (element.value === "" ? null : Number(element.value)));
+}
+
+function own(joint, kind, index) {
+  const value = kind === "noise" ? null : joint.limits[kind];
+  return (index === null ? value : value?.[index]) ?? null;
+}
+
+function dropNull(limits) {
+  return Object.fromEntries(Object.entries(limits ?? {}).filter(([, value]) => value !== null));
+}

@@ -1,0 +1,23 @@
+// What diagnoses propose as the next experiment for a robot.
+
+import { get } from "../api.js";
+import { h } from "../dom.js";
+import { moment } from "../format.js";
+import { address } from "../location.js";
+
+const LATEST = 50;
+
+/** The next experiment of one diagnosis; null if it has none. */
+export async function proposalOf(diagnosisId, signal) {
+  const { result } = await get(`/diagnoses/${diagnosisId}`, {}, signal);
+  return result?.next_experiment ?? null;
+}
+
+/** Links to the experiments that the newest diagnoses of a robot's models propose. */
+export async function proposals(robot, signal) {
+  const { items } = await get("/diagnoses", { limit: LATEST }, signal);
+  const mine = items.filter((one) => one.result?.next_experiment?.design?.robot_id === robot.id);
+  if (!mine.length) return null;
+  return h("section", { "aria-label": "Proposed" }, h("h2", {}, "Proposed by diagnoses"), h("ul", {}, mine.slice(0, 5).map((one) =>
+    h("li", {}, h("a", { href: address({ view: "design", robot: robot.id, diagnosis: one.id }) }, "Fill it in"), ` ${one.result.next_experiment.reason} `, h("span", { class: "note" }, moment(one.created_at))))));
+}

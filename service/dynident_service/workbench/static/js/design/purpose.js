@@ -1,0 +1,47 @@
+// What an experiment is for, in words, and the criterion that follows from it.
+
+import { field, h, put, select } from "../dom.js";
+
+const LATER = new Set(["parameters", "separation"]); // They need names, which the purposes give.
+
+/** Choices of what the experiment is for; `read()` gives the criterion of the request. */
+export function purposeChoice(robot, effects, criteria, given) {
+  const proposed = given && LATER.has(given.name) ? given : null;
+  const usual = given && !proposed ? given.name : "condition_number";
+  const criterion = select(criteria.filter((one) => !LATER.has(one.name)).map((one) => [one.name, one.label]), usual, () => tell(), { id: "criterion" });
+  const words = h("span", { class: "note" });
+  const pair = [rival(robot, effects, "First effect", "joint_spring"), rival(robot, effects, "Second effect", "gravity_compensator")];
+  const last = robot.joints.length;
+  const ofLast = robot.base_parameters.names.filter((name) => Number(/(\d+)$/.exec(name)?.[1]) === last);
+  const purposes = [
+    ["all", "All parameters", "Every base parameter as well as can be.", h("div", { class: "fields" }, field("Measured by", criterion), words), () => ({ name: criterion.value })],
+    ["payload", "The payload", `What the last link carries shows in its parameters: ${ofLast.join(", ") || "none can be told"}. Run it with the load and without.`, null, () => ({ name: "parameters", parameters: ofLast })],
+    ["separate", "Tell these two apart", "Two effects that look alike in the data at hand.", h("div", { class: "fields" }, pair.map((one) => one.element)), () => ({ name: "separation", effects: pair.map((one) => one.read()) })],
+  ];
+  if (proposed) purposes.unshift(["proposed", "As proposed", inWords(proposed, effects), null, () => proposed]);
+  const more = h("div");
+  const radios = purposes.map(([id, text, about], index) =>
+    h("label", { class: "pick-one" }, h("input", { type: "radio", name: "purpose", value: id, checked: index === 0, onchange: () => choose() }), h("strong", {}, ` ${text} `), h("span", { class: "note" }, about)));
+  const chosen = () => purposes.find(([id]) => id === element.querySelector("input[name=purpose]:checked").value);
+  const tell = () => { words.textContent = criteria.find((one) => one.name === criterion.value).words; };
+  const choose = () => put(more, chosen()[3]);
+  const element = h("fieldset", { class: "list-of-choices", "data-pointer": "/criterion" }, h("legend", {}, "What it is for"), radios, more);
+  tell();
+  choose();
+  return { element, read: () => chosen()[4]() };
+}
+
+function rival(robot, effects, label, usual) {
+  const place = select(robot.joints.map((one) => [one.name, one.name]), robot.joints.at(-1).name, null, { "aria-label": `Joint of the ${label.toLowerCase()}` });
+  const onJoints = (id) => effects.byId.get(id).scope !== "robot";
+  const control = select(effects.items.map((one) => [one.id, one.title]), usual, (id) => { place.hidden = !onJoints(id); });
+  const element = field(label, control);
+  element.append(place);
+  return { element, read: () => ({ effect: control.value, joints: onJoints(control.value) ? [place.value] : [] }) };
+}
+
+function inWords(criterion, effects) {
+  if (criterion.name === "parameters") return `For the parameters ${criterion.parameters.join(", ")}.`;
+  const names = criterion.effects.map((one) => `${effects.byId.get(one.effect)?.title ?? one.effect}${one.joints.length ? ` on ${one.joints.join(", ")}` : ""}`);
+  return `To tell ${names.join(" and ")} from ${names.length > 1 ? "each other and " : ""}the rest of the model.`;
+}

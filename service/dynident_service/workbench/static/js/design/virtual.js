@@ -1,0 +1,43 @@
+// A virtual robot makes the motion of a design; its recording goes straight to an identification.
+
+import { post } from "../api.js";
+import { h, put } from "../dom.js";
+import { computed, progressBar } from "../jobs.js";
+import { go } from "../location.js";
+import { problemBox } from "../problem.js";
+
+const USUAL = ["rigid_body", "rotor_inertia", "coulomb", "viscous"];
+
+/** A button that simulates a design, and a random motion to hold out, and identifies from them. */
+export function virtualRobot(design, robot, signal) {
+  const said = h("div");
+  const button = h("button", { type: "button", id: "simulate-design", disabled: !robot.has_inertias, onclick: () => run() }, "Simulate it and identify");
+  const about = robot.has_inertias
+    ? "A virtual robot with the inertias of the description, friction and noise makes this motion and a random one that is held out."
+    : "A virtual robot needs inertias, and this robot's description has none: run the motion on the real one.";
+
+  async function simulated(body, words) {
+    const made = await post("/simulations", { robot_id: robot.id, ...body }, { signal });
+    const bar = progressBar(made.job_id, words);
+    put(said, bar.element);
+    return (await computed("/simulations", made, bar.update, signal)).result.measurement_id;
+  }
+
+  async function run() {
+    button.disabled = true;
+    try {
+      const name = design.name ?? "design";
+      const fit = await simulated({ design_id: design.id, role: "identification", name: `${name}, simulated` }, "Simulating the design");
+      const held = await simulated({ trajectory: { duration: 10 }, seed: 1, role: "validation", name: "random motion, simulated" }, "Simulating a random motion");
+      const effects = design.request.effects ?? USUAL.map((effect) => ({ effect }));
+      const made = await post("/identifications", { robot_id: robot.id, name: `${name}, virtual robot`, measurement_ids: [fit], validation_ids: [held], effects });
+      dispatchEvent(new Event("models-changed"));
+      go({ identification: made.id });
+    } catch (error) {
+      if (!signal.aborted) put(said, problemBox(error));
+      button.disabled = false;
+    }
+  }
+
+  return h("section", { "aria-label": "On a virtual robot" }, h("h2", {}, "On a virtual robot"), h("p", { class: "actions" }, button, h("span", { class: "note" }, about)), said);
+}

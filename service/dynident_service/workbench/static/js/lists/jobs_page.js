@@ -1,0 +1,101 @@
+// All jobs: where they stand, what they said, and a button that stops them.
+
+import { events } from "../api.js";
+import { h, put } from "../dom.js";
+import { moment, number, percent } from "../format.js";
+import { cancel, onJobs } from "../jobs.js";
+import { address } from "../location.js";
+import { problemBox } from "../problem.js";
+import { readAll } from "./reading.js";
+import { sortable } from "./sortable.js";
+
+const ENDED = new Set(["succeeded", "failed", "cancelled"]);
+const LOOK_AGAIN = 2000;
+
+export async function page(target, _, signal) {
+  document.title = "Jobs: dynident";
+  const said = h("div");
+  const columns = [
+    { id: "kind", name: "job", value: (one) => one.kind, cell: (one) => of(one) },
+    { id: "state", name: "state", value: (one) => one.state, cell: (one) => h("span", { class: `mark ${one.state}` }, one.state) },
+    { id: "progress", name: "progress", value: (one) => one.progress.fraction, text: () => "", cell: (one) => progress(one) },
+    { id: "message", name: "last said", value: (one) => wordsOf(one), cell: (one) => wordsOf(one) },
+    { id: "date", name: "asked for", value: (one) => one.created_at, text: (one) => moment(one.created_at), cell: (one) => moment(one.created_at) },
+    { id: "took", name: "took", right: true, value: (one) => seconds(one), text: () => "", cell: (one) => (seconds(one) === null ? "–" : `${number(seconds(one), 2)} s`) },
+    { id: "acts", name: "", cell: (one) => [h("button", { type: "button", class: "small", "aria-label": `Log of ${one.kind} ${one.id}`, onclick: (event) => log(one, event.target) }, "Log"), " ", ENDED.has(one.state) ? null : h("button", { type: "button", class: "small", "aria-label": `Cancel ${one.kind} ${one.id}`, onclick: (event) => stop(one, event.target) }, "Cancel")] },
+  ];
+  const list = sortable({ caption: "Jobs", noun: "job", columns, usual: "-date", id: "jobs-table", empty: "No job yet: identifications, diagnoses, designs and reports are listed here once they are asked for.", rowOf: (one) => ({ "data-id": one.id }) });
+  const place = h("div", { id: "job-log" });
+
+  async function stop(job, button) {
+    button.disabled = true;
+    button.textContent = "stopping";
+    try {
+      await cancel(job.id);
+      await read();
+    } catch (error) {
+      put(said, problemBox(error));
+      button.disabled = false;
+    }
+  }
+
+  async function log(job) {
+    const lines = h("ol", {});
+    put(place, h("h2", { tabindex: "-1" }, `Log of ${job.kind.replaceAll("_", " ")}, ${moment(job.created_at)}`), job.error ? problemBox({ title: job.error.title, message: job.error.detail, fields: job.error.errors }) : null, lines);
+    place.firstChild.focus();
+    try {
+      for await (const event of events(job.id, signal)) {
+        if (!lines.isConnected) return;
+        lines.append(h("li", {}, event.kind === "state" ? h("strong", {}, event.state) : `${percent(event.fraction, 2)} ${event.message}`));
+      }
+    } catch (error) {
+      if (!signal.aborted) put(said, problemBox(error));
+    }
+  }
+
+  let reading = null;
+  const read = () => {
+    reading ??= readAll("/jobs", {}, (items) => list.update([...items]), signal).catch((error) => {
+      if (!signal.aborted) put(said, problemBox(error, read));
+      return [];
+    }).finally(() => {
+      reading = null;
+    });
+    return reading;
+  };
+  // A table that is drawn anew takes the focus away: not under somebody's hand.
+  const held = () => document.hidden || list.element.querySelector("tbody :focus");
+  let waiting = null;
+  const again = async () => {
+    waiting = null;
+    const jobs = held() ? null : await read();
+    if (signal.aborted || waiting) return;
+    if (!jobs || jobs.some((one) => !ENDED.has(one.state))) waiting = setTimeout(again, LOOK_AGAIN);
+  };
+  onJobs(() => {
+    clearTimeout(waiting);
+    again();
+  }, signal);
+  signal.addEventListener("abort", () => clearTimeout(waiting));
+  put(target, h("h1", {}, "Jobs"), said, list.element, place);
+  await again();
+}
+
+function of(job) {
+  const words = job.kind.replaceAll("_", " ");
+  const where = { identification: "identification", design: "design" }[job.resource?.kind];
+  if (!where) return words;
+  return h("a", { href: address({ view: where === "design" ? "design" : "", [where]: job.resource.id }) }, words);
+}
+
+function progress(job) {
+  return h("progress", { max: 1, value: job.state === "succeeded" ? 1 : job.progress.fraction, "aria-label": `Progress of ${job.kind}` });
+}
+
+function wordsOf(job) {
+  return job.error ? `${job.error.title}: ${job.error.detail}` : job.progress.message;
+}
+
+function seconds(job) {
+  return job.started_at && job.finished_at ? (new Date(job.finished_at) - new Date(job.started_at)) / 1000 : null;
+}

@@ -1,0 +1,97 @@
+"""A design by mouse in a real Chromium, against a live service: until the file for the controller and beyond."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_workbench import ask
+from two_link_arm import URDF
+
+expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
+pytestmark = pytest.mark.slow
+
+INERTIAL = (
+    '<inertial><origin xyz="0.2 0 0"/><mass value="3"/>'
+    '<inertia ixx="0.01" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+
+
+def heavy_arm(page: Any) -> str:
+    """The two-link arm with inertias, which a virtual one needs; gives its id."""
+    content = URDF
+    for link in ("upper", "fore"):
+        content = content.replace(f'<link name="{link}"/>', f'<link name="{link}">{INERTIAL}</link>')
+    body = {"name": "heavy links", "description": {"format": "urdf", "content": content}}
+    return str(page.request.post("/v1/robots", data=body).json()["id"])
+
+
+def test_an_experiment_is_designed_taken_along_and_made_by_a_virtual_robot(
+    page: Any, heard: Any, tmp_path: Path
+) -> None:
+    robot = heavy_arm(page)
+    page.goto("/?view=robots")
+    page.locator(f"tr[data-id={robot}]").get_by_role("link", name="Design").click()
+    page.get_by_label("Largest velocity of elbow").fill("4")
+    for joint in ("shoulder", "elbow"):
+        page.get_by_label(f"Noise of {joint}").fill("0.1")
+    page.fill("#design-time_budget", "2")
+    page.fill("#design-random_trajectories", "10")
+    page.fill("#design-duration", "4")
+    page.click("#run-design")
+    page.locator("canvas.arm").wait_for()
+    (design,) = ask(page, f"/designs?robot_id={robot}")["items"]
+    assert design["request"]["limits"]["elbow"]["velocity"] == 4
+    assert "shoulder" not in design["request"]["limits"]
+    result = design["result"]
+    expect(page.locator("#descent")).to_contain_text("the best random motion has")
+    expect(page.locator("#descent canvas")).to_be_visible()
+    promised = page.locator("#promises data").first.get_attribute("value")
+    assert float(promised) == result["expected_parameters"][0]["standard_deviation"]
+
+    with page.expect_download() as taken:
+        page.locator("[data-format=csv]").click()
+    lines = Path(taken.value.path()).read_text().splitlines()
+    assert lines[0].startswith("t,q_shoulder,q_elbow")
+    assert len(lines) == result["n_samples"] + 1
+
+    # The arm is where the trajectory has it: the elbow is half a metre from the shoulder, turned about y.
+    page.locator("input[type=range]").fill("2")
+    shoulder = float(lines[1 + round(2 * result["sampling_rate"])].split(",")[1])
+    origins = json.loads(page.locator("canvas.arm").get_attribute("data-origins"))
+    assert origins[1] == pytest.approx([0.5 * math.cos(shoulder), 0.0, -0.5 * math.sin(shoulder)], abs=0.02)
+    expect(page.locator("#motion-curves canvas")).to_have_count(2)
+
+    page.click("#simulate-design")
+    page.locator("#error-table").wait_for()
+    assert heard.complaints == []
+
+
+def test_an_experiment_that_cannot_be_says_where_and_keeps_what_was_filled_in(page: Any) -> None:
+    robot = heavy_arm(page)
+    page.goto(f"/?view=design&robot={robot}")
+    page.get_by_label("Tell these two apart").check()
+    page.get_by_label("First effect", exact=True).select_option("coulomb")
+    page.fill("#design-duration", "-1")
+    page.click("#run-design")
+    expect(page.locator("[data-pointer='/trajectory/duration'] .complaint")).to_be_visible()
+    expect(page.get_by_label("First effect", exact=True)).to_have_value("coulomb")
+
+
+def test_the_next_experiment_of_a_diagnosis_is_filled_in(page: Any) -> None:
+    robot = heavy_arm(page)
+    rivals = [{"effect": "stribeck", "joints": ["elbow"]}, {"effect": "coulomb", "joints": ["elbow"]}]
+    body = {"robot_id": robot, "kind": "constant_velocity", "criterion": {"name": "separation", "effects": rivals}}
+    told = {"result": {"next_experiment": {"design": body, "reason": "They look alike.", "instructions": ["Be slow."]}}}
+    page.route("**/v1/diagnoses/dia_1", lambda route: route.fulfill(json=told))
+    page.goto("/?view=design&diagnosis=dia_1")
+    expect(page.locator("main")).to_contain_text("They look alike.")
+    expect(page.locator("#design-kind")).to_have_value("constant_velocity")
+    expect(page.get_by_label("As proposed")).to_be_checked()
+    with page.expect_request("**/v1/designs") as sent:
+        page.click("#run-design")
+    asked = sent.value.post_data_json
+    assert asked["criterion"] == body["criterion"]

@@ -1,0 +1,118 @@
+"""The lists of models, jobs, robots and recordings in a real Chromium, against a live service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_workbench import ask, the_robot, upload
+from two_link_arm import write_recording
+
+expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
+pytestmark = pytest.mark.slow
+
+FOUR = [{"effect": name} for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous")]
+SPRING = {"effect": "joint_spring", "joints": ["elbow"]}
+
+
+@pytest.fixture
+def two_models(page: Any, tmp_path: Path) -> dict[str, str]:
+    """A model without the hidden spring and one with it; their ids by name."""
+    known = {one["name"]: one["id"] for one in ask(page, "/identifications?archived=true")["items"]}
+    if known:
+        return known
+    the_robot(page)
+    for role, seed in (("identification", 1), ("validation", 2)):
+        upload(page, write_recording(tmp_path / f"{role}.csv", seed=seed, duration=8.0), role)
+    held, fitted = (one for one in ask(page, "/measurements")["items"])
+    same = {"robot_id": held["robot_id"], "measurement_ids": [fitted["id"]], "validation_ids": [held["id"]]}
+    for name, effects in (("plain", FOUR), ("sprung", [*FOUR, SPRING])):
+        known[name] = page.request.post("/v1/identifications", data={**same, "name": name, "effects": effects}).json()[
+            "id"
+        ]
+    page.goto("/?view=jobs")
+    expect(page.locator("#jobs-table .mark.succeeded")).to_have_count(2)
+    return known
+
+
+def names(page: Any) -> list[str]:
+    return [text.strip() for text in page.locator("#models-table tbody tr[data-id] > th").all_text_contents()]
+
+
+def test_models_are_sorted_and_filtered_and_the_address_keeps_it(page: Any, two_models: dict[str, str]) -> None:
+    page.goto("/?view=models")
+    rows = page.locator("#models-table tbody tr[data-id]")
+    expect(rows).to_have_count(2)
+    page.locator("#models-table [data-column=error] button").click()
+    assert names(page) == ["sprung", "plain"]
+    page.locator("#models-table [data-column=error] button").click()
+    assert names(page) == ["plain", "sprung"]
+    page.reload()
+    expect(page.locator("#models-table [data-column=error]")).to_have_attribute("aria-sort", "descending")
+    expect(rows.first).to_contain_text("plain")
+    page.fill("#models-table-filter", "joint spring")
+    expect(rows).to_have_count(1)
+    assert "filter=joint+spring" in page.url
+    page.fill("#models-table-filter", "nothing like it")
+    expect(page.locator("#models-table tbody")).to_contain_text("shorten the filter")
+
+
+def test_two_models_that_are_ticked_are_compared(page: Any, two_models: dict[str, str], heard: Any) -> None:
+    page.goto("/?view=models")
+    for name in ("plain", "sprung"):
+        page.get_by_label(f"Compare {name}").check()
+    page.click("#compare-two")
+    expect(page.locator("#pair-settings tr[data-differs]")).to_have_text(["Joint spring on elbow–in the model"])
+    first, second = (ask(page, f"/identifications/{two_models[name]}")["result"] for name in ("plain", "sprung"))
+    found = page.locator("#pair-errors tr.total data").evaluate_all("all => all.map((one) => Number(one.value))")
+    assert found == [one[kind]["relative_total"] for kind in ("validation", "residual") for one in (first, second)]
+    stiffness = next(one for one in second["parameters"] if one["effect"] == "joint_spring")
+    expect(page.locator("#pair-parameters tr[data-differs]", has_text=stiffness["name"])).to_contain_text("not in it")
+    page.go_back()
+    expect(page.locator("#models-table tbody tr[data-id]")).to_have_count(2)
+    assert heard.complaints == []
+
+
+def test_a_model_is_renamed_tagged_archived_and_brought_back(page: Any, two_models: dict[str, str]) -> None:
+    page.goto("/?view=models")
+    row = page.locator(f"#models-table tr[data-id={two_models['plain']}]")
+    row.get_by_role("button", name="Change").click()
+    page.locator("dialog input[name=tags]").fill("night shift, arm 3")
+    page.locator("dialog input[name=name]").fill("plain again")
+    page.get_by_role("button", name="Save").click()
+    expect(row).to_contain_text("plain again")
+    expect(row.locator(".chip")).to_have_text(["night shift", "arm 3"])
+    row.get_by_role("button", name="Change").click()
+    page.get_by_role("button", name="Archive", exact=True).click()
+    expect(row).to_have_count(0)
+    page.get_by_label("Show what is archived").check()
+    expect(row).to_contain_text("archived")
+    row.get_by_role("button", name="Change").click()
+    page.locator("dialog input[name=name]").fill("plain")
+    page.get_by_role("button", name="Save").click()
+    row.get_by_role("button", name="Change").click()
+    page.get_by_role("button", name="Bring back from the archive").click()
+    expect(row).not_to_contain_text("archived")
+    assert ask(page, f"/identifications/{two_models['plain']}")["tags"] == ["night shift", "arm 3"]
+
+
+def test_a_robot_that_models_rest_on_is_not_deleted_and_the_page_says_what_to_do(
+    page: Any, two_models: dict[str, str]
+) -> None:
+    page.goto("/?view=robots")
+    page.get_by_role("button", name="Change two links").click()
+    page.get_by_role("button", name="Delete", exact=True).click()
+    page.get_by_role("button", name="Delete for good?").click()
+    expect(page.locator("dialog")).to_contain_text("archive this one")
+    page.get_by_role("button", name="Leave as it is").click()
+    page.goto("/?view=recordings")
+    expect(page.locator("#recordings-table tbody tr[data-id]")).to_have_count(2)
+
+
+@pytest.mark.parametrize("view", ["models", "jobs", "robots", "recordings", "design"])
+def test_no_list_is_wider_than_a_telephone(page: Any, two_models: dict[str, str], view: str) -> None:
+    page.set_viewport_size({"width": 390, "height": 800})
+    page.goto(f"/?view={view}")
+    page.locator("main table tbody th").first.wait_for()
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
