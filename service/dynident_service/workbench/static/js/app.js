@@ -8,6 +8,7 @@ import { address, asked, follow } from "./location.js";
 import { modelPage } from "./model_page.js";
 import { ModelList } from "./model_list.js";
 import { problemBox } from "./problem.js";
+import { recordingPage } from "./recordings/page.js";
 
 const main = document.getElementById("main");
 const list = new ModelList(document.getElementById("models"));
@@ -17,7 +18,7 @@ let shown = null;
 /** Show what the address asks for, unless it is shown already. */
 async function show({ anew = false } = {}) {
   const wanted = asked();
-  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot]);
+  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot, wanted.view === "recording" && wanted.measurement]);
   if (view === shown && !anew) return;
   shown = view;
   running.abort();
@@ -29,6 +30,7 @@ async function show({ anew = false } = {}) {
   scrollTo(0, 0);
   try {
     if (wanted.view === "new") await beginPage(main, wanted, signal);
+    else if (wanted.view === "recording") await recordingPage(main, wanted, signal);
     else if (wanted.identification) await modelPage(main, wanted, signal);
     else await firstView(signal);
   } catch (error) {

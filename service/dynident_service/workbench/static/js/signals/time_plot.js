@@ -16,6 +16,7 @@ export function timePlot(target, view, { options, data, linked, onClick = null, 
   const cursor = {
     sync: { key: linked, setSeries: false, filters: { pub: (type) => type === "mousemove" || type === "mouseleave" } },
     drag: { x: true, y: false, setScale: false },
+    y: false,
     points: { size: 6 },
     bind: {
       dblclick: () => () => view.go(null),
