@@ -90,7 +90,7 @@ function signalsSection(measurement, signal) {
     h("h2", { id: "signals-title" }, "Signals as recorded"),
     stack.element,
     h("h3", {}, "Windows"),
-    h("p", { class: "note" }, "Blue lines are the ends of what is used: drag them. A stretch that is zoomed to can be added as a whole."),
+    h("p", { class: "note" }, "Blue lines are the ends of what is used: drag them; what is darkened is not used. A stretch that is zoomed to can be added as a whole."),
     windowsTable(windows, signal),
     h("p", { class: "actions" }, button("Use what is shown", "windows"), button("Leave out what is shown", "exclude")),
     pending,

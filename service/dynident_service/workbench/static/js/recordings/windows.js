@@ -6,7 +6,7 @@ import { timeAt } from "../signals/time_plot.js";
 import { shadeStretches } from "../signals/grounds.js";
 import { stretchesInWords } from "./edits.js";
 
-const REACH = 7; // px from an end at which it is taken hold of
+const REACH = { mouse: 7, touch: 20 }; // px from an end at which it is taken hold of
 const DIGITS = 3;
 
 /** Fires "change" whenever a stretch is another one. */
@@ -71,17 +71,16 @@ export class Windows extends EventTarget {
     const near = (event) => {
       const place = event.clientX - one.over.getBoundingClientRect().left;
       const [best] = this.#ends().map((end) => ({ ...end, far: Math.abs(one.valToPos(end.time, "x") - place) })).sort((a, b) => a.far - b.far);
-      return best && best.far <= REACH ? best : null;
+      return best && best.far <= (REACH[event.pointerType] ?? REACH.mouse) ? best : null;
     };
     one.over.addEventListener("mousemove", (event) => one.over.style.setProperty("cursor", near(event) ? "ew-resize" : ""), { signal });
-    one.over.addEventListener("mousedown", (event) => {
+    one.over.addEventListener("pointerdown", (event) => {
       const held = event.button === 0 && near(event);
       if (!held) return;
-      event.preventDefault();
       const ended = new AbortController();
       let end = held;
-      addEventListener("mousemove", (moved) => { end = this.#move(end, timeAt(one, moved)); }, { signal: ended.signal });
-      addEventListener("mouseup", () => ended.abort(), { signal: ended.signal });
+      addEventListener("pointermove", (moved) => { end = this.#move(end, timeAt(one, moved)); }, { signal: ended.signal });
+      for (const over of ["pointerup", "pointercancel"]) addEventListener(over, () => ended.abort(), { signal: ended.signal });
     }, { signal });
     return (event) => Boolean(near(event));
   }

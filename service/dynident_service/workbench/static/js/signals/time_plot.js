@@ -41,6 +41,10 @@ export function timePlot(target, view, { options, data, linked, onClick = null, 
   made.over.addEventListener("click", (event) => {
     if (Math.abs(event.clientX - pressed) < CLICK && !taken(event)) onClick?.(timeAt(made, event));
   });
+  // A finger moves along; up and down it scrolls the page (see touch-action in signals.css).
+  made.over.addEventListener("pointerdown", (event) => {
+    if (event.pointerType === "touch" && view.stretch && !taken(event)) drag(event, made, view);
+  });
   made.over.addEventListener("wheel", (event) => turned(event, made, view), { passive: false });
   return made;
 }
@@ -77,6 +81,6 @@ function drag(event, one, view) {
     const first = Math.min(Math.max(from + step, view.whole.from), view.whole.to - (to - from));
     view.go({ from: first, to: first + to - from });
   };
-  addEventListener("mousemove", move, { signal: ended.signal });
-  addEventListener("mouseup", () => ended.abort(), { signal: ended.signal });
+  addEventListener("pointermove", move, { signal: ended.signal });
+  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => ended.abort(), { signal: ended.signal });
 }
