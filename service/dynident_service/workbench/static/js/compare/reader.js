@@ -9,7 +9,7 @@ const SIGNALS = ["measured", "predicted", "lower", "upper", "standing", "residua
 /** Tells `onLine(joint, line)` as each joint's signals come; of several stretches only the last is read to its end. */
 export class Reader {
   constructor(comparison, joints, onLine, signal) {
-    Object.assign(this, { comparison, joints, onLine, full: {} });
+    Object.assign(this, { comparison, joints, onLine, signal, full: {}, filling: null });
     this.asking = lastAsked(signal);
   }
 
@@ -18,30 +18,44 @@ export class Reader {
     return Object.values(this.full).some((one) => one.shifted);
   }
 
+  get isFull() {
+    return this.joints.every((joint) => this.full[joint]);
+  }
+
   /** Read a stretch, null for all, the `first` joint before the others. */
   async read(stretch, first) {
     const until = this.asking();
     // What was read whole is shown at once; runs set one after another have no time of their own to ask for.
-    if (Object.keys(this.full).length === this.joints.length && (!stretch || this.shifted)) {
+    if (this.isFull && (!stretch || this.shifted)) {
       for (const joint of this.joints) this.onLine(joint, this.full[joint]);
       return;
     }
     const order = [first, ...this.joints.filter((one) => one !== first)];
-    await Promise.all(order.map((joint) => this.#one(joint, stretch, until)));
+    await Promise.all(order.map(async (joint) => {
+      const line = await this.#one(joint, stretch, until);
+      if (!line) return;
+      if (!stretch) this.full[joint] = line;
+      this.onLine(joint, line);
+    }));
+  }
+
+  /** Read all that there is while something else is shown. */
+  async fill() {
+    if (this.isFull) return;
+    this.filling ??= Promise.all(this.joints.map(async (joint) => { this.full[joint] ??= await this.#one(joint, null, this.signal); }));
+    await this.filling.finally(() => { this.filling = null; });
   }
 
   async #one(joint, stretch, until) {
     const query = { joint, points: POINTS, ...(stretch ?? {}) };
     try {
       const series = await get(`/comparisons/${this.comparison.id}/series`, query, until);
-      if (until.aborted) return;
+      if (until.aborted) return null;
       const line = timeline(series, SIGNALS.filter((name) => series[name]?.length));
-      line.unit = series.effort_unit;
-      line.samples = series.n_samples;
-      if (!stretch) this.full[joint] = line;
-      this.onLine(joint, line);
+      return Object.assign(line, { unit: series.effort_unit, samples: series.n_samples });
     } catch (error) {
-      if (!until.aborted) throw error;
+      if (until.aborted) return null;
+      throw error;
     }
   }
 }

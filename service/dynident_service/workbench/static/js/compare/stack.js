@@ -44,10 +44,12 @@ export class CompareStack {
     this.shape();
     this.view.stretch = null;
     this.view.setWhole(comparison.result.start_time, comparison.result.end_time);
-    if (await this.#read(null)) {
-      if (from && to && Number(to) > Number(from)) this.view.go({ from: Number(from), to: Number(to) });
-      this.#readRaw();
-    }
+    const wanted = from && to && Number(to) > Number(from) ? { from: Number(from), to: Number(to) } : null;
+    // What the address asks for comes first; only of runs one after another all has to be known before.
+    const known = wanted && !overlap(this.model.measurements.find((one) => one.id === this.model.measurement).segments);
+    if (!known && !(await this.#read(null))) return;
+    if (wanted) this.view.go(wanted);
+    else this.#readRaw();
   }
 
   /** Follow the chosen joint. */
@@ -64,12 +66,11 @@ export class CompareStack {
   /** Zoom to a stretch of the recording's time on a joint, and say what was there. */
   zoom(joint, { from, to }) {
     const full = this.reader?.full[joint];
-    if (!full) return;
-    const place = full.shifted ? find(full, from, to, full.values.residual) : { from, to };
+    const place = full?.shifted ? find(full, from, to, full.values.residual) : { from, to };
     if (!place) return;
     const room = 0.25 * (to - from);
+    this.looksAt = [joint, place];
     this.view.go({ from: place.from - room, to: place.to + room });
-    this.moment.show(joint, place, this.reader.full);
   }
 
   #choices() {
@@ -101,12 +102,15 @@ export class CompareStack {
     }
   }
 
-  #settled() {
+  async #settled() {
     const { stretch } = this.view;
     const seconds = (value) => String(Number(value.toFixed(4)));
     remember({ from: stretch ? seconds(stretch.from) : "", to: stretch ? seconds(stretch.to) : "" });
-    this.#read(stretch);
     this.#readRaw();
+    if (!(await this.#read(stretch)) || stretch !== this.view.stretch) return;
+    if (this.looksAt) this.#look(...this.looksAt, this.lines);
+    this.looksAt = null;
+    this.reader.fill().catch(() => {}); // Asked for again, and complained of, when it is to be shown.
   }
 
   async #readRaw() {
@@ -129,7 +133,14 @@ export class CompareStack {
   #click(joint, time, share = null) {
     this.model.chooseJoint(joint);
     const { from, to } = this.view.range;
-    this.moment.show(joint, share ? { from, to } : around(time, this.view), this.lines);
+    this.#look(joint, share ? { from, to } : around(time, this.view), this.lines);
+  }
+
+  /** Say what was in a stretch, right beneath the joint. */
+  #look(joint, stretch, lines) {
+    this.rows[joint].element.after(this.moment.element);
+    this.moment.show(joint, stretch, lines);
+    this.moment.element.scrollIntoView({ block: "nearest" });
   }
 
   #tell() {
@@ -152,4 +163,8 @@ export class CompareStack {
   announce(joint, { from, to }) {
     announce(`${joint}, ${number(from)} to ${number(to)} s`);
   }
+}
+
+function overlap(segments) {
+  return segments.some((one, index) => index > 0 && one.start_time <= segments[index - 1].end_time);
 }
