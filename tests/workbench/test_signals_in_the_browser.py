@@ -136,6 +136,11 @@ def test_a_window_that_is_dragged_makes_a_revision(page: Any, short: Path, heard
     ((start, end),) = made["windows"]
     assert start == pytest.approx(3.0, abs=0.1)
     assert end == pytest.approx(9.99)
+    # Both have the same samples: only one of them is to be identified from.
+    page.get_by_role("link", name="Identify a model with it").click()
+    expect(page.get_by_label("Use of short r1")).to_have_value("fit")
+    expect(page.get_by_label("Use of short", exact=True)).to_have_value("")
+    page.go_back()
     # The other way is the keyboard's.
     page.get_by_label("Beginning in s").fill("4")
     page.keyboard.press("Tab")

@@ -44,6 +44,7 @@ export function fileCard({ file = null, found = null, role }, { chosen, onStored
   };
 
   const look = async () => {
+    submit.disabled = true;
     const { signal, move } = work("Uploading");
     const robot = chosen();
     const asked = { robot_id: robot.id, name: fields.name.value || null, columns: columns.byHand, units: guesses.unitsByHand };
@@ -55,6 +56,7 @@ export function fileCard({ file = null, found = null, role }, { chosen, onStored
       show(robot);
     } catch (error) {
       if (signal !== running.signal) return;
+      submit.disabled = !found;
       const stopped = error.name === "AbortError";
       put(doing, stopped ? h("p", { class: "note" }, "Given up; nothing was stored. ", h("button", { type: "button", class: "small", onclick: look }, "Look at it after all")) : problemBox(error, look));
     }
