@@ -29,8 +29,8 @@ async function show({ anew = false } = {}) {
   put(main, h("p", { class: "note" }, "Loading …"));
   scrollTo(0, 0);
   try {
+    if (wanted.view === "recording") return await recordingPage(main, wanted, signal);
     if (wanted.view === "new") await beginPage(main, wanted, signal);
-    else if (wanted.view === "recording") await recordingPage(main, wanted, signal);
     else if (wanted.identification) await modelPage(main, wanted, signal);
     else await firstView(signal);
   } catch (error) {

@@ -4,9 +4,9 @@ import { get, lastAsked } from "../api.js";
 
 const POINTS = 1500;
 
-/** Why the recorded torque cannot stand behind the filtered one; "" where it can. */
-export function whyNoRaw(model) {
-  const coupled = Object.values(model.robot.request.drives ?? {}).some((one) => Object.keys(one.coupling ?? {}).length);
+/** Why the recorded torque of a robot cannot stand behind the filtered one; "" where it can. */
+export function whyNoRaw(robot) {
+  const coupled = Object.values(robot.request.drives ?? {}).some((one) => Object.keys(one.coupling ?? {}).length);
   return coupled ? "Motors of this robot act on several joints: what was recorded is the motors' torque, not the joints'." : "";
 }
 

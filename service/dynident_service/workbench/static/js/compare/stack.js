@@ -74,7 +74,7 @@ export class CompareStack {
   }
 
   #choices() {
-    const why = whyNoRaw(this.model);
+    const why = whyNoRaw(this.model.robot);
     this.wantsRaw.disabled = Boolean(why);
     put(this.rawSaid, why);
     const others = this.model.joints.length > 1 && field("Other joints", select(OTHERS, this.others, (value) => {
@@ -123,7 +123,7 @@ export class CompareStack {
       this.reading ??= rawReader(this.model, this.signal);
       if (wanted) put(this.rawSaid, "reading …");
       this.raw = wanted ? await this.reading(this.view.stretch) : {};
-      put(this.rawSaid, wanted ? "" : whyNoRaw(this.model));
+      put(this.rawSaid, wanted ? "" : whyNoRaw(this.model.robot));
       for (const [joint, line] of Object.entries(this.lines)) this.rows[joint].show(line, this.raw[joint] ?? null);
     } catch (error) {
       if (error.name !== "AbortError") put(this.rawSaid, `The recorded torque cannot be read: ${error.message}`);

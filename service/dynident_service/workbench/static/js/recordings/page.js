@@ -2,6 +2,7 @@
 
 import { get } from "../api.js";
 import { checksInWords, checksTable } from "../checks.js";
+import { whyNoRaw } from "../compare/raw_torque.js";
 import { h, put, row, table } from "../dom.js";
 import { counted, moment, quantity } from "../format.js";
 import { address } from "../location.js";
@@ -20,7 +21,7 @@ export async function recordingPage(target, wanted, signal) {
   ]);
   signal.throwIfAborted();
   document.title = `${measurement.name}: dynident`;
-  const signals = signalsSection(measurement, signal);
+  const signals = signalsSection(measurement, robot, signal);
   put(target, header(measurement, robot, parent, revisions), signals.element, checksSection(measurement));
   await signals.stack.show();
 }
@@ -60,7 +61,7 @@ function revisionBox(measurement, parent, link) {
   );
 }
 
-function signalsSection(measurement, signal) {
+function signalsSection(measurement, robot, signal) {
   const segments = measurement.segments;
   const whole = { from: Math.min(...segments.map((one) => one.start_time)), to: Math.max(...segments.map((one) => one.end_time)) };
   const windows = new Windows({ windows: measurement.windows, exclude: measurement.request.exclude }, whole);
@@ -88,6 +89,7 @@ function signalsSection(measurement, signal) {
     "section",
     { "aria-labelledby": "signals-title" },
     h("h2", { id: "signals-title" }, "Signals as recorded"),
+    whyNoRaw(robot) && h("p", { class: "note" }, whyNoRaw(robot)),
     stack.element,
     h("h3", {}, "Windows"),
     h("p", { class: "note" }, "Blue lines are the ends of what is used: drag them; what is darkened is not used. A stretch that is zoomed to can be added as a whole."),
