@@ -49,7 +49,7 @@ export function post(path, body, { key = "", signal = undefined } = {}) {
   return ask("POST", path, { headers, body: JSON.stringify(body), signal });
 }
 
-/** Upload a file with what is said of it; `onProgress` is told the share that has gone. */
+/** Upload a recording; `onProgress` is told the share that has gone. */
 export function upload(path, file, metadata, { onProgress = null, signal = undefined } = {}) {
   const form = new FormData();
   form.append("metadata", JSON.stringify(metadata));
