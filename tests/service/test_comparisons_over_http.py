@@ -137,6 +137,21 @@ def test_at_rest_the_prediction_is_a_band_and_the_residual_the_distance_to_it(cl
     assert np.abs(residual).max() < 0.3 < np.abs(measured - predicted).max()
 
 
+def test_a_stretch_is_the_same_however_few_of_the_rows_are_read_for_it(
+    client: TestClient, services: Services, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dynident_service.adapters.comparisons.ROW_GROUP", 400)
+    with stored(services, tmp_path, temperature=False) as path:
+        whole = client.get(f"{path}/series", params={"joint": "elbow", "points": 5000}).json()
+        for start, end in ((7.9, 8.1), (0.0, 60.0), (59.9, 80.0), (70.0, 80.0)):
+            query = {"joint": "elbow", "points": 5000, "from": start, "to": end}
+            found = client.get(f"{path}/series", params=query).json()
+            inside = [k for k, time in enumerate(T) if start <= time <= end]
+            assert found["n_samples"] == len(inside)
+            for signal in ("t", "measured", "residual", "q", "ddq", "load", "standing"):
+                assert found[signal] == [whole[signal][k] for k in inside], signal
+
+
 def test_where_standing_begins_and_ends_survives_thinning(client: TestClient, warm: str) -> None:
     found = client.get(f"{warm}/series", params={"joint": "elbow", "points": 60}).json()
     assert len(found["t"]) < 120

@@ -85,3 +85,20 @@ def test_a_signal_that_is_not_there_is_named(client: TestClient, measurement: st
     assert "q7" in answer.json()["detail"]
     assert "lamp" in answer.json()["detail"]
     assert client.get("/v1/measurements/m_nothing/raw").status_code == 404
+
+
+def test_when_each_joint_stands_is_told_in_seconds_of_the_file(client: TestClient, robot: dict[str, Any]) -> None:
+    made = sound(4000)
+    rest = slice(1000, 1400)
+    made["q2"][rest] = made["q2"][rest.start]
+    stored = upload(client, robot, as_csv(made), accept=[*ACCEPTED, "position_jumps"])
+    assert stored.status_code == 201, stored.text
+    found = client.get(f"/v1/measurements/{stored.json()['id']}/standstills").json()
+    assert [one["joint"] for one in found["joints"]] == ["shoulder", "elbow"]
+    stands = [ends for ends in found["joints"][1]["standing"] if ends[1] - ends[0] > 1.0]
+    assert len(stands) == 1
+    assert stands[0] == pytest.approx([5.0, 7.0], abs=0.1)
+    assert all(end - start < 1.0 for start, end in found["joints"][0]["standing"])
+    share = sum(end - start for start, end in found["joints"][1]["standing"]) / 20.0
+    assert share == pytest.approx(stored.json()["phases"]["standing"][1], abs=0.01)
+    assert client.get("/v1/measurements/m_nothing/standstills").status_code == 404

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.recordings import JointLimits
+from dynident.recordings import JointLimits, Recording
 from dynident.recordings.as_recorded import AsRecorded, FileOfRobot
+from dynident.recordings.phases import phases_of
 from dynident.robot import Robot, coupling_matrix
 from dynident_service.adapters.revisions import metadata_of
 from dynident_service.models.measurements import MeasurementMetadata
-from dynident_service.models.raw_signals import RawSignals
+from dynident_service.models.raw_signals import RawSignals, Standstills, StandstillsOfJoint
 
 
 def as_recorded(path: Path, robot: Robot, said: MeasurementMetadata, wanted: list[str]) -> AsRecorded:
@@ -57,6 +58,24 @@ def streamed(found: AsRecorded, start: float | None, end: float | None) -> Itera
             yield _part(block.values[:, 0], first=not number)
         yield b"]"
     yield f'}}, "n_samples": {total}}}'.encode()
+
+
+def standstills(recording: Recording) -> Standstills:
+    """Show when every joint of a recording stands, or sticks."""
+    found = phases_of(recording).halts
+    return Standstills(
+        joints=[
+            StandstillsOfJoint(
+                joint=name,
+                standing=[
+                    (float(start), float(end))
+                    for halts in (segment[k] for segment in found)
+                    for start, end in zip(halts.starts[halts.sticks], halts.ends[halts.sticks], strict=True)
+                ],
+            )
+            for k, name in enumerate(recording.joint_names)
+        ]
+    )
 
 
 def _part(values: FloatArray, *, first: bool) -> bytes:

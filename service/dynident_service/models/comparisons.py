@@ -125,6 +125,8 @@ class Series(Shown):
     band: list[float] = Field(description="Half-width of the 95 % band of the residual")
     q: list[float]
     dq: list[float]
+    ddq: list[float] = Field(default=[], description="rad/s² or m/s²")
+    load: list[float] = Field(default=[], description="Torque of the rigid body alone, without friction, N m or N")
 
 
 class ResidualMap(Shown):

@@ -14,3 +14,16 @@ class RawSignals(Shown):
     t: list[float | None] = Field(description="s")
     signals: dict[str, list[float | None]] = Field(description="As long as t; null where there is no number")
     n_samples: int = Field(description="How many there are from `from` to `to`, of which these are shown")
+
+
+class StandstillsOfJoint(Shown):
+    """When one joint stands."""
+
+    joint: str
+    standing: list[tuple[float, float]] = Field(description="Seconds of t, [from, to], one after another")
+
+
+class Standstills(Shown):
+    """When every joint of a measurement stands: there friction may hold any torque."""
+
+    joints: list[StandstillsOfJoint]

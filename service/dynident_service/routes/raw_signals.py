@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import Response, StreamingResponse
 
 from dynident_service.models.measurements import MeasurementMetadata
-from dynident_service.models.raw_signals import RawSignals
+from dynident_service.models.raw_signals import RawSignals, Standstills
 from dynident_service.problems import not_found
 from dynident_service.services import ServicesDep
 
@@ -42,3 +42,12 @@ def get_raw_signals(
     if points is None:
         return StreamingResponse(streamed(opened, start, end), media_type="application/json")
     return Response(thinned(opened, points, start, end).model_dump_json(), media_type="application/json")
+
+
+@router.get("/{measurement_id}/standstills")
+def get_standstills(measurement_id: str, services: ServicesDep) -> Standstills:
+    """Give the stretches of time in which each joint stands, as the recording's rows are told apart for friction."""
+    from dynident_service.adapters.measurements import recording_of
+    from dynident_service.adapters.raw_signals import standstills
+
+    return standstills(recording_of(services.resources.get("measurement", measurement_id), services.objects))

@@ -27,12 +27,14 @@ from dynident.recordings.phases import Phase
 
 SIGNALS = ("measured", "predicted", "lower", "upper", "residual", "phase", "deviation", "q", "dq", "ddq", "load")
 METADATA_KEY = b"dynident.comparison"
+ROW_GROUP = 1 << 16
+"""Rows that are read at least: what is asked of a long recording is mostly a short stretch of it."""
 _NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True, eq=False)
 class JointSignals:
-    """One joint's signals (m,) each: t in s, torques in N m or N, q in rad or m, dq in rad/s or m/s.
+    """One joint's signals (m,) each: t in s, torques in N m or N, q in rad or m, dq and ddq per s and s^2.
 
     `residual` is measured minus predicted; where the joint stands, the distance to `lower` or `upper`, which static
     friction may hold, zero between. `band`: half-width of the 95 % band of the residual.
@@ -49,6 +51,8 @@ class JointSignals:
     band: FloatArray
     q: FloatArray
     dq: FloatArray
+    ddq: FloatArray
+    load: FloatArray
 
     def rows(self, chosen: BoolArray | IndexArray) -> JointSignals:
         """Some of the rows."""
@@ -98,7 +102,8 @@ def write_comparison(found: Comparison, path: Path) -> Path:
             columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
     header = {"joint_names": found.joint_names, "units": found.units, "noise": found.noise.tolist()}
     table = pa.table(columns).replace_schema_metadata({METADATA_KEY: json.dumps(header).encode()})
-    pq.write_table(table, path)
+    # Measured numbers hardly ever come twice: dictionaries of them take six times as long, and more room.
+    pq.write_table(table, path, row_group_size=ROW_GROUP, use_dictionary=False)
     return path
 
 
@@ -122,13 +127,17 @@ class StoredComparison:
     def signals(self, joint: str, start: float | None = None, end: float | None = None) -> JointSignals:
         """Give one joint's signals between two times in s."""
         index = self._index(joint)
-        t, segment, measured, predicted, deviation, q, dq = self._read(
-            "t", "segment", *(f"{signal}_{joint}" for signal in ("measured", "predicted", "deviation", "q", "dq"))
+        groups = self._groups_of(start, end)
+        t, segment, measured, predicted, deviation, q, dq, ddq, load = self._read(
+            "t",
+            "segment",
+            *(f"{signal}_{joint}" for signal in ("measured", "predicted", "deviation", "q", "dq", "ddq", "load")),
+            groups=groups,
         )
-        residual, lower, upper, phase = self._at_rest(joint, measured, predicted)
+        residual, lower, upper, phase = self._at_rest(joint, measured, predicted, groups)
         band = _NORMAL_95 * np.sqrt(deviation**2 + self._noise[index] ** 2)
         standing = phase == Phase.STANDING
-        every = JointSignals(t, segment, measured, predicted, lower, upper, standing, residual, band, q, dq)
+        every = JointSignals(t, segment, measured, predicted, lower, upper, standing, residual, band, q, dq, ddq, load)
         return every.rows((t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end)))
 
     def residual_map(self, joint: str, x: str, y: str | None, bins: int) -> ResidualMap:
@@ -176,14 +185,31 @@ class StoredComparison:
         measured, predicted = self._read(f"measured_{joint}", f"predicted_{joint}")
         return self._at_rest(joint, measured, predicted)[0]
 
-    def _at_rest(self, joint: str, measured: FloatArray, predicted: FloatArray) -> tuple[FloatArray, ...]:
+    def _at_rest(
+        self, joint: str, measured: FloatArray, predicted: FloatArray, groups: list[int] | None = None
+    ) -> tuple[FloatArray, ...]:
         """Give residual, lower, upper and phase (m,) each; files of older versions know nothing of rest."""
         if f"phase_{joint}" not in self._file.schema_arrow.names:
             return measured - predicted, predicted, predicted, np.zeros(len(measured))
-        return tuple(self._read(*(f"{signal}_{joint}" for signal in ("residual", "lower", "upper", "phase"))))
+        columns = (f"{signal}_{joint}" for signal in ("residual", "lower", "upper", "phase"))
+        return tuple(self._read(*columns, groups=groups))
 
-    def _read(self, *columns: str) -> list[FloatArray]:
-        table = self._file.read(columns=sorted(set(columns)))
+    def _groups_of(self, start: float | None, end: float | None) -> list[int] | None:
+        """Groups of rows in which a time from `start` to `end` may be; None for all of them."""
+        if start is None and end is None:
+            return None
+        known = self._file.metadata
+        column = self._file.schema_arrow.names.index("t")
+        times = [known.row_group(k).column(column).statistics for k in range(known.num_row_groups)]
+        return [
+            k
+            for k, one in enumerate(times)
+            if one is None or ((end is None or one.min <= end) and (start is None or one.max >= start))
+        ]
+
+    def _read(self, *columns: str, groups: list[int] | None = None) -> list[FloatArray]:
+        wanted = sorted(set(columns))
+        table = self._file.read(wanted) if groups is None else self._file.read_row_groups(groups, wanted)
         return [table[name].to_numpy() for name in columns]
 
     def _index(self, joint: str) -> int:

@@ -60,7 +60,7 @@ export function remove(path) {
 }
 
 /** Upload a recording; `onProgress` is told the share that has gone. */
-export function upload(file, metadata, onProgress) {
+export function upload(path, file, metadata, { onProgress = null, signal = undefined } = {}) {
   const form = new FormData();
   form.append("metadata", JSON.stringify(metadata));
   form.append("file", file, file.name);
@@ -68,11 +68,13 @@ export function upload(file, metadata, onProgress) {
   const request = new XMLHttpRequest();
   const key = apiKey.get();
   return new Promise((resolve, reject) => {
-    request.open("POST", "/v1/measurements");
+    request.open("POST", `/v1${path}`);
     for (const [name, value] of Object.entries(credentials())) request.setRequestHeader(name, value);
     request.upload.onprogress = (event) => onProgress?.(event.total ? event.loaded / event.total : 0);
     request.onload = () => settle(request.status, request.responseText, key, resolve, reject);
     request.onerror = () => reject(unreachable());
+    request.onabort = () => reject(new DOMException("The upload was given up.", "AbortError"));
+    signal?.addEventListener("abort", () => request.abort());
     request.send(form);
   });
 }
@@ -128,7 +130,8 @@ async function* parsed(body) {
   }
 }
 
-async function ask(method, path, options) {
+/** Ask for a resource by any method: ask("DELETE", "/measurements/…"); null where there is no answer to read. */
+export async function ask(method, path, options = {}) {
   const answer = await send(method, `/v1${path}`, options);
   return answer.status === 204 ? null : answer.json();
 }

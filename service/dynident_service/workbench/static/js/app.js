@@ -8,6 +8,7 @@ import { address, asked, follow } from "./location.js";
 import { modelPage } from "./model_page.js";
 import { ModelList } from "./model_list.js";
 import { problemBox } from "./problem.js";
+import { recordingPage } from "./recordings/page.js";
 
 // Views that are read when they are opened: what most visits do without is not waited for.
 const VIEWS = {
@@ -25,7 +26,8 @@ let shown = null;
 /** Show what the address asks for, unless it is shown already. */
 async function show({ anew = false } = {}) {
   const wanted = asked();
-  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot, wanted.design, wanted.diagnosis, wanted.pair]);
+  const recording = wanted.view === "recording" && wanted.measurement;
+  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot, wanted.design, wanted.diagnosis, wanted.pair, recording]);
   if (view === shown && !anew) return;
   shown = view;
   running.abort();
@@ -36,6 +38,7 @@ async function show({ anew = false } = {}) {
   put(main, h("p", { class: "note" }, "Loading …"));
   scrollTo(0, 0);
   try {
+    if (wanted.view === "recording") return await recordingPage(main, wanted, signal);
     if (wanted.view === "new") await beginPage(main, wanted, signal);
     else if (VIEWS[wanted.view]) await (await VIEWS[wanted.view]()).page(main, wanted, signal);
     else if (wanted.identification) await modelPage(main, wanted, signal);

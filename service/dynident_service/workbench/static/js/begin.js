@@ -37,7 +37,7 @@ export async function beginPage(target, wanted, signal) {
     if (robot !== state.robot || signal.aborted) return;
     state.form = await identificationForm(robot);
     state.gains = driveGainsPanel(robot, choose, signal);
-    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { forms, chosen: () => state.robot, onStored: stored, onRobot: choose, count: () => state.measurements.length }), state.gains.element);
+    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { forms, chosen: () => state.robot, onStored: stored, onRobot: choose, count: () => state.measurements.length, stored: () => state.measurements }), state.gains.element);
     showIdentification();
   };
   const stored = (measurement) => {

@@ -5,8 +5,11 @@ import { h, row, table } from "./dom.js";
 const MARKS = { ok: "✓ fine", warning: "! look", error: "✗ wrong" };
 const ORDER = { error: 0, warning: 1, ok: 2 };
 
-/** A table of checks, the worst first. With `onAccept`, errors that the user knows to be right can be accepted. */
-export function checksTable(checks, onAccept = null) {
+/**
+ * A table of checks, the worst first. With `onAccept`, errors that the user knows to be right can be accepted; with
+ * `onApply`, what cures one is applied: it is told the check, and `inWords` says what its button does.
+ */
+export function checksTable(checks, onAccept = null, { onApply = null, inWords = null } = {}) {
   const sorted = [...checks].sort((a, b) => ORDER[a.status] - ORDER[b.status]);
   const rows = sorted.map((one) =>
     row([
@@ -15,6 +18,9 @@ export function checksTable(checks, onAccept = null) {
       [
         one.detail,
         where(one),
+        onApply && one.apply
+          ? h("button", { type: "button", class: "small apply", onclick: () => onApply(one) }, `Apply: ${inWords(one.apply)}`)
+          : null,
         onAccept && one.status === "error"
           ? h("button", { type: "button", class: "small", onclick: () => onAccept(one.name) }, "It is right: use it all the same")
           : null,

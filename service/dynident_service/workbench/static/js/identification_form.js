@@ -25,16 +25,19 @@ export async function identificationForm(robot) {
   const submit = h("button", { class: "main", id: "run" }, "Run the identification");
 
   const chosen = (use) => [...uses].filter(([, control]) => control.value === use).map(([id]) => id);
-  const update = (measurements) =>
+  const update = (measurements) => {
+    // Of a recording and its revision only the revision is meant: both have the same samples.
+    const revised = new Set(measurements.map((one) => one.parent_id));
     put(places, measurements.map((one) => {
-      if (!uses.has(one.id)) uses.set(one.id, select(USES, useOf(one), null, { "aria-label": `Use of ${one.name}` }));
+      if (!uses.has(one.id)) uses.set(one.id, select(USES, revised.has(one.id) ? "" : useOf(one), null, { "aria-label": `Use of ${one.name}` }));
       return h("p", { class: "pick-one" }, uses.get(one.id), ` ${one.name} `, h("span", { class: "note" }, counted(one.n_samples, "sample")));
     }));
+  };
   const send = async (event) => {
     event.preventDefault();
     clearForm(form, said);
-    if (document.querySelector("form.card progress:not([hidden])")) {
-      put(said, h("p", { class: "complaint", role: "alert" }, "A recording is still being uploaded: wait for it, or leave it out."));
+    if (document.querySelector("form.card")) {
+      put(said, h("p", { class: "complaint", role: "alert" }, "A file is not stored yet: confirm it, or leave it out."));
       return;
     }
     submit.disabled = true;

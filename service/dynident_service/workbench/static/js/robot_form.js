@@ -1,9 +1,10 @@
-// A robot from its description, with the drive gains that turn currents into torques.
+// A robot from its description, with what that does not say: drive gains, locked joints, gravity.
 
 import { post } from "./api.js";
-import { field, h, put, row, select, table } from "./dom.js";
+import { field, h, put, select } from "./dom.js";
 import { dropZone } from "./drop_zone.js";
 import { clearForm, showInForm } from "./problem.js";
+import { factsIn, gainFields, placeFields } from "./recordings/robot_facts.js";
 
 const FORMATS = [["urdf", "URDF"], ["modified_dh", "modified Denavit-Hartenberg table (JSON)"]];
 const MOVING = new Set(["revolute", "continuous", "prismatic"]);
@@ -14,10 +15,21 @@ export function robotForm(onMade, open) {
   const content = h("textarea", { id: "robot-description", rows: 8, required: true, spellcheck: "false", oninput: () => described() });
   const format = select(FORMATS, "urdf", () => described(), { id: "robot-format" });
   const gains = h("div");
+  const places = h("details", { hidden: true }, h("summary", {}, "Joints are locked, or the base is not upright"));
   const said = h("div");
   const submit = h("button", { class: "main", id: "create-robot" }, "Create the robot");
 
-  const described = () => put(gains, gainFields(jointsIn(content.value, format.value)));
+  const placed = h("div");
+  places.append(placed);
+  const described = () => {
+    const joints = jointsIn(content.value, format.value);
+    const before = h("div");
+    before.append(...gains.childNodes, ...placed.childNodes);
+    put(gains, gainFields(joints));
+    put(placed, placeFields(joints));
+    places.hidden = !joints.length;
+    keepTyped(before, form);
+  };
   const read = async ([file]) => {
     content.value = await file.text();
     format.value = content.value.trimStart().startsWith("<") ? "urdf" : "modified_dh";
@@ -30,7 +42,7 @@ export function robotForm(onMade, open) {
     submit.disabled = true;
     try {
       const description = { format: format.value, content: content.value };
-      onMade(await post("/robots", { name: name.value, description, drives: drivesIn(gains) }));
+      onMade(await post("/robots", { name: name.value, description, ...factsIn(form) }));
     } catch (error) {
       showInForm(form, said, error);
     }
@@ -43,30 +55,25 @@ export function robotForm(onMade, open) {
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" }), field("Format", format, { pointer: "/description/format" })),
     field("Description", content, { pointer: "/description", hint: "Paste it, or drop the file above.", wide: true }),
     gains,
+    places,
     said,
     h("p", {}, submit),
   );
   return h("details", { open, id: "new-robot" }, h("summary", {}, "A new robot"), form);
 }
 
-/** Fields for drive gains; `joints` are [{ name, type, gain }]. */
-export function gainFields(joints) {
-  if (!joints.length) return null;
-  const rows = joints.map((joint) => {
-    const unit = joint.type === "prismatic" ? "N/A" : "N m/A";
-    const input = h("input", { type: "number", step: "any", "data-gain-of": joint.name, value: joint.gain ?? "", "aria-label": `Drive gain of ${joint.name} in ${unit}` });
-    return row([joint.name, joint.type, h("div", { "data-pointer": `/drives/${joint.name}` }, input, ` ${unit}`)]);
-  });
-  return [
-    table("Drive gains: torque = drive gain × current [12.17]", ["joint", "type", "drive gain"], rows, { class: "narrow" }),
-    h("p", { class: "note" }, "Needed only where recordings have currents instead of torques."),
-  ];
-}
-
-/** The drives that are filled in, as the API wants them. */
-export function drivesIn(element) {
-  const filled = [...element.querySelectorAll("[data-gain-of]")].filter((input) => input.value !== "");
-  return Object.fromEntries(filled.map((input) => [input.dataset.gainOf, { drive_gain: Number(input.value) }]));
+/** What was typed for joints that are still there stays. */
+function keepTyped(before, form) {
+  for (const kind of ["gainOf", "lockedAt", "locks", "gravity"]) {
+    const name = kind.replace(/[A-Z]/g, (letter) => `-${letter.toLowerCase()}`);
+    const old = new Map([...before.querySelectorAll(`[data-${name}]`)].map((one) => [one.dataset[kind], one]));
+    for (const one of form.querySelectorAll(`[data-${name}]`)) {
+      const typed = old.get(one.dataset[kind]);
+      if (!typed) continue;
+      if (one.type === "checkbox") one.checked = typed.checked;
+      else [one.value, one.disabled] = [typed.value, typed.disabled];
+    }
+  }
 }
 
 /** The moving joints that a description names, as far as the page can tell; the service has the last word. */

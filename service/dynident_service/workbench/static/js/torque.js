@@ -1,16 +1,17 @@
-// Measured against predicted torque of the chosen joint on the chosen measurement, and the worst stretches.
+// Measured against predicted torque of all joints on the chosen measurement, and the worst stretches.
 
-import { announce, field, h, numeric, put, row, select, table } from "./dom.js";
+import { CompareStack } from "./compare/stack.js";
+import { field, h, numeric, put, row, select, table } from "./dom.js";
 import { number, percent, positionUnit, quantity } from "./format.js";
 import { progressBar } from "./jobs.js";
+import { address, remember } from "./location.js";
 import { comparisonOf, existingComparison } from "./model.js";
 import { problemBox } from "./problem.js";
-import { TorquePlot } from "./torque_plot.js";
 
 /** Compares by itself as soon as the section is there. */
 export function torqueSection(model, signal) {
   const body = h("div");
-  const figures = new TorquePlot(signal);
+  const figures = new CompareStack(model, signal);
   const worst = h("div");
   const joints = h("div", { class: "choices", role: "group", "aria-label": "Joint" });
   const showJoints = () => put(joints, model.joints.map((joint) => jointButton(model, joint)));
@@ -20,8 +21,10 @@ export function torqueSection(model, signal) {
     (id) => model.chooseMeasurement(id),
   );
 
+  const source = h("span");
   const compare = async () => {
     const wanted = model.measurement;
+    put(source, h("a", { href: address({ view: "recording", measurement: wanted }) }, "its signals, windows and checks"));
     put(body, h("p", { class: "note" }, "Comparing …"));
     try {
       const comparison = await compared(model, wanted, body, signal);
@@ -29,35 +32,33 @@ export function torqueSection(model, signal) {
       put(body, figures.element, worst);
       model.setComparison(comparison);
       put(worst, worstStretches(model));
-      await figures.show(comparison, model.joint);
+      await figures.show(comparison);
     } catch (error) {
       if (!signal.aborted) put(body, problemBox(error, compare));
     }
   };
 
-  let zoomed = null;
   model.addEventListener("joint", () => {
     showJoints();
-    // A zoom that comes with the joint follows in the same turn of the event loop.
-    queueMicrotask(() => {
-      if (model.comparison) figures.show(model.comparison, model.joint, zoomed);
-      zoomed = null;
-    });
+    figures.shape();
   });
   model.addEventListener("zoom", ({ detail }) => {
-    if (figures.joint === model.joint) figures.zoom(detail);
-    else zoomed = detail;
+    // The joint that comes with a zoom is drawn first.
+    queueMicrotask(() => figures.zoom(model.joint, detail));
     figures.element.scrollIntoView({ block: "nearest", behavior: "smooth" });
-    announce(`${model.joint}, ${number(detail.from)} to ${number(detail.to)} s`);
+    figures.announce(model.joint, detail);
   });
-  model.addEventListener("measurement", compare);
+  model.addEventListener("measurement", () => {
+    remember({ from: "", to: "" });
+    compare();
+  });
   showJoints();
   compare();
   return h(
     "section",
     { "aria-labelledby": "torque-title" },
     h("h2", { id: "torque-title" }, "Measured against predicted torque"),
-    h("div", { class: "bar-of-fields" }, field("Measurement", measurement), joints),
+    h("div", { class: "bar-of-fields" }, field("Measurement", measurement), source, joints),
     body,
   );
 }

@@ -1,0 +1,103 @@
+// What the arm did in a stretch where the model fails: pose, speed, load, and the effects that would explain it.
+
+import { get, lastAsked } from "../api.js";
+import { placeOf, shapeInWords, titleOf } from "../catalogue.js";
+import { announce, h, numeric, put, row, table } from "../dom.js";
+import { number, percent, positionUnit, quantity } from "../format.js";
+import { explainedShare } from "./explained.js";
+
+const SHARE = 0.02; // of what is shown, to either side of a click
+const MOST = 8; // candidates that are tried: those that a diagnosis ranks lower have no figure
+
+/** A panel that is told of a stretch of a joint. */
+export class Moment {
+  constructor(model, signal) {
+    Object.assign(this, { model, signal, asking: lastAsked(signal) });
+    this.element = h("div", { id: "moment" });
+    model.addEventListener("diagnosis", () => this.shown && this.show(...this.shown));
+    this.clear();
+  }
+
+  clear() {
+    this.asking();
+    this.shown = null;
+    put(this.element, h("p", { class: "note" }, "Click a bad stretch to see pose, speed and load there, and what would explain it."));
+  }
+
+  /** Show what was at the moment where the joint's residual is largest between two times of its figure. */
+  show(joint, { from, to }, lines) {
+    const line = lines[joint];
+    if (!line) return;
+    const until = this.asking();
+    const inside = indicesOf(line, from, to);
+    if (!inside.length) return this.clear();
+    this.shown = [joint, { from, to }, lines];
+    const at = inside.reduce((best, one) => (Math.abs(line.values.residual[one]) > Math.abs(line.values.residual[best]) ? one : best));
+    const { unit } = line;
+    const words = `${joint}, ${number(line.x[inside[0]], 4)} to ${number(line.x[inside.at(-1)], 4)} s: the residual is largest at ${number(line.x[at], 4)} s, ${quantity(line.values.residual[at], unit)}`;
+    const found = h("div", {}, h("p", { class: "note" }, "Looking for effects that would explain it …"));
+    put(
+      this.element,
+      h("div", { class: "card", role: "region", "aria-label": "The stretch" }, h("p", {}, h("strong", {}, words)), poseTable(this.model, lines, line.x[at]), found,
+        h("p", { class: "actions" }, h("button", { type: "button", class: "small", onclick: () => this.clear() }, "Close"))),
+    );
+    announce(words);
+    this.#explain(found, joint, line, inside, until);
+  }
+
+  async #explain(target, joint, line, inside, until) {
+    const { diagnosis } = this.model;
+    if (!diagnosis?.result) {
+      put(target, h("p", { class: "note" }, "The model has not been diagnosed: do so under Missing, and the effects that would explain this stretch are named here."));
+      return;
+    }
+    const candidates = diagnosis.result.candidates.filter((one) => !one.joints.length || one.joints.includes(joint)).slice(0, MOST);
+    const read = async (one) => {
+      const evidence = await get(`/diagnoses/${diagnosis.id}/evidence`, { rank: one.rank, joint }, until).catch(() => null);
+      return evidence && [one, explainedShare(evidence, line, inside), evidence.variable];
+    };
+    const all = (await Promise.all(candidates.map(read))).filter((one) => one && one[1] !== null);
+    if (until.aborted) return;
+    const helpful = all.filter(([, share]) => share > 0.01).sort((a, b) => b[1] - a[1]);
+    const whose = diagnosis.request.identification_id === this.model.id ? "" : " The diagnosis is of the model before what has been added since.";
+    if (!helpful.length) {
+      put(target, h("p", {}, `Of the effects that the diagnosis ranks for ${joint} none takes more than 1${"\u202f"}% of the residual's squares in this stretch.${whose}`));
+      return;
+    }
+    const rows = helpful.map(([one, share, variable]) =>
+      row([titleOf(this.model.effects, one.effect), placeOf(this.model.effects, one, this.model.joints), shapeInWords(this.model.effects, one) || "–", variable, numeric(percent(share, 2), share), one.significant ? h("span", { class: "mark ok" }, "✓ significant") : "not significant"]),
+    );
+    const head = ["effect", "where", "shape", "seen over", { text: "takes of this stretch", class: "n" }, "on held-out data"];
+    put(target, table("Effects that would explain it", head, rows, { id: "explained" }), h("p", { class: "note" }, `Share of the residual's squares in this stretch that the effect's fitted curve takes.${whose}`));
+  }
+}
+
+/** The stretch that is meant by a click. */
+export function around(time, view) {
+  const reach = SHARE * (view.range.to - view.range.from);
+  return { from: time - reach, to: time + reach };
+}
+
+function indicesOf(line, from, to) {
+  return line.x.map((_, index) => index).filter((index) => line.x[index] >= from && line.x[index] <= to && line.values.residual[index] !== null);
+}
+
+function poseTable(model, lines, time) {
+  const rows = model.joints.filter((joint) => lines[joint]).map((joint) => {
+    const { x, values, unit } = lines[joint];
+    const at = nearest(x, values.q, time);
+    const length = positionUnit(unit);
+    const cell = (name, of) => numeric(quantity(values[name]?.[at] ?? null, of), values[name]?.[at] ?? "");
+    return row([joint, cell("q", length), cell("dq", `${length}/s`), cell("load", unit), cell("measured", unit), cell("residual", unit)]);
+  });
+  const head = ["joint", ...["position", "speed", "load of the rigid body", "measured", "residual"].map((text) => ({ text, class: "n" }))];
+  return table(`All joints at ${number(time, 4)} s`, head, rows, { id: "pose" });
+}
+
+function nearest(x, values, time) {
+  let best = 0;
+  x.forEach((one, index) => {
+    if (values[index] !== null && Math.abs(one - time) < Math.abs(x[best] - time)) best = index;
+  });
+  return best;
+}

@@ -1,0 +1,170 @@
+// All joints of a comparison above one another, over one stretch of time with one cursor.
+
+import { announce, field, h, put, select } from "../dom.js";
+import { number, percent } from "../format.js";
+import { asked, remember } from "../location.js";
+import { onColours } from "../plots.js";
+import { problemBox } from "../problem.js";
+import { TimeView, timeButtons, timeGroup } from "../signals/time_view.js";
+import { find } from "../timeline.js";
+import { JointRow } from "./joint_row.js";
+import { Moment, around } from "./moment.js";
+import { rawReader, whyNoRaw } from "./raw_torque.js";
+import { Reader } from "./reader.js";
+
+const OTHERS = [["torque", "measured and predicted"], ["residual", "residual"], ["both", "both"], ["", "not shown"]];
+
+export class CompareStack {
+  constructor(model, signal) {
+    Object.assign(this, { model, signal, lines: {}, raw: {}, others: "torque" });
+    this.view = new TimeView();
+    this.trouble = h("div");
+    this.said = h("p", { class: "note", id: "zoom-state" });
+    this.rawSaid = h("small", { class: "note" });
+    this.wantsRaw = h("input", { type: "checkbox", id: "raw-torque", onchange: () => this.#readRaw() });
+    this.moment = new Moment(model, signal);
+    const step = (by) => () => model.chooseJoint(model.joints[(model.joints.indexOf(model.joint) + by + model.joints.length) % model.joints.length]);
+    const keys = { ArrowUp: step(-1), ArrowDown: step(1), Enter: () => this.#click(model.joint, (this.view.range.from + this.view.range.to) / 2, 0.5) };
+    const onChoose = (joint) => model.chooseJoint(joint);
+    const onClick = (joint, time) => this.#click(joint, time);
+    this.rows = Object.fromEntries(model.joints.map((joint) => [joint, new JointRow(this.view, joint, { onClick, onChoose }, signal)]));
+    const group = timeGroup(this.view, "Torque and residual of all joints over time. Up and down choose a joint, Enter looks at what is shown.", keys);
+    group.append(...Object.values(this.rows).map((one) => one.element));
+    this.element = h("div", {}, timeButtons(this.view), this.#choices(), this.trouble, group, this.said, this.moment.element);
+    this.view.addEventListener("settled", () => this.#settled(), { signal });
+    onColours(() => Object.values(this.rows).forEach((one) => one.draw()), signal);
+  }
+
+  /** Show a comparison; what the address says of a stretch stays. */
+  async show(comparison) {
+    const { from, to } = asked();
+    this.reader = new Reader(comparison, this.model.joints, (joint, line) => this.#show(joint, line), this.signal);
+    Object.assign(this, { lines: {}, raw: {} });
+    this.moment.clear();
+    this.shape();
+    this.view.stretch = null;
+    this.view.setWhole(comparison.result.start_time, comparison.result.end_time);
+    const wanted = from && to && Number(to) > Number(from) ? { from: Number(from), to: Number(to) } : null;
+    // What the address asks for comes first; only of runs one after another all has to be known before.
+    const known = wanted && !overlap(this.model.measurements.find((one) => one.id === this.model.measurement).segments);
+    if (!known && !(await this.#read(null))) return;
+    if (wanted) this.view.go(wanted);
+    else this.#readRaw();
+  }
+
+  /** Follow the chosen joint. */
+  shape() {
+    const { joint, joints } = this.model;
+    const kinds = { torque: ["torque"], residual: ["residual"], both: ["torque", "residual"], "": [] }[this.others];
+    joints.forEach((one, index) => {
+      const chosen = one === joint;
+      this.rows[one].shape({ chosen, shows: chosen ? ["torque", "residual"] : kinds, last: index === joints.length - 1 });
+    });
+    this.#tell();
+  }
+
+  /** Zoom to a stretch of the recording's time on a joint, and say what was there. */
+  zoom(joint, { from, to }) {
+    const full = this.reader?.full[joint];
+    const place = full?.shifted ? find(full, from, to, full.values.residual) : { from, to };
+    if (!place) return;
+    const room = 0.25 * (to - from);
+    this.looksAt = [joint, place];
+    this.view.go({ from: place.from - room, to: place.to + room });
+  }
+
+  #choices() {
+    const why = whyNoRaw(this.model.robot);
+    this.wantsRaw.disabled = Boolean(why);
+    put(this.rawSaid, why);
+    const others = this.model.joints.length > 1 && field("Other joints", select(OTHERS, this.others, (value) => {
+      this.others = value;
+      this.shape();
+    }));
+    return h("div", { class: "bar-of-fields" }, others, h("label", { class: "pick-one" }, this.wantsRaw, " torque as recorded, before the filters"), this.rawSaid);
+  }
+
+  #show(joint, line) {
+    this.lines[joint] = line;
+    if (line.shifted) this.view.setWhole(line.x[0], line.x.at(-1));
+    this.rows[joint].show(line, this.raw[joint] ?? null);
+    if (joint === this.model.joint) this.#tell();
+  }
+
+  async #read(stretch) {
+    try {
+      await this.reader.read(stretch, this.model.joint);
+      put(this.trouble);
+      return true;
+    } catch (error) {
+      if (!this.signal.aborted) put(this.trouble, problemBox(error, () => this.#read(stretch)));
+      return false;
+    }
+  }
+
+  async #settled() {
+    const { stretch } = this.view;
+    const seconds = (value) => String(Number(value.toFixed(4)));
+    remember({ from: stretch ? seconds(stretch.from) : "", to: stretch ? seconds(stretch.to) : "" });
+    this.#readRaw();
+    if (!(await this.#read(stretch)) || stretch !== this.view.stretch) return;
+    if (this.looksAt) this.#look(...this.looksAt, this.lines);
+    this.looksAt = null;
+    this.reader.fill().catch(() => {}); // Asked for again, and complained of, when it is to be shown.
+  }
+
+  async #readRaw() {
+    const wanted = this.wantsRaw.checked && !this.wantsRaw.disabled;
+    if (wanted && this.reader?.shifted) {
+      put(this.rawSaid, "Runs that overlap in time are set one after another here: what was recorded is on the measurement's own page.");
+      return;
+    }
+    try {
+      this.reading ??= rawReader(this.model, this.signal);
+      if (wanted) put(this.rawSaid, "reading …");
+      this.raw = wanted ? await this.reading(this.view.stretch) : {};
+      put(this.rawSaid, wanted ? "" : whyNoRaw(this.model.robot));
+      for (const [joint, line] of Object.entries(this.lines)) this.rows[joint].show(line, this.raw[joint] ?? null);
+    } catch (error) {
+      if (error.name !== "AbortError") put(this.rawSaid, `The recorded torque cannot be read: ${error.message}`);
+    }
+  }
+
+  #click(joint, time, share = null) {
+    this.model.chooseJoint(joint);
+    const { from, to } = this.view.range;
+    this.#look(joint, share ? { from, to } : around(time, this.view), this.lines);
+  }
+
+  /** Say what was in a stretch, right beneath the joint. */
+  #look(joint, stretch, lines) {
+    this.rows[joint].element.after(this.moment.element);
+    this.moment.show(joint, stretch, lines);
+    this.moment.element.scrollIntoView({ block: "nearest" });
+  }
+
+  #tell() {
+    const { joint } = this.model;
+    const line = this.lines[joint];
+    if (!line) return;
+    const { residual, standing, band } = line.values;
+    const { from, to } = this.view.range;
+    const isMoving = (index) => residual[index] !== null && standing?.[index] !== true;
+    const moving = residual.map((_, index) => index).filter(isMoving);
+    const outside = moving.filter((index) => Math.abs(residual[index]) > band[index]).length;
+    const drawn = residual.filter((value) => value !== null).length;
+    const all = drawn === line.samples;
+    const band95 = all && moving.length ? `${percent(outside / moving.length, 2)} of the residual is outside its 95 % band; noise alone leaves 5 % there.` : "Noise alone leaves 5 % of the residual outside its 95 % band.";
+    const rest = standing?.includes(true) ? " On the grey ground the joint stands: there the prediction is what static friction may hold, and the residual the distance to that." : "";
+    put(this.said, `${joint}, ${number(from, 4)} s to ${number(to, 4)} s: ${line.samples} samples, ${all ? "all" : drawn} drawn${all ? "" : " with their extremes"}. ${band95}${rest}`);
+  }
+
+  /** Say to those who do not see it which stretch is shown. */
+  announce(joint, { from, to }) {
+    announce(`${joint}, ${number(from)} to ${number(to)} s`);
+  }
+}
+
+function overlap(segments) {
+  return segments.some((one, index) => index > 0 && one.start_time <= segments[index - 1].end_time);
+}

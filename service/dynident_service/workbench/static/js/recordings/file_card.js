@@ -1,0 +1,203 @@
+// One file on its way to be a recording: looked at, confirmed, stored. What is typed stays, whatever goes wrong.
+
+import { ask, post, upload } from "../api.js";
+import { checksInWords, checksTable } from "../checks.js";
+import { announce, field, h, put, select } from "../dom.js";
+import { number, percent } from "../format.js";
+import { address } from "../location.js";
+import { clearForm, problemBox, showInForm } from "../problem.js";
+import { ColumnsTable } from "./columns_table.js";
+import { editInWords, withEdit } from "./edits.js";
+import { Guesses } from "./guesses.js";
+import { revise } from "./revise.js";
+import { drivesOf, placesOf } from "./robot_facts.js";
+
+const ROLES = [["identification", "identification"], ["validation", "validation (held out)"], ["friction", "friction"], ["payload", "payload"]];
+
+/** The form of one file, or of an import that is there already; it belongs to the robot that is `chosen()` when it is sent. */
+export function fileCard({ file = null, found = null, role }, { chosen, onStored, onRobot }) {
+  const fields = saidFields((found?.proposed.name ?? file.name).replace(/\.[^.]*$/, ""), role);
+  const columns = new ColumnsTable();
+  const guesses = new Guesses();
+  const looked = h("div", { hidden: true });
+  const robotsFacts = h("div");
+  const said = h("div");
+  const doing = h("div");
+  const accepted = new Set();
+  let edits = {};
+  let running = new AbortController();
+  const submit = h("button", { class: "main", disabled: true }, "Confirm and store");
+
+  const work = (words) => {
+    running.abort();
+    running = new AbortController();
+    const mine = running;
+    const bar = h("progress", { max: 1, "aria-label": words });
+    const how = h("span", { class: "note" });
+    const stop = h("button", { type: "button", class: "small", onclick: () => mine.abort() }, "Cancel");
+    put(doing, h("div", { class: "progress" }, h("span", {}, words), bar, how, stop));
+    return { signal: mine.signal, move: (share) => {
+      if (share < 1) bar.value = share;
+      else bar.removeAttribute("value");
+      put(how, share < 1 ? percent(share, 2) : "looking at it");
+    } };
+  };
+
+  const look = async () => {
+    submit.disabled = true;
+    const { signal, move } = work("Uploading");
+    const robot = chosen();
+    const asked = { robot_id: robot.id, name: fields.name.value || null, columns: columns.byHand, units: guesses.unitsByHand };
+    asked.units = Object.fromEntries(Object.entries(asked.units).filter(([, unit]) => unit && unit !== "si"));
+    const before = found;
+    try {
+      found = await upload("/imports", file, asked, { onProgress: move, signal });
+      if (before) forget(before);
+      show(robot);
+    } catch (error) {
+      if (signal !== running.signal) return;
+      submit.disabled = !found;
+      const stopped = error.name === "AbortError";
+      put(doing, stopped ? h("p", { class: "note" }, "Given up; nothing was stored. ", h("button", { type: "button", class: "small", onclick: look }, "Look at it after all")) : problemBox(error, look));
+    }
+  };
+  const show = (robot) => {
+    put(doing);
+    const joints = robot.joints.map((one) => one.name);
+    columns.fill(found, joints);
+    guesses.fill(found, columns.kinds, joints);
+    looked.hidden = false;
+    submit.disabled = false;
+    askOfRobot(robot);
+    const { questions } = found;
+    announce(`${nameOfFile()} was looked at: ${questions.length ? `${questions.length} to answer` : "nothing to answer"}`);
+  };
+  // Where the file lacks what only the robot can tell, its fields stand here.
+  const askOfRobot = (robot) => {
+    const asks = (field) => found.questions.some((one) => one.field === field);
+    const hasGains = robot.joints.every((one) => one.drive_gain !== null);
+    const gains = asks("drives") || (columns.kinds.has("current") && !hasGains);
+    const places = asks("columns/q") || asks("columns/tau");
+    put(
+      robotsFacts,
+      gains ? h("details", { open: true }, h("summary", {}, "The drive gains of these currents"), drivesOf(robot, onRobot)) : null,
+      places ? h("details", {}, h("summary", {}, "The file has no columns for some joints: are they locked?"), placesOf(robot, onRobot)) : null,
+    );
+  };
+  const metadata = () => withEdit({
+    ...found.proposed,
+    robot_id: chosen().id,
+    ...fields.values(),
+    columns: columns.columns,
+    units: guesses.units,
+    effort_kind: guesses.effort,
+    accept: [...accepted],
+  }, edits);
+  const send = async (event) => {
+    event?.preventDefault();
+    clearForm(form, said);
+    submit.disabled = true;
+    const { signal, move } = work("Checking and storing");
+    move(1);
+    try {
+      stored(await post("/measurements", { import_id: found.id, metadata: metadata() }, { signal }));
+    } catch (error) {
+      const { checks = [] } = error;
+      error.checks = [];
+      if (error.name === "AbortError") put(said, h("p", { class: "note" }, "Given up; nothing was stored. Confirm to try again."));
+      else showInForm(form, said, error);
+      if (checks.length) said.append(checksTable(checks, accept, { onApply: apply, inWords: inOurWords }));
+    }
+    submit.disabled = false;
+    put(doing);
+  };
+  const inOurWords = (edit) => editInWords(edit, chosen().joints.map((one) => one.name));
+  const accept = (check) => {
+    accepted.add(check);
+    send();
+  };
+  const apply = (check) => {
+    edits = withEdit(edits, check.apply);
+    if (check.apply.windows) fields.windows.value = "";
+    put(applied, `Applied: ${inOurWords(edits)}. `, h("button", { type: "button", class: "small", onclick: () => { edits = {}; put(applied); } }, "Undo"));
+    send();
+  };
+  const stored = (measurement) => {
+    const words = `${measurement.name} is stored; checks: ${checksInWords(measurement.checks)}`;
+    announce(words);
+    const trouble = h("div");
+    const link = h("a", { href: address({ view: "recording", measurement: measurement.id }) }, "its signals, windows and checks");
+    const again = (check) => revise(measurement, check.apply, trouble);
+    form.replaceWith(h("details", { open: measurement.checks.some((one) => one.status !== "ok") }, h("summary", {}, words), h("p", {}, "Look at ", link, "."), trouble, checksTable(measurement.checks, null, { onApply: again, inWords: inOurWords })));
+    onStored(measurement);
+  };
+  const leave = () => {
+    running.abort();
+    form.remove();
+    if (found) forget(found);
+  };
+  const nameOfFile = () => (file ? file.name : found.proposed.name);
+
+  guesses.addEventListener("effort", ({ detail }) => (detail === "motor_current" ? columns.rename("tau", "current") : columns.rename("current", "tau")));
+  columns.addEventListener("change", () => {
+    guesses.follow(columns.kinds);
+    askOfRobot(chosen());
+  });
+  const applied = h("p", { class: "note" });
+  const size = file ? ` (${number(file.size / 1e6, 2)} MB)` : " (looked at before)";
+  put(looked, h("h3", {}, "What it seems to be"), guesses.element, robotsFacts, columns.element, h("p", { class: "note" }, "Choose otherwise where a guess is wrong. Two columns cannot be the same signal: they change places."));
+  const form = h(
+    "form",
+    { class: "card", onsubmit: send },
+    h("p", {}, h("strong", {}, nameOfFile()), size),
+    fields.element,
+    doing,
+    looked,
+    applied,
+    said,
+    h("p", { class: "actions" }, submit, h("button", { type: "button", onclick: leave }, "Leave it out")),
+  );
+  // Another robot: its joints and gains are what the file is to be looked at for.
+  form.addEventListener("robot", () => (file ? look() : show(chosen())));
+  if (found) show(chosen());
+  else look();
+  return form;
+}
+
+/** What nobody is going to use need not be kept for a day. */
+function forget(found) {
+  ask("DELETE", `/imports/${found.id}`).catch(() => {});
+}
+
+/** What people say of a recording beside its columns. */
+function saidFields(called, role) {
+  const name = h("input", { name: "name", required: true, value: called, maxlength: 200 });
+  const mass = h("input", { name: "mass", type: "number", step: "any", min: 0, placeholder: "2.5" });
+  const load = field("Mass of the load (kg)", mass, { pointer: "/metadata/payload", hint: "What is known to be carried." });
+  const roles = select(ROLES, role, (value) => { load.hidden = value !== "payload"; }, { name: "role" });
+  load.hidden = role !== "payload";
+  const windows = h("input", { name: "windows", placeholder: "all; or 2 to 10, 15 to 30" });
+  const delay = h("input", { name: "delay", type: "number", step: "any", placeholder: "0" });
+  const element = h(
+    "div",
+    { class: "fields" },
+    field("Name", name, { pointer: "/metadata/name" }),
+    field("Role", roles, { pointer: "/metadata/role" }),
+    load,
+    field("Windows (s of t)", windows, { pointer: "/metadata/windows", hint: "The parts to use; they can be dragged once it is stored." }),
+    field("Delay of the torque (ms)", delay, { pointer: "/metadata/torque_delay" }),
+  );
+  const values = () => ({
+    name: name.value,
+    role: roles.value,
+    payload: roles.value === "payload" && mass.value ? { mass: Number(mass.value) } : null,
+    windows: windowsIn(windows.value),
+    torque_delay: Number(delay.value) / 1000 || 0,
+  });
+  return { element, name, windows, values };
+}
+
+/** "2 to 10, 15-30" as [[2, 10], [15, 30]]; what is no number is left for the service to complain of. */
+function windowsIn(text) {
+  return text.split(/[,;]/).map((one) => one.trim()).filter(Boolean).map((one) => one.split(/\s*(?:to|…|–|\.\.+|:|(?<=\d)-)\s*/).map((value) => (value === "" || Number.isNaN(Number(value)) ? value : Number(value))));
+}

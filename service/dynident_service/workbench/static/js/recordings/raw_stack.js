@@ -1,0 +1,142 @@
+// The signals of a recording as its file has them, joint above joint, with standstill and windows on them.
+
+import { get, lastAsked } from "../api.js";
+import { h, put } from "../dom.js";
+import { grouped, number, quantity } from "../format.js";
+import { asked, remember } from "../location.js";
+import { axis, colour, onColours } from "../plots.js";
+import { problemBox } from "../problem.js";
+import { shadeStretches } from "../signals/grounds.js";
+import { redraw, timePlot } from "../signals/time_plot.js";
+import { TimeView, timeButtons, timeGroup } from "../signals/time_view.js";
+
+const BUCKETS = 300; // stretches of the screen whose extremes are kept
+const HEIGHT = 128;
+
+export class RawStack {
+  constructor(measurement, windows, signal) {
+    Object.assign(this, { measurement, windows, signal, plots: [], halts: {} });
+    this.joints = measurement.joints;
+    this.view = new TimeView();
+    this.asking = lastAsked(signal);
+    this.said = h("p", { class: "note", id: "zoom-state" });
+    this.trouble = h("div");
+    this.group = timeGroup(this.view, "Positions and torques of all joints over time.");
+    this.element = h("div", {}, timeButtons(this.view), this.trouble, this.group, this.said);
+    this.view.addEventListener("stretch", () => this.#move(), { signal });
+    this.view.addEventListener("settled", () => this.#settled(), { signal });
+    windows.addEventListener("change", () => this.plots.forEach(({ plot }) => plot.redraw(false, true)), { signal });
+    onColours(() => this.#draw(), signal);
+  }
+
+  /** Read the signals, whole and then what the address says of a stretch; and when the joints stand. */
+  async show() {
+    const { from, to } = asked();
+    put(this.said, "Reading the file …");
+    const halts = this.#readHalts();
+    await this.#read(null);
+    if (from && to && Number(to) > Number(from)) this.view.go({ from: Number(from), to: Number(to) });
+    await halts;
+  }
+
+  async #readHalts() {
+    try {
+      const { joints } = await get(`/measurements/${this.measurement.id}/standstills`, {}, this.signal);
+      this.halts = Object.fromEntries(joints.map((one) => [one.joint, one.standing]));
+      for (const { plot } of this.plots) plot.redraw(false, true);
+    } catch (error) {
+      if (!this.signal.aborted) put(this.trouble, problemBox(error));
+    }
+  }
+
+  async #read(stretch) {
+    const until = this.asking();
+    if (!stretch && this.full) return this.#fill(this.full);
+    const signals = this.joints.flatMap((joint) => [`q_${joint}`, `tau_${joint}`]);
+    const query = { signals: signals.join(","), points: 2 * BUCKETS * signals.length, ...(stretch ?? {}) };
+    try {
+      const found = ordered(await get(`/measurements/${this.measurement.id}/raw`, query, until));
+      if (until.aborted) return null;
+      put(this.trouble);
+      if (!stretch) {
+        this.full = found;
+        this.view.setWhole(found.t[0] ?? 0, found.t.at(-1) ?? 1);
+      }
+      this.#fill(found);
+    } catch (error) {
+      if (!until.aborted) put(this.trouble, problemBox(error, () => this.#read(stretch)));
+    }
+    return null;
+  }
+
+  #settled() {
+    const { stretch } = this.view;
+    const seconds = (value) => String(Number(value.toFixed(4)));
+    remember({ from: stretch ? seconds(stretch.from) : "", to: stretch ? seconds(stretch.to) : "" });
+    this.#read(stretch);
+  }
+
+  #fill(found) {
+    this.found = found;
+    if (!this.plots.length) this.#draw();
+    for (const { plot, joint } of this.plots) redraw(plot, this.view, dataOf(found, joint));
+    const { from, to } = this.view.range;
+    const all = found.t.length === found.n_samples;
+    put(this.said, `${number(from, 4)} s to ${number(to, 4)} s: ${grouped(found.n_samples)} samples as recorded, ${all ? "all drawn" : `${grouped(found.t.length)} drawn, every extreme among them`}. On the grey ground a joint stands.${found.turned ? " Time runs backwards in the file: its runs are drawn in the order of time." : ""}`);
+  }
+
+  #move() {
+    for (const { plot } of this.plots) redraw(plot, this.view);
+  }
+
+  #draw() {
+    if (!this.found) return;
+    for (const { plot } of this.plots) plot.destroy();
+    this.plots = this.joints.map((joint, index) => this.#row(joint, index === this.joints.length - 1));
+    put(this.group, this.plots.map((one) => one.element));
+    for (const { plot, joint } of this.plots) redraw(plot, this.view, dataOf(this.found, joint));
+  }
+
+  #row(joint, last) {
+    const { units } = this.found;
+    const [q, tau] = [units[`q_${joint}`], units[`tau_${joint}`]];
+    const values = h("span", { class: "note" });
+    const target = h("div", { class: "chart" });
+    const element = h("div", { class: "joint-row", "data-joint": joint }, h("p", { class: "chart-title" }, joint, " ", values), target);
+    const line = (label, stroke, scale) => ({ label, stroke, scale, width: 1.2, points: { show: false }, spanGaps: false });
+    const x = last ? axis("time (s)", 2) : { ...axis("", 2), label: null, values: (_, splits) => splits.map(() => ""), size: 6 };
+    const read = (one) => {
+      const at = one.cursor.idx;
+      const { t, signals } = this.found;
+      if (at === null || at === undefined || one.cursor.left < 0) put(values);
+      else put(values, `${number(t[at], 5)} s: position ${quantity(signals[`q_${joint}`][at], q)}, torque ${quantity(signals[`tau_${joint}`][at], tau)}`);
+    };
+    const ground = (one) => {
+      shadeStretches(one, this.halts[joint] ?? [], colour("standing"));
+      this.windows.draw(one);
+    };
+    const scales = { q: {}, tau: {} };
+    const left = { ...axis(`position (${q})`, 3), scale: "q", space: 20, stroke: colour("residual") };
+    const right = { ...axis(`torque (${tau})`, 1), scale: "tau", space: 20, size: 64, stroke: colour("predicted"), grid: { show: false } };
+    const series = [{}, line("position", colour("residual"), "q"), line("torque", colour("predicted"), "tau")];
+    const options = { height: HEIGHT + (last ? 46 : 0), series, scales, axes: [x, left, right], legend: { show: false }, hooks: { drawClear: [ground], setCursor: [read] } };
+    let taken = () => false;
+    const plot = timePlot(target, this.view, { options, data: series.map(() => []), linked: "raw", taken: (event) => taken(event) }, this.signal);
+    taken = this.windows.holdIn(plot, this.signal);
+    return { joint, element, plot };
+  }
+}
+
+function dataOf({ t, signals }, joint) {
+  return [t, signals[`q_${joint}`], signals[`tau_${joint}`]];
+}
+
+/** Rows in the order of time, those without a time left out: a figure needs both. */
+function ordered(found) {
+  const rows = found.t.map((_, index) => index).filter((index) => found.t[index] !== null);
+  const turned = rows.some((row, index) => index > 0 && found.t[row] < found.t[rows[index - 1]]);
+  if (!turned && rows.length === found.t.length) return found;
+  if (turned) rows.sort((a, b) => found.t[a] - found.t[b]);
+  const pick = (values) => rows.map((row) => values[row]);
+  return { ...found, turned, t: pick(found.t), signals: Object.fromEntries(Object.entries(found.signals).map(([name, values]) => [name, pick(values)])) };
+}

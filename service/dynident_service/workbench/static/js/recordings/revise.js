@@ -1,0 +1,39 @@
+// A revision of a recording: asked for, waited for, given up, and taken back.
+
+import { ask, get, post } from "../api.js";
+import { announce, h, put } from "../dom.js";
+import { go } from "../location.js";
+import { problemBox } from "../problem.js";
+
+/** Ask for a revision and go to it; how it stands is shown in `target`, and what was chosen stays if it fails. */
+export async function revise(measurement, edit, target) {
+  const given = new AbortController();
+  const stop = h("button", { type: "button", class: "small", onclick: () => given.abort() }, "Cancel");
+  put(target, h("div", { class: "progress" }, h("span", {}, "Checking the file anew"), h("progress", { "aria-label": "Checking the file anew" }), stop));
+  try {
+    const made = await post(`/measurements/${measurement.id}/revisions`, edit, { signal: given.signal });
+    announce(`${made.name} is stored`);
+    go({ view: "recording", measurement: made.id });
+  } catch (error) {
+    if (error.name === "AbortError") put(target, h("p", { class: "note" }, "Given up: nothing was stored."));
+    else put(target, problemBox(error, () => revise(measurement, edit, target)));
+  }
+}
+
+/** Take a revision back: it is deleted, and its parent is shown. One that others rest on stays, and is said to. */
+export async function takeBack(measurement, target) {
+  try {
+    await ask("DELETE", `/measurements/${measurement.id}`);
+    announce(`${measurement.name} is taken back`);
+    go({ view: "recording", measurement: measurement.parent_id });
+  } catch (error) {
+    const open = h("button", { type: "button", onclick: () => go({ view: "recording", measurement: measurement.parent_id }) }, "Show what it was made from");
+    put(target, problemBox(error), h("p", { class: "actions" }, open));
+  }
+}
+
+/** The revisions that were made from a measurement, newest first. */
+export async function revisionsOf(measurement, signal) {
+  const { items } = await get("/measurements", { robot_id: measurement.robot_id, limit: 200 }, signal);
+  return items.filter((one) => one.parent_id === measurement.id);
+}

@@ -1,0 +1,101 @@
+// What a recording needs to know of the robot and its description does not say: drive gains, locked joints, gravity.
+
+import { post } from "../api.js";
+import { announce, h, put, row, table } from "../dom.js";
+import { clearForm, showInForm } from "../problem.js";
+
+const AXES = ["x", "y", "z"];
+
+/** Fields for drive gains; `joints` are [{ name, type, drive_gain }]. */
+export function gainFields(joints) {
+  if (!joints.length) return null;
+  const rows = joints.map((joint) => {
+    const unit = joint.type === "prismatic" ? "N/A" : "N m/A";
+    const input = h("input", { type: "number", step: "any", "data-gain-of": joint.name, value: joint.drive_gain ?? "", "aria-label": `Drive gain of ${joint.name} in ${unit}` });
+    return row([joint.name, joint.type, h("div", { "data-pointer": `/drives/${joint.name}` }, input, ` ${unit}`)]);
+  });
+  return [
+    table("Drive gains: torque = drive gain × current [12.17]", ["joint", "type", "drive gain"], rows, { class: "narrow" }),
+    h("p", { class: "note" }, "Needed only where recordings have currents instead of torques."),
+  ];
+}
+
+/** Fields for joints that are held where they are, and for gravity; `joints` are [{ name, type, locked }]. */
+export function placeFields(joints, gravity = null) {
+  if (!joints.length) return null;
+  const rows = joints.map((joint) => {
+    const unit = joint.type === "prismatic" ? "m" : "rad";
+    const place = h("input", { type: "number", step: "any", class: "short", "data-locked-at": joint.name, value: joint.locked ?? 0, disabled: joint.locked === undefined, "aria-label": `Where ${joint.name} is locked, in ${unit}` });
+    const box = h("input", { type: "checkbox", "data-locks": joint.name, checked: joint.locked !== undefined, "aria-label": `${joint.name} is locked`, onchange: () => { place.disabled = !box.checked; } });
+    return row([joint.name, box, h("div", { "data-pointer": `/locked_joints/${joint.name}` }, place, ` ${unit}`)]);
+  });
+  const fields = AXES.map((axis, index) => h("label", {}, `${axis} `, h("input", { type: "number", step: "any", class: "short", "data-gravity": axis, value: gravity?.[index] ?? "", placeholder: index === 2 ? "−9.81" : "0" })));
+  return [
+    table("Joints that are locked: no recording has columns for them", ["joint", "locked", "at"], rows, { class: "narrow" }),
+    h("fieldset", { class: "actions", "data-pointer": "/gravity" }, h("legend", {}, "Gravity in the frame of the base (m/s²)"), fields, h("span", { class: "note" }, "empty: 9.81 downwards along −z. A robot on a wall or a ceiling has another.")),
+  ];
+}
+
+/** What is filled in, as a robot's request takes it: { drives, locked_joints, gravity }. */
+export function factsIn(element) {
+  const filled = [...element.querySelectorAll("[data-gain-of]")].filter((input) => input.value !== "");
+  const locked = [...element.querySelectorAll("[data-locks]:checked")].map((box) => box.dataset.locks);
+  const placeOf = (joint) => Number([...element.querySelectorAll("[data-locked-at]")].find((one) => one.dataset.lockedAt === joint).value);
+  const gravity = [...element.querySelectorAll("[data-gravity]")].map((one) => one.value);
+  return {
+    drives: Object.fromEntries(filled.map((input) => [input.dataset.gainOf, { drive_gain: Number(input.value) }])),
+    locked_joints: Object.fromEntries(locked.map((joint) => [joint, placeOf(joint)])),
+    gravity: gravity.some(Boolean) ? gravity.map(Number) : null,
+  };
+}
+
+/** Drive gains that turn currents into torques; `onRobot` is given a robot that has them. */
+export function drivesOf(robot, onRobot) {
+  const body = h("div", {}, gainFields(robot.joints));
+  const request = () => ({ ...robot.request, name: named(robot, "with drive gains"), drives: merged(robot.request.drives, factsIn(body).drives) });
+  return robotWith(body, request, "Make a robot with these drive gains", onRobot);
+}
+
+/** Locked joints and gravity; `onRobot` is given a robot that is so. */
+export function placesOf(robot, onRobot) {
+  const { request } = robot;
+  const locked = request.locked_joints ?? {};
+  const others = Object.keys(locked).filter((name) => !robot.joints.some((one) => one.name === name));
+  const joints = [...robot.joints, ...others.map((name) => ({ name, type: "revolute" }))];
+  const body = h("div", {}, placeFields(joints.map((one) => ({ ...one, locked: locked[one.name] })), request.gravity));
+  const wanted = () => {
+    const { locked_joints, gravity } = factsIn(body);
+    return { ...request, name: named(robot, "as it is mounted"), locked_joints, gravity };
+  };
+  return robotWith(body, wanted, "Make a robot that is so", onRobot);
+}
+
+/** The fields with a button that makes a robot; not a form, for it may stand in one. */
+function robotWith(body, request, text, onRobot) {
+  const said = h("div");
+  const send = async () => {
+    clearForm(element, said);
+    try {
+      onRobot(await post("/robots", request()));
+      announce("The new robot is chosen");
+    } catch (error) {
+      showInForm(element, said, error);
+    }
+  };
+  const entered = (event) => {
+    if (event.key !== "Enter" || !event.target.matches("input")) return;
+    event.preventDefault();
+    send();
+  };
+  const element = h("div", { onkeydown: entered }, body, said, h("p", { class: "actions" }, h("button", { type: "button", onclick: send }, text), h("span", { class: "note" }, "Stored recordings keep the robot that they were read with.")));
+  return element;
+}
+
+function named(robot, suffix) {
+  return `${robot.name} ${suffix}`.slice(0, 200);
+}
+
+function merged(before, now) {
+  const names = new Set([...Object.keys(before ?? {}), ...Object.keys(now)]);
+  return Object.fromEntries([...names].map((name) => [name, { ...before?.[name], ...now[name] }]));
+}
