@@ -11,7 +11,7 @@ export async function page(target, wanted, signal) {
   document.title = "Recordings: dynident";
   const robots = await robotNames(signal);
   const columns = (changed) => [
-    { id: "name", name: "name", value: (one) => one.name, cell: (one) => one.name },
+    { id: "name", name: "name", value: (one) => one.name, cell: (one) => h("a", { href: address({ view: "recording", measurement: one.id }) }, one.name) },
     { id: "robot", name: "robot", value: (one) => robots.get(one.robot_id) ?? "", cell: (one) => h("a", { href: address({ view: "new", robot: one.robot_id }) }, robots.get(one.robot_id) ?? one.robot_id) },
     { id: "role", name: "use", value: (one) => one.role ?? "", cell: (one) => one.role ?? "–" },
     { id: "samples", name: "samples", right: true, value: (one) => one.n_samples, text: () => "", cell: (one) => grouped(one.n_samples) },
