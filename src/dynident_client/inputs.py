@@ -37,6 +37,10 @@ class Robots(Labelled[Robot]):
             return self._post({"name": name, "description": {"format": "urdf", "content": content}, **more})
         return self._post({"name": name, "description": {"format": "modified_dh", "content": modified_dh}, **more})
 
+    def geometry(self, robot: Robot | str) -> dict[str, Any]:
+        """Read where the robot's links are: the frames of its joints and capsules around what they carry."""
+        return dict(self._transport.get(f"{self.path}/{id_of(robot)}/geometry"))
+
     def bundle(self, robot: Robot | str) -> Iterator[bytes]:
         """Give a robot with all that rests on it as a ZIP, in pieces, for `dynident import-robot` elsewhere."""
         return self._transport.stream(f"{self.path}/{id_of(robot)}/bundle")
@@ -101,6 +105,10 @@ class Measurements(Labelled[Measurement]):
         path = f"{self.path}/{id_of(measurement)}/raw"
         narrow = {"signals": ",".join(signals) or None, "from": start, "to": end, "points": points}
         return dict(self._transport.get(path, **narrow))
+
+    def standstills(self, measurement: Record | str) -> dict[str, Any]:
+        """Read where each joint stands, as stretches of time in s."""
+        return dict(self._transport.get(f"{self.path}/{id_of(measurement)}/standstills"))
 
     def of_import(self, looked_at: Import, metadata: Mapping[str, Any] | None = None) -> Measurement:
         """Store a file that was imported, with these metadata or as they are proposed."""

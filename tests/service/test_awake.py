@@ -32,6 +32,7 @@ class Client:
 
     def __init__(self) -> None:
         self.has_left = False
+        self.scope: dict[str, Any] = {}
 
     async def is_disconnected(self) -> bool:
         return self.has_left

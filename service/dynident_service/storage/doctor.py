@@ -67,6 +67,8 @@ def examine_database(database: Database) -> Iterator[Finding]:
             for (said,) in connection.execute(text("PRAGMA quick_check(20)")):
                 if said != "ok":
                     yield Finding("database", database.engine.url.database or "", str(said))
+            # A file that lost its journal may be sound and have no tables.
+            connection.execute(select(ObjectRow.key).limit(1))
     except DatabaseError as error:
         yield Finding("database", database.engine.url.database or "", str(error.orig))
 

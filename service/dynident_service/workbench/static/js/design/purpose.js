@@ -10,7 +10,9 @@ export function purposeChoice(robot, effects, criteria, given) {
   const usual = given && !proposed ? given.name : "condition_number";
   const criterion = select(criteria.filter((one) => !LATER.has(one.name)).map((one) => [one.name, one.label]), usual, () => tell(), { id: "criterion" });
   const words = h("span", { class: "note" });
-  const pair = [rival(robot, effects, "First effect", "joint_spring"), rival(robot, effects, "Second effect", "gravity_compensator")];
+  // Two that are easily confused, to begin with.
+  const first = effects.items.findLast((one) => one.scope !== "robot" && one.confused_with.length) ?? effects.items[0];
+  const pair = [rival(robot, effects, "First effect", first.id), rival(robot, effects, "Second effect", first.confused_with[0] ?? first.id)];
   const last = robot.joints.length;
   const ofLast = robot.base_parameters.names.filter((name) => Number(/(\d+)$/.exec(name)?.[1]) === last);
   const purposes = [

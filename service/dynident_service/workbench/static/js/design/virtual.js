@@ -6,8 +6,6 @@ import { computed, progressBar } from "../jobs.js";
 import { go } from "../location.js";
 import { problemBox } from "../problem.js";
 
-const USUAL = ["rigid_body", "rotor_inertia", "coulomb", "viscous"];
-
 /** A button that simulates a design, and a random motion to hold out, and identifies from them. */
 export function virtualRobot(design, robot, signal) {
   const said = h("div");
@@ -29,8 +27,9 @@ export function virtualRobot(design, robot, signal) {
       const name = design.name ?? "design";
       const fit = await simulated({ design_id: design.id, role: "identification", name: `${name}, simulated` }, "Simulating the design");
       const held = await simulated({ trajectory: { duration: 10 }, seed: 1, role: "validation", name: "random motion, simulated" }, "Simulating a random motion");
-      const effects = design.request.effects ?? USUAL.map((effect) => ({ effect }));
-      const made = await post("/identifications", { robot_id: robot.id, name: `${name}, virtual robot`, measurement_ids: [fit], validation_ids: [held], effects });
+      // Without effects of its own the design was for those that an identification has by itself.
+      const effects = design.request.effects ? { effects: design.request.effects } : {};
+      const made = await post("/identifications", { robot_id: robot.id, name: `${name}, virtual robot`, measurement_ids: [fit], validation_ids: [held], ...effects });
       dispatchEvent(new Event("models-changed"));
       go({ identification: made.id });
     } catch (error) {
