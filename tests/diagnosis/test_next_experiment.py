@@ -83,7 +83,7 @@ def test_a_proposal_does_not_keep_a_diagnosis_waiting():
         began = time.process_time()
         proposed(doubt)
         # One start of an optimisation, where it is a motion of all joints.
-        assert time.process_time() - began < 3.0
+        assert time.process_time() - began < 8.0
 
 
 def test_what_people_have_to_do_is_said_beside_the_design():
