@@ -29,7 +29,7 @@ WEIGHTS = ((b",", 1), (b"[", 2), (b"{", 4))
 ALWAYS_ANSWERED = frozenset({"/healthz", "/readyz", "/metrics"})
 FIRST_GRACE = 30.0
 """Seconds that the first bytes may take, whatever the rate."""
-MOST_A_THREAD = 3
+MOST_A_THREAD = 8
 """As many short requests may be under way for each thread; what comes then would wait longer than it should."""
 SHORT_BODY = 100_000
 """Bytes of a body that comes with its head; larger ones take as long as their network does."""
@@ -180,7 +180,7 @@ class Admission:
             return f"More than {settings.max_requests} requests are under way (DYNIDENT_MAX_REQUESTS); try again soon."
         most = MOST_A_THREAD * settings.request_threads
         if pace == "short" and count[pace] >= most:
-            return f"More than {most} requests wait to be answered (thrice DYNIDENT_REQUEST_THREADS); try again soon."
+            return f"More than {most} requests wait to be answered ({MOST_A_THREAD} for each of DYNIDENT_REQUEST_THREADS); try again soon."
         return None
 
 

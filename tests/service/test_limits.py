@@ -19,7 +19,7 @@ from fastapi.testclient import TestClient
 from service_helpers import serving, wait_for
 
 from dynident_service.app import create_app
-from dynident_service.limits import MOST_VALUES, Admission, take_long
+from dynident_service.limits import MOST_A_THREAD, MOST_VALUES, Admission, take_long
 from dynident_service.settings import Settings
 
 FORM = "multipart/form-data; boundary=x"
@@ -220,9 +220,9 @@ def test_those_who_would_wait_long_for_a_short_answer_are_told_so_at_once(tmp_pa
                 group.start_soon(client.get, "/v1/reports")
                 group.start_soon(partial(client.post, "/v1/measurements", content=b"." * 200_000))
             await until(lambda: len(inside) == 10)
-            for _ in range(3):
+            for _ in range(MOST_A_THREAD):
                 group.start_soon(client.get, "/v1/robots")
-            await until(lambda: len(inside) == 13)
+            await until(lambda: len(inside) == 10 + MOST_A_THREAD)
             refused = await client.get("/v1/robots")
             assert refused.status_code == 429
             assert "DYNIDENT_REQUEST_THREADS" in refused.json()["detail"]
