@@ -180,7 +180,8 @@ class Admission:
             return f"More than {settings.max_requests} requests are under way (DYNIDENT_MAX_REQUESTS); try again soon."
         most = MOST_A_THREAD * settings.request_threads
         if pace == "short" and count[pace] >= most:
-            return f"More than {most} requests wait to be answered ({MOST_A_THREAD} for each of DYNIDENT_REQUEST_THREADS); try again soon."
+            each = f"{MOST_A_THREAD} for each of DYNIDENT_REQUEST_THREADS"
+            return f"More than {most} requests wait to be answered ({each}); try again soon."
         return None
 
 
