@@ -43,7 +43,7 @@ def test_joints_taken_for_independent_promise_too_much_there(shared):
     assert min(shared.by_joint.values()) < 0.90
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_shape_constants_and_the_parameters_beside_them_have_intervals_that_hold():
     found = study_shapes(HIDDEN[0], 50)
     assert found.told == {"vs": 1.0}
