@@ -83,6 +83,19 @@ def _refusal(holder: Holder | None, method: str) -> Problem | None:
     return None
 
 
+class _Noted:
+    """Sends what an answer consists of, and notes its status; 500 where there was none."""
+
+    def __init__(self, send: Send) -> None:
+        self._send = send
+        self.status = 500
+
+    async def __call__(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            self.status = message["status"]
+        await self._send(message)
+
+
 class Audit:
     """Writes down who changed what: a line for every request that may have, without its query and its key."""
 
@@ -93,21 +106,14 @@ class Audit:
         """Note what came of one request."""
         if scope["type"] != "http" or scope["method"] in SAFE_METHODS:
             return await self._app(scope, receive, send)
-        status = 500
-
-        async def noted(message: Message) -> None:
-            nonlocal status
-            if message["type"] == "http.response.start":
-                status = message["status"]
-            await send(message)
-
+        noted = _Noted(send)
         try:
             await self._app(scope, receive, noted)
         finally:
             holder = scope.get(HOLDER)
             by = holder.name if isinstance(holder, Holder) else "nobody known"
             owner = f" of {holder.owner!r}" if isinstance(holder, Holder) and holder.owner else ""
-            audit.info("%r%s: %s %r: %d", by, owner, scope["method"], scope["path"], status)
+            audit.info("%r%s: %s %r: %d", by, owner, scope["method"], scope["path"], noted.status)
 
 
 class Timing:
@@ -121,21 +127,14 @@ class Timing:
         """Measure one request."""
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
-        status = 500
+        noted = _Noted(send)
         started = time.perf_counter()
-
-        async def noted(message: Message) -> None:
-            nonlocal status
-            if message["type"] == "http.response.start":
-                status = message["status"]
-            await send(message)
-
         try:
             await self._app(scope, receive, noted)
         finally:
             # The template, not the path: one series a route, not one a resource.
             route = getattr(scope.get("route"), "path", "none")
-            self._metrics.count(scope["method"], route, status, time.perf_counter() - started)
+            self._metrics.count(scope["method"], route, noted.status, time.perf_counter() - started)
 
 
 def _key_in(headers: Headers) -> str | None:

@@ -52,7 +52,8 @@ def settled(
     if all(item.candidate.effect == choice[0].candidate.effect for item in contenders):
         return choice
     parents = {finer: item for item in [*contenders, choice[0]] for finer in between(item.candidate.choice)}
-    data, finer = _beside(model, pool, state, list(parents), products)
+    finer = _finer_pool(model, pool, state, list(parents))
+    data = products(finer)
     # With those of each kind of rows apart: what is about joints that start has none in common with other friction.
     for rivals in _by_rows(data, finer):
         own = [one for one in finer.candidates if one.effect == choice[0].candidate.effect]
@@ -88,9 +89,9 @@ def _weighed(
     winner = parents.get(told[0].candidate.choice) if told else None
     if told is None or winner is None:
         return choice
-    own = [item for item in again if item.candidate.effect == chosen.candidate.effect]
     if winner.candidate.effect == chosen.candidate.effect:
         return replace(winner, p=chosen.p), choice[1]
+    own = [item for item in again if item.candidate.effect == chosen.candidate.effect]
     before = max(own, key=lambda item: item.total_gain)
     if share_found_again([told[0]], [before], data.moving.run) < FOUND_AGAIN:
         return choice
@@ -118,14 +119,7 @@ def _contenders(chosen: Judged, judged: Sequence[Judged]) -> list[Judged]:
     return found
 
 
-def _beside(
-    model: Model,
-    pool: Pool,
-    state: State,
-    choices: Sequence[EffectChoice],
-    products: Callable[[Pool], PhasedProducts],
-) -> tuple[PhasedProducts, Pool]:
-    """Products of the columns of the search so far and, behind them, of these choices; and the pool of both."""
+def _finer_pool(model: Model, pool: Pool, state: State, choices: Sequence[EffectChoice]) -> Pool:
+    """The columns of the search so far and, behind them, these choices."""
     base = [pool.observation.columns[k] for k in state.base]
-    finer = replace(pool_of(model, choices, base), since=pool.since)
-    return products(finer), finer
+    return replace(pool_of(model, choices, base), since=pool.since)

@@ -4,7 +4,7 @@ import { ask, get } from "./api.js";
 import { checksInWords, checksTable } from "./checks.js";
 import { h, put, row, table } from "./dom.js";
 import { dropZone } from "./drop_zone.js";
-import { counted, moment, quantity } from "./format.js";
+import { counted, moment, number, quantity } from "./format.js";
 import { address } from "./location.js";
 import { fileCard } from "./recordings/file_card.js";
 import { drivesOf, placesOf } from "./recordings/robot_facts.js";
@@ -20,7 +20,7 @@ export function measurementsTable(measurements) {
       one.role ?? "–",
       `${counted(one.n_samples, "sample")} at ${quantity(one.sampling_rate, "Hz", 4)}`,
       standing(one),
-      one.windows.map(([from, to]) => `${from} to ${to} s`).join(", ") || "all",
+      one.windows.map(([from, to]) => `${number(from, 6)} to ${number(to, 6)} s`).join(", ") || "all",
       h("details", {}, h("summary", {}, checksInWords(one.checks)), checksTable(one.checks)),
       moment(one.created_at),
     ]),
