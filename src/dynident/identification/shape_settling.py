@@ -20,7 +20,6 @@ from dynident.estimation import (
 from dynident.identification.shape_columns import TINY, ShapePlace, changed_choice, shape_places
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
-from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 
 _ROUNDS = 3
@@ -129,7 +128,7 @@ class _Derivatives:
             for end in ends:
                 columns += columns_of([changed_choice(choices[place.choice], place.spec.name, end)], model.signals)
             pairs.append([(k, first + i, first + len(own) + i) for i, k in enumerate(own)])
-        observation = Observation.of(model.robot, columns, model.signals)
+        observation = model.observation.extended(columns[model.n_parameters :], model.signals)
         reduction = reduce_recordings(observation, recordings, preprocessing, reference)
         if noise is None:
             # Of the model with the choices: without them, a joint that lacks much would hardly count.

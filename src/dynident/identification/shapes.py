@@ -16,7 +16,6 @@ from dynident.identification.shape_settling import settled_shapes
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
-from dynident.regressors.observation import Observation
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import Robot
 
@@ -266,7 +265,7 @@ def _tabulate(
             made = columns_of([choice], signals)
             numbers[-1].append(list(range(len(columns), len(columns) + len(made))))
             columns += made
-    observation = Observation.of(model.robot, columns, signals)
+    observation = model.observation.extended(columns[model.n_parameters :], signals)
     reduction = reduce_recordings(observation, recordings, preprocessing, reference, progress)
     alone = reduction.select(list(range(model.n_parameters)))
     factor = weighted_factor(reduction, noise_levels(alone, ordinary(alone).values))

@@ -109,7 +109,9 @@ def pool_of(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Colu
         if fresh and fresh not in seen:
             seen.add(fresh)
             candidates.append(Candidate(choice.effect, choice.joints, choice.shape, fresh, choice.runs))
-    return Pool(Observation.of(model.robot, columns, signals), n_base, tuple(candidates))
+    # What the model has is compiled already.
+    observation = model.observation.extended(columns[model.n_parameters :], signals)
+    return Pool(observation, n_base, tuple(candidates))
 
 
 def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:

@@ -20,8 +20,8 @@ from dynident.identification import Identification
 from dynident.identification.shapes import refine_shapes
 from dynident.progress import Progress, part
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors.model import Model, build_model
-from dynident.regressors.observation import Observation
+from dynident.regressors.extension import extended_model
+from dynident.regressors.model import Model
 from dynident.regressors.stream import reduce_recordings
 
 # Solutions until first-order columns are about the model that they are part of.
@@ -77,7 +77,7 @@ def improved(
         return reference
     # Functions of the position are left out: they would make up for what the first-order columns cannot say yet.
     firm = [choice for choice in choices if not effect_by_id(choice.effect).of_position]
-    grown = build_model(model.robot, (*model.effects, *firm), signals=model.signals)
+    grown = extended_model(model, firm) if firm else model
     for _ in range(_PASSES):
         reduction = reduce_recordings(grown.observation, recordings, preprocessing, reference)
         try:
@@ -92,7 +92,7 @@ def _lasting(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
     """Indices of the choices of which at least one column is independent of the model and of those before it."""
     if not choices:
         return []
-    grown = build_model(model.robot, model.effects + choices, signals=model.signals)
+    grown = extended_model(model, choices)
     independent = {column.key for column in grown.kept}
     return [
         i
@@ -129,7 +129,7 @@ class _Lean:
             # Neighbours of a coarse constant have done their part.
             refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate), around=()))
             columns += made
-        observation = Observation.of(model.robot, columns, model.signals)
+        observation = model.observation.extended(columns[model.n_parameters :], model.signals)
         pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined))
         data = gather(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
         return cls(pool, data, tuple(refined))
