@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from markupsafe import escape
 from oracles import arm, fourier_motion, pinocchio_torque, record
 from resting import resting_motion, resting_torque
 
@@ -187,6 +188,19 @@ def test_the_diagnosis_shows_verdict_ranking_and_evidence() -> None:
     assert PAGE.data_values["diagnosis"] == [candidate.error_drop for candidate in DIAGNOSIS.candidates]
 
 
+def test_what_a_second_look_is_for_is_folded_away_and_what_was_found_is_not() -> None:
+    open_text = re.sub(r"<details>.*?</details>", "", HTML, flags=re.DOTALL)
+    folded = "".join(re.findall(r"<details>.*?</details>", HTML, flags=re.DOTALL))
+    assert f"{escape(FIRST_RUN.name)} (identification)" in folded
+    assert f"{escape(SECOND_RUN.name)} (held out)" in open_text
+    assert WARNING.name.replace("_", " ") in open_text
+    for candidate in DIAGNOSIS.candidates:
+        shown = open_text if candidate.significant else HTML
+        assert str(escape(candidate.evidence)) in shown
+    for parameter in MODEL.parameters:
+        assert str(escape(parameter.grouping)) in folded
+
+
 def test_the_robot_the_filters_and_where_it_comes_from_are_told() -> None:
     for joint in ROBOT.joints:
         assert joint.name in PAGE.text["robot"]
@@ -322,6 +336,7 @@ def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None
     page = Page(html_report(alone, [ReportedRun(FIRST_RUN, compare(alone, FIRST_RUN), False)]))
     assert "diagnosis" not in [section["id"] for section in page.all_of("section")]
     assert "No held-out data was given" in page.text["torque"]
+    assert "Record another motion, and hold it out." in page.text["summary"]
     assert "were not handed to this report" in page.text["data"]
     assert page.data_values["ladder"] == [alone.fit.relative_total]
 

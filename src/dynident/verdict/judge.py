@@ -100,8 +100,8 @@ def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Commo
             "designed motion."
         )
     if error > USUAL_IN_FULL[0]:
-        usual = (
-            f"{USUAL[0]:.0%} to {USUAL[1]:.0%} are usual with friction alone, {USUAL_IN_FULL[1]:.0%} with all effects"
+        alone, full = (f"{low:.0%} to {high:.0%}" for low, high in (USUAL, USUAL_IN_FULL))
+        steps.append(
+            f"Diagnose what is missing and add it: {alone} are usual with friction alone, {full} with all effects."
         )
-        steps.append(f"Diagnose what is missing and add it: {usual}.")
     return steps

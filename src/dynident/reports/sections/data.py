@@ -47,6 +47,16 @@ class DataContent:
     reasons: tuple[str, ...]
     automatic: bool
 
+    @property
+    def doubtful(self) -> list[CheckRow]:
+        """Those that found something."""
+        return [row for row in self.checks if row.check.status != "ok"]
+
+    @property
+    def passed(self) -> list[CheckRow]:
+        """The others."""
+        return [row for row in self.checks if row.check.status == "ok"]
+
 
 def data_section(identification: Identification, runs: Sequence[ReportedRun]) -> Section:
     """What the parameters were identified from and tried on."""

@@ -25,7 +25,7 @@ VERDICTS = {
     "missing_effect": "Something is missing, and it has a name",
     "unexplained": "Something is missing that no effect of the catalogue explains",
 }
-_MOST_SPOTS, _MOST_BARS, _MOST_PANELS = 12, 12, 8
+_MOST_SPOTS, _MOST_BARS, _MOST_PANELS, _MOST_ROWS = 12, 12, 8, 6
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,11 @@ class DiagnosisContent:
     invisible: tuple[InvisibleRow, ...]
     spots: tuple[SpotRow, ...]
     next_experiment: NextExperiment | None
+
+    @property
+    def shown(self) -> int:
+        """How many candidates are shown at once: all that were found, and enough to see what came next."""
+        return max([_MOST_ROWS, *(k for k, row in enumerate(self.candidates, 1) if row.candidate.significant)])
 
 
 def diagnosis_section(

@@ -43,10 +43,11 @@ class ErrorRow:
 
 @dataclass(frozen=True)
 class RunFigures:
-    """One recording: its figures, its errors, its worst stretches."""
+    """One recording: its figures, its errors, its worst stretches; `folded`: those of another say more."""
 
     name: str
     role: str
+    folded: bool
     figures: tuple[Markup, ...]
     worst: tuple[WorstStretch, ...]
 
@@ -74,7 +75,7 @@ def errors_section(identification: Identification, runs: Sequence[ReportedRun], 
         tuple(_by_recording(identification.model.robot.joint_names, runs)),
         diagnosis is not None,
         any(bool((run.comparison.phase == Phase.STANDING).any()) for run in runs),
-        tuple(_run(run) for run in runs),
+        tuple(_run(run, any(other.held_out for other in runs)) for run in runs),
     )
     return Section("torque", "Measured and predicted torque", "errors", content)
 
@@ -118,13 +119,14 @@ def _by_recording(joints: Sequence[str], runs: Sequence[ReportedRun]) -> Iterato
     yield "all joints", tuple(percent(item.relative_total) for item in errors)
 
 
-def _run(run: ReportedRun) -> RunFigures:
+def _run(run: ReportedRun, some_held_out: bool) -> RunFigures:
     comparison = run.comparison
     n = len(comparison.joint_names)
     parts = [range(first, min(first + JOINTS_A_FIGURE, n)) for first in range(0, n, JOINTS_A_FIGURE)]
     return RunFigures(
         run.name,
         run.role,
+        some_held_out and not run.held_out,
         tuple(torque_figure(comparison, joints, run.name) for joints in parts),
         comparison.worst[:4],
     )
