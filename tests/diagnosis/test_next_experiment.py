@@ -19,7 +19,7 @@ from dynident.diagnosis.advice.pairs import experiment_for
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.state import Finding
-from dynident.effects import CATALOGUE, EffectChoice
+from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
 from dynident.excitation import design_experiment
 from dynident.excitation.limits.bounds import bounds_of
 from dynident.excitation.observation.model import design_model
@@ -57,8 +57,8 @@ def test_rivals_are_to_be_told_apart_by_a_motion_that_knows_them_better_than_the
     found = proposed(doubt)
     assert found is not None
     assert found.design.kind == kind
-    assert doubt.suspect.effect in found.reason
-    assert doubt.rivals[0].effect in found.reason
+    assert effect_by_id(doubt.suspect.effect).title in found.reason
+    assert effect_by_id(doubt.rivals[0].effect).title in found.reason
     assert found.present_separation is not None
     assert found.expected_separation is not None
     assert found.expected_separation.parameter == found.present_separation.parameter
@@ -124,7 +124,7 @@ def test_an_effect_that_could_not_be_seen_gets_the_motion_that_shows_it():
     assert found is not None
     assert found.design.kind == "reversals"
     assert found.design.trajectory.joints == (NAMES[1],)
-    assert f"show whether presliding is there on {NAMES[1]}" in found.reason
+    assert f"show whether Presliding hysteresis is there on {NAMES[1]}" in found.reason
 
 
 def test_what_the_data_would_have_shown_is_not_looked_for():

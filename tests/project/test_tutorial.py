@@ -31,7 +31,7 @@ def test_the_commands_find_the_spring_and_the_next_experiment_decides(tmp_path: 
     told = " ".join((tmp_path / "told.txt").read_text(encoding="utf-8").split())
     assert told.count("The model lacks: Gravity compensating spring on shoulder_lift_joint") == 2
     assert "Joint spring does not survive held-out data" in told
-    assert re.search(r"would tell gravity_compensator from (\w+ or )*joint_spring", told)
+    assert re.search(r"would tell Gravity compensating spring from ([\w ]+ or )*Joint spring", told)
     held_out = r" [\d.]+ % ([\d.]+) %"
     first = re.search(f"1 first model{held_out}", told)
     better = re.search(f"2 Gravity compensating spring on shoulder_lift_joint{held_out}", told)

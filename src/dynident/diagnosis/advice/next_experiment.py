@@ -341,21 +341,25 @@ def within_the_motion(model: DesignModel, request: DesignRequest, effects: tuple
 
 
 def _told(rival: EffectChoice, suspect: EffectChoice) -> str:
-    return f"the same on {', '.join(rival.joints)}" if rival.effect == suspect.effect else rival.effect
+    return f"the same on {', '.join(rival.joints)}" if rival.effect == suspect.effect else _title(rival)
+
+
+def _title(choice: EffectChoice) -> str:
+    return effect_by_id(choice.effect).title
 
 
 def _reason(
     experiment: Experiment, question: Question, doubt: Doubt, present: Separation | None, reached: Separation | None
 ) -> str:
-    suspect = doubt.suspect.effect
-    where = ", ".join(question.joints) if effect_by_id(suspect).scope == "joint" else "the whole robot"
+    suspect = _title(doubt.suspect)
+    where = ", ".join(question.joints) if effect_by_id(doubt.suspect.effect).scope == "joint" else "the whole robot"
     if doubt.rivals:
         others = [_told(rival, doubt.suspect) for rival in doubt.rivals]
         what = f"tell {suspect} from {' or '.join(others)}"
     else:
         what = f"show whether {suspect} is there"
     text = f"{experiment.words} would {what} on {where}."
-    if any(rival.effect == suspect for rival in doubt.rivals):
+    if any(rival.effect == doubt.suspect.effect for rival in doubt.rivals):
         text = f"{experiment.words} would tell {suspect} on {where} from {' or '.join(others)}."
     if present is None or reached is None:
         return text
