@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 NAMES = OneOf(
     Choice("condition_number", "condition number", "Of W [12.12]: the usual choice."),
-    Choice("equilibrated", "equilibrated condition number", "Of W with columns of equal size."),
-    Choice("condition_plus_inverse_sigma", "condition number and smallest singular value", "[12.13]"),
-    Choice("weighted", "weighted", "[12.14]"),
+    Choice("equilibrated", "equilibrated condition number", "And its largest entry over its smallest [12.13]."),
+    Choice("condition_plus_inverse_sigma", "condition number and smallest singular value", "[12.14]"),
+    Choice("weighted", "weighted", "[12.15]"),
     Choice("d_optimal", "D-optimal", "The volume of the ellipsoid of uncertainty."),
     Choice("a_optimal", "A-optimal", "The sum of the variances."),
     Choice("e_optimal", "E-optimal", "The largest variance."),
@@ -46,6 +46,15 @@ class CriterionChoice:
     effects: tuple[EffectChoice, ...] = said(
         "For separation: to be told from the rest of the model and from each other", default=(), option="-"
     )
+
+    @property
+    def is_of_its_samples(self) -> bool:
+        """Whether its value is one of the samples that W is taken at, and of no others.
+
+        The smallest entry of W [12.13] is where a sample happens to come nearest to a zero: between the samples there
+        are zeros.
+        """
+        return self.name == "equilibrated"
 
 
 def check_criterion(choice: CriterionChoice) -> None:

@@ -63,7 +63,8 @@ def periodic(task: Task, budget: Budget) -> Made:
     notes += found.notes
     if not np.isfinite(best.values.condition_number):
         notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
-    fine = Judge(family, model, task.yardstick, n_samples=_VALUED_SAMPLES, rows=request.model)
+    finer = 0 if request.criterion.is_of_its_samples else _VALUED_SAMPLES
+    fine = Judge(family, model, task.yardstick, n_samples=finer, rows=request.model)
     motions, margins = within_limits(task, family, best)
     placed = with_moves(request.home, motions[0].start, bounds, model, rate)
     margins = _wider(margins, task.verified((placed.approach, placed.retreat)))
