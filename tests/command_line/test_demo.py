@@ -20,7 +20,8 @@ from dynident_service.demo.measuring import design_runs
 from dynident_service.demo.scenario import Scenario
 
 ROBOT = robot_from_library("ur10")
-FLOOR = 1.5
+# A quick motion is optimised in few steps, and is another one on another kind of processor: 1.54 was seen on one.
+FLOOR = 1.75
 
 
 @pytest.mark.slow

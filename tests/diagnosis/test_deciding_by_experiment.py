@@ -33,7 +33,7 @@ def made(run: Recording) -> Design:
     first = significant(found)[0]
     assert first.joints == (JOINT,)
     assert found.next_experiment is not None
-    assert all(name in found.next_experiment.reason for name in ("stribeck", "viscous_nonlinear"))
+    assert all(name in found.next_experiment.reason for name in ("Stribeck friction", "Nonlinear viscous friction"))
     assert found.next_experiment.kind == "constant_velocity"
     now, then = found.next_experiment.present_separation, found.next_experiment.expected_separation
     assert now.t_value < 4 < then.t_value

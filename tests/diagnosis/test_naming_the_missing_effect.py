@@ -212,7 +212,7 @@ def test_what_this_motion_could_not_have_shown_is_said():
     assert (NAMES[0],) not in hidden
     assert "left beside the model" in hidden[(NAMES[5],)].reason
     assert found.next_experiment is not None
-    assert "joint_spring" in found.next_experiment.reason
+    assert "Joint spring" in found.next_experiment.reason
 
 
 def test_progress_reaches_the_end_and_may_cancel():
