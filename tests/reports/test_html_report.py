@@ -341,6 +341,14 @@ def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None
     assert page.data_values["ladder"] == [alone.fit.relative_total]
 
 
+def test_what_to_do_next_is_told_of_a_model_that_has_all_that_was_recommended() -> None:
+    recommended = replace(DIAGNOSIS, recommended=MODEL.choices.effects[-1:])
+    unseen = replace(MODEL, held_out=None, held_out_data=None)
+    page = Page(html_report(unseen, [ReportedRun(FIRST_RUN, compare(unseen, FIRST_RUN), False)], diagnosis=recommended))
+    assert "What it recommends is in this model." in page.text["summary"]
+    assert "Record another motion, and hold it out." in page.text["summary"]
+
+
 def test_a_report_of_no_recording_is_refused() -> None:
     with pytest.raises(DynidentError, match="at least one recording"):
         html_report(MODEL, [])
