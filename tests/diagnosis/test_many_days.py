@@ -9,7 +9,7 @@ import pytest
 from disturbed import loaded
 from hidden_effects import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, motions, nothing, on_joint, recorded
 
-from dynident.diagnosis.candidates.products import Stack
+from dynident.diagnosis.candidates.products import ProductStack
 from dynident.diagnosis.result import Change, ChangedValue
 from dynident.diagnosis.series import (
     Course,
@@ -197,7 +197,7 @@ def test_products_of_columns_that_begin_on_a_day_are_those_of_columns_with_zeros
     values = rows.transpose(0, 2, 1) @ rows
     places, since = np.array([0, 1, 0, 1, 2]), np.array([0, 0, 1, 2, 0])
     wide = rows[:, :, places] * (day[:, None] >= since)[:, None, :]
-    expected = Stack(wide.transpose(0, 2, 1) @ wide)
+    expected = ProductStack(wide.transpose(0, 2, 1) @ wide)
     stepped = SteppedStack(values, places, since, day)
     np.testing.assert_allclose(stepped.total, expected.total)
     every = np.arange(5)

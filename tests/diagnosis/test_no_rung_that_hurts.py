@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.diagnosis.candidates.gathering import Elsewhere, PhasedProducts
-from dynident.diagnosis.candidates.products import Stack, products
+from dynident.diagnosis.candidates.products import ProductStack, products
 from dynident.diagnosis.search import rungs
 from dynident.diagnosis.search.rungs import helpful
 from dynident.effects import Estimate, effect_by_id
@@ -35,7 +35,7 @@ def gathered(y_of, runs: int = 1, seed: int = 0, only_first: int | None = None) 
     moving = products(accumulator.finish())
     run = np.repeat(np.arange(runs), STRETCHES // runs)
     moving = replace(moving, run=run)
-    nothing = tuple(Stack(np.zeros_like(own[0].values)) for own in moving.stacks)
+    nothing = tuple(ProductStack(np.zeros_like(own[0].values)) for own in moving.stacks)
     elsewhere = Elsewhere(nothing, np.zeros_like(moving.counts), np.zeros((3 + MANY, 1), dtype=bool))
     return PhasedProducts(moving, elsewhere, elsewhere)
 

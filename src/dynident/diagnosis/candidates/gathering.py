@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
+from dynident.diagnosis.candidates.collecting import MANY, Collected, Stretches
 from dynident.diagnosis.candidates.products import Products, Stack
-from dynident.diagnosis.comparing.repetition import Repeat, periods_of
+from dynident.diagnosis.comparing.repetition import periods_of
 from dynident.effects import Signals
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
@@ -26,9 +27,6 @@ from dynident.regressors.stream import FilteredSamples, filtered_samples, stretc
 _FINER = 0.25
 """Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in
 most of them, as long as they are long against the filters' memory."""
-
-_MANY = 80
-"""Stretches of a period, as of a short recording as a whole, where they are then long enough."""
 
 _MOST = 160
 """Stretches in all: more make the test no sharper, and each holds products of all columns with each other."""
@@ -139,8 +137,9 @@ def gather(
     total = sum(used_duration(recording) for recording in recordings)
     usual = max(_FINER * stretch_length(recordings), total / _MOST)
     repeats = [periods_of(recording) for recording in recordings]
-    several = sum(1 + _MANY * len(periods) for each in repeats for periods in each)
-    sums = _Sums([len(columns) for _, columns in layout], usual, _LONG * width, int(total / usual) + several)
+    several = sum(1 + MANY * len(periods) for each in repeats for periods in each)
+    stretches = Stretches(usual, _LONG * width)
+    collected = Collected([len(columns) for _, columns in layout], _KINDS, int(total / usual) + several)
     done, free = 0.0, np.ones(n, dtype=bool)
     for recording, periods in zip(recordings, repeats, strict=True):
         phases = RowPhases.of(observation, recording, preprocessing).about(frictional)
@@ -155,107 +154,30 @@ def gather(
         for samples in given:
             if samples.segment != segment:
                 segment = samples.segment
-                sums.begin_run(recording.run_label(segment), periods[segment])
+                stretches.begin_run(recording.run_label(segment), periods[segment])
             phase = phases.at(segment, samples.t)
-            partial = phases.partial(phase, samples.held)
-            sums.push(samples.t, samples.rows(layout), phase == Phase.MOVING, phase == Phase.REVERSING, partial)
+            beside = phases.partial(phase, samples.held)
+            collected.push(
+                stretches.of(samples.t),
+                samples.rows(layout),
+                (phase == Phase.MOVING, phase == Phase.REVERSING, beside),
+            )
             progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += used_duration(recording)
     starts = lives_at_starts(observation)
     turns = _remembering(observation, signals) | (starts & free)
-    return sums.finished([columns for _, columns in layout], turns, starts)
+    run = stretches.runs()
+    (stacks, counts), turning, partial = collected.finished(len(run))
+    position = tuple(_places(columns, observation.n_columns) for _, columns in layout)
+    moving = Products(tuple((stack,) for stack in stacks), position, counts, run)
+    return PhasedProducts(moving, Elsewhere(*turning, turns), Elsewhere(*partial, starts))
 
 
-class _Sums:
-    """Inner products of the stretches of time, about so many, as rows come."""
-
-    def __init__(self, widths: Sequence[int], usual: float, shortest: float, expected: int) -> None:
-        self._usual, self._shortest, self._expected = max(usual, shortest), shortest, expected
-        self._shapes = [(width + 1, width + 1) for width in widths]
-        self._grams: list[list[FloatArray]] = [[np.zeros((0, *s)) for s in self._shapes] for _ in range(_KINDS)]
-        self._counts: list[list[FloatArray]] = [[] for _ in range(_KINDS)]
-        self._now = 0
-        self._runs: list[str] = []
-        self._run = ""
-        self._periods: Sequence[Repeat] = ()
-        self._begun: dict[tuple[int, int], int] = {}
-        self._end = -np.inf
-
-    def begin_run(self, label: str, periods: Sequence[Repeat]) -> None:
-        """The next rows are of this run, which repeats itself where `periods` say; stretches end with it."""
-        self._run, self._periods = label, periods
-        self._begun = {}
-        self._end = -np.inf
-
-    def push(self, t: FloatArray, rows: Sequence[FloatArray], *used: BoolArray) -> None:
-        """Add [W | Y] (m, p + 1) of every joint; `used` (m, n) of every kind."""
-        first = 0
-        while first < len(t):
-            if t[first] >= self._end:
-                self._begin(float(t[first]))
-            last = first + max(1, int(np.searchsorted(t[first:], self._end)))
-            for kind, mask in enumerate(used):
-                for j, block in enumerate(rows):
-                    part = block[first:last][mask[first:last, j]]
-                    if len(part):
-                        self._gram(kind, j)[...] += part.T @ part
-                        self._counts[kind][self._now][j] += len(part)
-            first = last
-
-    def _begin(self, start: float) -> None:
-        """Open the stretch that begins at a time or, where the motion has been here before, that of then."""
-        for number, period in enumerate(self._periods):
-            if period.start <= start < period.end + period.lag:
-                length = max(self._shortest, min(self._usual, period.lag / _MANY))
-                length = period.lag / max(1, int(period.lag / length))
-                since = (start - period.start) % period.lag
-                place = int(since / length)
-                self._end = start - since + (place + 1) * length
-                self._now = self._begun.setdefault((number, place), len(self._runs))
-                break
-        else:
-            self._end, self._now = start + self._usual, len(self._runs)
-        if self._now == len(self._runs):
-            self._add()
-
-    def _add(self) -> None:
-        self._runs.append(self._run)
-        for counts in self._counts:
-            counts.append(np.zeros(len(self._shapes)))
-
-    def _gram(self, kind: int, joint: int) -> FloatArray:
-        """Products of the open stretch: room is made for all at once, and only where there are rows.
-
-        Zeros that nobody has written to take no memory.
-        """
-        room = self._grams[kind][joint]
-        if len(room) <= self._now:
-            self._grams[kind][joint] = _longer(room, max(2 * len(room), self._now + 1, self._expected))
-        return np.asarray(self._grams[kind][joint][self._now])
-
-    def finished(self, columns: Sequence[IndexArray], turns: BoolArray, starts: BoolArray) -> PhasedProducts:
-        """All of them, with the places of the columns, and (columns, n) to which the rarer rows are shown."""
-        n_stretches = len(self._runs)
-        stacks = [tuple(Stack(_longer(gram, n_stretches)) for gram in kind) for kind in self._grams]
-        counts = [np.array(kind).reshape(-1, len(self._shapes)) for kind in self._counts]
-        position = []
-        for own in columns:
-            where = np.full(len(turns), -1, dtype=np.intp)
-            where[own] = np.arange(len(own))
-            position.append(where)
-        labels = list(dict.fromkeys(self._runs))
-        run = np.array([labels.index(label) for label in self._runs], dtype=np.intp)
-        moving = Products(tuple((stack,) for stack in stacks[0]), tuple(position), counts[0], run)
-        return PhasedProducts(moving, Elsewhere(stacks[1], counts[1], turns), Elsewhere(stacks[2], counts[2], starts))
-
-
-def _longer(stack: FloatArray, length: int) -> FloatArray:
-    """(length, ...): the first of a stack, or the stack with zeros behind it."""
-    if len(stack) >= length:
-        return stack[:length]
-    longer = np.zeros((length, *stack.shape[1:]))
-    longer[: len(stack)] = stack
-    return longer
+def _places(columns: IndexArray, count: int) -> IndexArray:
+    """(count,): where each of all columns stands among those that a joint has, -1 where it lacks it."""
+    where = np.full(count, -1, dtype=np.intp)
+    where[columns] = np.arange(len(columns))
+    return where
 
 
 def _remembering(observation: Observation, signals: Signals) -> BoolArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -19,8 +20,52 @@ _NEARLY_ALL = 0.9
 _PAUSE = 0.1
 
 
-class Stack:
-    """Inner products of one joint's columns and Y over rows of one kind, by stretch: `values` (s, p + 1, p + 1).
+class Stack(Protocol):
+    """Rows of one kind of a joint's equation, by stretch, as far as their inner products tell of them."""
+
+    @property
+    def total(self) -> FloatArray:
+        """(p + 1, p + 1): over all stretches."""
+
+    @property
+    def torque_squared(self) -> float:
+        """Sum of the squared torque."""
+
+    def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """(s, *shape): the products at these places, whose shapes are broadcast."""
+
+
+class RowStack:
+    """The rows [W | Y] themselves: `values` (m, p + 1), and the `stretch` (m,) of each, of `n_stretches`.
+
+    Where a stretch has fewer rows than the model columns, these are fewer numbers than their products, and quicker to
+    read a score from.
+    """
+
+    def __init__(self, values: FloatArray, stretch: IndexArray, n_stretches: int) -> None:
+        self.values, self.stretch, self.n_stretches = values, stretch, n_stretches
+
+    @cached_property
+    def total(self) -> FloatArray:
+        """(p + 1, p + 1): over all stretches."""
+        return np.asarray(self.values.T @ self.values)
+
+    @property
+    def torque_squared(self) -> float:
+        """Sum of the squared torque."""
+        return float((self.values[:, -1] ** 2).sum())
+
+    def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """(s, *shape): the products at these places, whose shapes are broadcast."""
+        one, other = np.broadcast_arrays(rows, columns)
+        each = self.values.take(one.ravel(), axis=1) * self.values.take(other.ravel(), axis=1)
+        found = np.zeros((self.n_stretches, each.shape[1]))
+        np.add.at(found, self.stretch, each)
+        return found.reshape(self.n_stretches, *one.shape)
+
+
+class ProductStack:
+    """Their inner products alone, by stretch: `values` (s, p + 1, p + 1).
 
     Never copied as a whole: there may be gigabytes of them.
     """
@@ -32,6 +77,11 @@ class Stack:
     def total(self) -> FloatArray:
         """(p + 1, p + 1): over all stretches."""
         return np.asarray(self.values.sum(axis=0))
+
+    @property
+    def torque_squared(self) -> float:
+        """Sum of the squared torque."""
+        return float(self.values[:, -1, -1].sum())
 
     def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): the products at these places, whose shapes are broadcast."""
@@ -60,7 +110,7 @@ class Products:
         cls, grams: Iterable[FloatArray], position: Iterable[IndexArray], counts: FloatArray, run: IndexArray
     ) -> Products:
         """From the products (s, p_j + 1, p_j + 1) of every joint."""
-        return cls(tuple((Stack(gram),) for gram in grams), tuple(position), counts, run)
+        return cls(tuple((ProductStack(gram),) for gram in grams), tuple(position), counts, run)
 
     @property
     def n_stretches(self) -> int:
@@ -79,15 +129,14 @@ class Products:
 
     def taken(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): a joint's products at these places, whose shapes are broadcast."""
-        first, *others = self.stacks[joint]
-        found = first.taken(rows, columns)
-        for stack in others:
-            found += stack.taken(rows, columns)
-        return found
+        first, *others = (stack.taken(rows, columns) for stack in self.stacks[joint])
+        for other in others:
+            first += other
+        return first
 
     def torque_squared(self) -> FloatArray:
         """(n,): sum of each joint's squared torque."""
-        return np.array([self.total(joint)[-1, -1] for joint in range(self.n_joints)])
+        return np.array([sum(stack.torque_squared for stack in own) for own in self.stacks])
 
 
 def products(reduction: Reduction) -> Products:

@@ -11,7 +11,7 @@ import numpy as np
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.gathering import Elsewhere, PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.products import Products, Stack
+from dynident.diagnosis.candidates.products import Products, ProductStack
 from dynident.diagnosis.series.days import Day, Measure, Possible
 from dynident.effects import EffectChoice
 from dynident.estimation import EquationFactors, Reduction, concatenate
@@ -30,7 +30,7 @@ def choice_since(possible: Possible, since: int, names: Sequence[str]) -> Effect
     return replace(possible.choice, runs=tuple(names[since:]) if since else ())
 
 
-class SteppedStack(Stack):
+class SteppedStack(ProductStack):
     """Products of one joint's columns, some of them from some day on.
 
     Parameters

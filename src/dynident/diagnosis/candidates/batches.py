@@ -1,0 +1,43 @@
+"""Candidates with equally many columns, scored together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.arrays import IndexArray
+from dynident.diagnosis.candidates.pool import Candidate
+
+# Candidates at once: what their projections take of memory stays in the cache.
+_CHUNK = 128
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Candidates with k columns each: their numbers (g,), and their columns (g, k) among the `extra` ones."""
+
+    members: IndexArray
+    columns: IndexArray
+
+    @property
+    def width(self) -> int:
+        """Number of columns k."""
+        return int(self.columns.shape[1])
+
+
+def extra_columns(candidates: Sequence[Candidate]) -> IndexArray:
+    """(c,): all columns of the candidates, ascending."""
+    return np.array(sorted({k for candidate in candidates for k in candidate.columns}), dtype=np.intp)
+
+
+def batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[Batch, ...]:
+    """The candidates by their number of columns, in handy portions."""
+    made: list[Batch] = []
+    for width in sorted({len(candidate.columns) for candidate in candidates}):
+        members = np.array([i for i, c in enumerate(candidates) if len(c.columns) == width], dtype=np.intp)
+        columns = np.searchsorted(extra, np.array([candidates[i].columns for i in members], dtype=np.intp))
+        starts = range(0, len(members), _CHUNK)
+        made += [Batch(members[k : k + _CHUNK], columns[k : k + _CHUNK].reshape(-1, width)) for k in starts]
+    return tuple(made)

@@ -1,0 +1,109 @@
+"""A model fitted on some stretches, and what is left of every candidate beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from dynident.arrays import FloatArray
+from dynident.diagnosis.candidates.batches import Batch
+
+_RIDGE = 1e-10
+_OWN_RIDGE, _RANK = 1e-9, 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class JointSums:
+    """One joint's sums over stretches, of the w columns of the model and the x of the candidates that it has.
+
+    WᵀW (w, w), WᵀX (w, x), Wᵀy (w,), Xᵀy (x,), and XᵀX within candidates (g, k, k) by portion.
+    """
+
+    ww: FloatArray
+    wx: FloatArray
+    wy: FloatArray
+    xy: FloatArray
+    xx: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Weighted sums: WᵀW (b, b), WᵀX (b, c), Wᵀy (b,), Xᵀy (c,), and XᵀX within candidates (g, k, k) by portion."""
+
+    ww: FloatArray
+    wx: FloatArray
+    wy: FloatArray
+    xy: FloatArray
+    xx: tuple[FloatArray, ...]
+
+    def minus(self, other: Sums) -> Sums:
+        """The products of the rows that are in these and not in the others."""
+        return Sums(
+            self.ww - other.ww,
+            self.wx - other.wx,
+            self.wy - other.wy,
+            self.xy - other.xy,
+            tuple(mine - theirs for mine, theirs in zip(self.xx, other.xx, strict=True)),
+        )
+
+
+class Fit:
+    """The model fitted on some stretches, and what is left of every candidate column beside it.
+
+    `chi` (b,) are the model's parameters, `projection` (b, c) what the model says of every candidate column.
+    """
+
+    def __init__(self, sums: Sums, portions: Sequence[Batch]) -> None:
+        scale = np.sqrt(np.maximum(np.diag(sums.ww), np.finfo(float).tiny))
+        normal = sums.ww / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+        solved = _solution(normal, np.column_stack([sums.wy, sums.wx]) / scale[:, None]) / scale[:, None]
+        self.chi, self.projection = solved[:, 0], solved[:, 1:]
+        right = sums.xy - sums.wx.T @ self.chi
+        self._right, self._rest, self._whole = [], [], []
+        for portion, own in zip(portions, sums.xx, strict=True):
+            said = sums.wx.T[portion.columns] @ self.projection.T[portion.columns].transpose(0, 2, 1)
+            self._rest.append(own - said)
+            self._whole.append(np.maximum(np.einsum("gkk->gk", own), np.finfo(float).tiny))
+            self._right.append(right[portion.columns])
+
+    def amplitudes(self, number: int) -> FloatArray:
+        """(g, k): parameters of a portion's candidates, each fitted beside the model."""
+        scale, normal = self._scaled(number)
+        normal = normal + _OWN_RIDGE * np.eye(normal.shape[2])
+        right = self._right[number] / scale
+        if normal.shape[2] == 1:
+            return np.asarray(right / np.maximum(normal[:, :, 0], np.finfo(float).tiny) / scale)
+        inverse = np.linalg.pinv(normal, rcond=_RANK, hermitian=True)
+        return np.asarray((inverse @ right[:, :, None])[:, :, 0] / scale)
+
+    def units(self, number: int) -> FloatArray:
+        """(g, k, k): directions among a candidate's columns in which what is left of them beside the model is one."""
+        scale, normal = self._scaled(number)
+        values, vectors = np.linalg.eigh(normal)
+        kept = values > np.maximum(_RANK * values[:, -1:], _OWN_RIDGE)
+        root = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
+        return np.asarray(vectors * root[:, None, :] / scale[:, :, None])
+
+    def separability(self, number: int) -> FloatArray:
+        """(g,): share of a candidate's column that is left beside the model, the largest of its columns."""
+        share = np.einsum("gkk->gk", self._rest[number]) / self._whole[number]
+        return np.asarray(np.sqrt(np.clip(share, 0.0, 1.0)).max(axis=1))
+
+    def _scaled(self, number: int) -> tuple[FloatArray, FloatArray]:
+        """The columns' sizes (g, k), and what is left of their products (g, k, k) in units of these."""
+        scale = np.sqrt(self._whole[number])
+        return scale, self._rest[number] / (scale[:, :, None] * scale[:, None, :])
+
+
+def _solution(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution (b, k) of normal equations (b, b); of all that fit equally well the smallest.
+
+    Without one of the runs, the others may not determine the model: joints that stand still, a single posture.
+    """
+    try:
+        return np.asarray(cho_solve(cho_factor(normal), right))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(normal, rcond=_RANK, hermitian=True) @ right)

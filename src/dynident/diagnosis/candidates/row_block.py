@@ -1,0 +1,134 @@
+"""One joint's rows themselves, where a stretch has fewer of them than a model has columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from dynident.arrays import FloatArray, IndexArray
+from dynident.diagnosis.candidates.batches import Batch
+from dynident.diagnosis.candidates.fit import Fit, JointSums
+from dynident.diagnosis.candidates.products import RowStack, present
+
+
+@dataclass(frozen=True, eq=False)
+class RowBlock:
+    """One joint's `rows` (m, w + x + 2) in some stretches: W of the model, X of the candidates, zeros, and Y.
+
+    `have` (w,) says which of the model's columns these are; `place` (c,) where each of the candidates' stands among the
+    x that the joint has: for those that it lacks at the end, where there are zeros. `stretch` (m,) is that of every
+    row, of `n_stretches`.
+    """
+
+    have: IndexArray
+    place: IndexArray
+    rows: FloatArray
+    stretch: IndexArray
+    n_stretches: int
+    portions: tuple[Batch, ...]
+
+    @classmethod
+    def of(
+        cls,
+        stacks: Sequence[RowStack],
+        where: IndexArray,
+        columns: tuple[IndexArray, IndexArray],
+        portions: Sequence[Batch],
+        n_stretches: int,
+    ) -> RowBlock:
+        """Take what is needed out of a joint's rows.
+
+        Parameters
+        ----------
+        stacks : its rows, by kind
+        where : where every column stands in them
+        columns : the model's (b,), and the candidates' (c,)
+        """
+        base, extra = columns
+        have, wp = present(where, base)
+        xi, xp = present(where, extra)
+        place = np.full(len(extra), len(xi), dtype=np.intp)
+        place[xi] = np.arange(len(xi))
+        needed = np.concatenate([wp, xp, [-1, -1]])
+        rows = np.concatenate([stack.values.take(needed, axis=1) for stack in stacks])
+        rows[:, -2] = 0.0
+        stretch = np.concatenate([stack.stretch for stack in stacks])
+        return cls(have, place, rows, stretch, n_stretches, tuple(portions))
+
+    @property
+    def w(self) -> FloatArray:
+        """(m, w)"""
+        return self.rows[:, : len(self.have)]
+
+    @property
+    def x(self) -> FloatArray:
+        """(m, x + 1), zeros at the end."""
+        return self.rows[:, len(self.have) : -1]
+
+    @property
+    def y(self) -> FloatArray:
+        """(m,)"""
+        return self.rows[:, -1]
+
+    def at(self, stretches: IndexArray) -> RowBlock:
+        """Of some of the stretches."""
+        number = np.full(self.n_stretches, -1, dtype=np.intp)
+        number[stretches] = np.arange(len(stretches))
+        stretch = number[self.stretch]
+        own = np.flatnonzero(stretch >= 0)
+        return RowBlock(self.have, self.place, self.rows[own], stretch[own], len(stretches), self.portions)
+
+    def sums(self) -> JointSums:
+        """Over all stretches."""
+        products = self.rows.T @ self.rows
+        w, end = len(self.have), len(products) - 2
+        xx = products[w:-1, w:-1]
+        places = [self.place[portion.columns] for portion in self.portions]
+        return JointSums(
+            products[:w, :w],
+            products[:w, w:end],
+            products[:w, -1],
+            products[w:end, -1],
+            tuple(xx[own[:, :, None], own[:, None, :]] for own in places),
+        )
+
+    def errors(self, fit: Fit) -> RowErrors:
+        """Its squared errors for a fit."""
+        return RowErrors(self, fit)
+
+    @cached_property
+    def adding(self) -> sparse.csr_array:
+        """(s, m): adds up the rows of every stretch."""
+        m = len(self.rows)
+        return sparse.csr_array((np.ones(m), (self.stretch, np.arange(m))), shape=(self.n_stretches, m))
+
+
+class RowErrors:
+    """One joint's squared errors in stretches, for a fit on others.
+
+    A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
+    """
+
+    def __init__(self, block: RowBlock, fit: Fit) -> None:
+        self._block = block
+        self._rest = block.y - block.w @ fit.chi[block.have]
+        self._beside = block.x.take(block.place, axis=1)
+        self._beside -= block.w @ fit.projection[block.have]
+        self.alone = np.bincount(block.stretch, self._rest**2, block.n_stretches)
+
+    def scores(self) -> FloatArray:
+        """(s, c): Zᵀρ."""
+        return np.asarray(self._block.adding @ (self._beside * self._rest[:, None]))
+
+    def beside(self, number: int, portion: Batch, amplitudes: FloatArray) -> FloatArray:
+        """(g, s): squared errors with each candidate of a portion, whose amplitudes are (g, k)."""
+        left = self._beside.take(portion.columns[:, 0], axis=1)
+        left *= amplitudes[:, 0]
+        for k in range(1, portion.width):
+            left += self._beside.take(portion.columns[:, k], axis=1) * amplitudes[:, k]
+        np.subtract(self._rest[:, None], left, out=left)
+        return np.asarray((self._block.adding @ np.square(left, out=left)).T)
