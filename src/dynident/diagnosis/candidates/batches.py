@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import IndexArray
+from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.pool import Candidate
 
 # Candidates at once: what their projections take of memory stays in the cache.
@@ -41,3 +41,10 @@ def batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[Batch, 
         starts = range(0, len(members), _CHUNK)
         made += [Batch(members[k : k + _CHUNK], columns[k : k + _CHUNK].reshape(-1, width)) for k in starts]
     return tuple(made)
+
+
+def by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArray, ...]:
+    """(g, k, k) of every portion, from those of all in a row."""
+    sizes = [portion.columns.size * portion.width for portion in portions]
+    parts = np.split(values, np.cumsum(sizes)[:-1]) if sizes else []
+    return tuple(part.reshape(-1, portion.width, portion.width) for part, portion in zip(parts, portions, strict=True))

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.diagnosis.candidates.batches import Batch, batches, extra_columns
+from dynident.diagnosis.candidates.batches import Batch, batches, by_portion, extra_columns
 from dynident.diagnosis.candidates.fit import Fit, JointSums, Sums
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.product_block import ProductBlock
@@ -28,8 +28,8 @@ class JointErrors(Protocol):
     def scores(self) -> FloatArray:
         """(s, c): Zᵀρ, Z what the model does not say of every candidate's column, ρ what it leaves."""
 
-    def beside(self, number: int, portion: Batch, amplitudes: FloatArray) -> FloatArray:
-        """(g, s): squared errors with each candidate of a portion, whose amplitudes are (g, k)."""
+    def beside(self, amplitudes: Sequence[FloatArray]) -> FloatArray:
+        """(g, s): squared errors with each candidate, portion by portion, whose amplitudes are (g, k)."""
 
 
 class JointBlock(Protocol):
@@ -80,7 +80,7 @@ class Blocks:
         """Over the stretches, each joint in units of its noise (n,)."""
         b, c = self.n_base, self.n_extra
         ww, wx, wy, xy = np.zeros((b, b)), np.zeros((b, c)), np.zeros(b), np.zeros(c)
-        xx = tuple(np.zeros((*portion.columns.shape, portion.width)) for portion in self.portions)
+        xx = np.zeros(sum(portion.columns.size * portion.width for portion in self.portions))
         for block, sigma in zip(self.joints, noise, strict=True):
             weight = 1.0 / sigma**2
             own = block.sums()
@@ -89,14 +89,11 @@ class Blocks:
             wx[np.ix_(block.have, has)] += own.wx * weight
             wy[block.have] += own.wy * weight
             xy[has] += own.xy * weight
-            for mine, pairs in zip(xx, own.xx, strict=True):
-                mine += pairs * weight
-        return Sums(ww, wx, wy, xy, xx)
+            xx += own.xx * weight
+        return Sums(ww, wx, wy, xy, by_portion(xx, self.portions))
 
 
-def _block(
-    data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
-) -> JointBlock:
+def _block(data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]) -> JointBlock:
     stacks = [stack for stack in data.stacks[joint] if isinstance(stack, RowStack)]
     if len(stacks) == len(data.stacks[joint]):
         return RowBlock.of(stacks, data.position[joint], (base, extra), portions, data.n_stretches)

@@ -137,8 +137,6 @@ class _Heap:
         if self._products is None:
             self._products = np.zeros((0, self._width, self._width))
         rows, stretch = self._taken()
-        order = np.argsort(stretch, kind="stable")
-        rows, stretch = rows[order], stretch[order]
         # Room is made for all at once: zeros that nobody has written to take no memory.
         last = int(stretch[-1]) if len(stretch) else -1
         if len(self._products) <= last:
@@ -160,11 +158,14 @@ class _Heap:
         return np.pad(self._counts, (0, n_stretches - len(self._counts)))
 
     def _taken(self) -> tuple[FloatArray, IndexArray]:
+        """The pending rows and their stretches, ascending; none are pending any more."""
         rows, stretch = self._rows, self._stretch
         self._rows, self._stretch = [], []
         if not rows:
             return np.zeros((0, self._width)), np.zeros(0, dtype=np.intp)
-        return np.concatenate(rows), np.concatenate(stretch)
+        together, each = np.concatenate(rows), np.concatenate(stretch)
+        order = np.argsort(each, kind="stable")
+        return together[order], each[order]
 
 
 def _longer(stack: FloatArray, length: int) -> FloatArray:

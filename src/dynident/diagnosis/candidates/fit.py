@@ -19,14 +19,14 @@ _OWN_RIDGE, _RANK = 1e-9, 1e-8
 class JointSums:
     """One joint's sums over stretches, of the w columns of the model and the x of the candidates that it has.
 
-    WᵀW (w, w), WᵀX (w, x), Wᵀy (w,), Xᵀy (x,), and XᵀX within candidates (g, k, k) by portion.
+    WᵀW (w, w), WᵀX (w, x), Wᵀy (w,), Xᵀy (x,), and XᵀX within candidates, those of all portions in a row.
     """
 
     ww: FloatArray
     wx: FloatArray
     wy: FloatArray
     xy: FloatArray
-    xx: tuple[FloatArray, ...]
+    xx: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

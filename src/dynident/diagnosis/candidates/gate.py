@@ -116,7 +116,29 @@ class Judged:
         return self.drop >= least_drop and self.t >= least_t
 
 
-def judge(scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray) -> Judged:
+@dataclass(frozen=True, eq=False)
+class Bar:
+    """What the model alone leaves in one kind of folds, `weighted` (s, n) in units of the noise.
+
+    `factor` (s,): one stretch with half of all the error must not decide: its gain counts up to three times a usual
+    one's.
+    """
+
+    weighted: FloatArray
+    factor: FloatArray
+
+    @classmethod
+    def of(cls, before: FloatArray, noise: FloatArray) -> Bar:
+        """From squared errors (s, n) and the noise (n,)."""
+        weighted = before / noise**2
+        whole = weighted.sum(axis=1)
+        cap = _CAP * float(np.median(whole)) if len(whole) else 0.0
+        return cls(weighted, np.minimum(1.0, cap / np.maximum(whole, 1e-300)))
+
+
+def judge(
+    scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray, bars: Sequence[Bar] | None = None
+) -> Judged:
     """Put a candidate's scores in the two kinds of folds together.
 
     Parameters
@@ -124,28 +146,24 @@ def judge(scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray) -
     scores : one a kind of folds
     joints : indices of the joints that the candidate acts on
     noise : (n,)
+    bars : what the model alone leaves, one a kind of folds, where that is at hand
     """
+    bars = bars or [Bar.of(score.before, noise) for score in scores]
     drops, totals, gains = [], [], []
     index = list(joints)
-    for score in scores:
-        before = score.before / noise**2
+    for score, bar in zip(scores, bars, strict=True):
+        before = bar.weighted
         # Nothing can gain more than there was; nor does a loss count for more, where a fold leaves out what decides.
-        after = np.minimum(score.after / noise**2, 2.0 * before)
-        gain = (before - after).sum(axis=1)
-        whole = before.sum(axis=1)
-        # One stretch with half of all the error must not decide: its gain counts up to three times a usual one's.
-        cap = _CAP * float(np.median(whole)) if len(whole) else 0.0
-        factor = np.minimum(1.0, cap / np.maximum(whole, 1e-300))
-        gains.append(gain * factor)
-        base = (before[:, index] * factor[:, None]).sum(axis=0)
-        own = ((before - after)[:, index] * factor[:, None]).sum(axis=0)
+        gain = before - np.minimum(score.after / noise**2, 2.0 * before)
+        gains.append(gain.sum(axis=1) * bar.factor)
+        base, own = bar.factor @ before[:, index], bar.factor @ gain[:, index]
         drops.append(own / np.maximum(base, np.finfo(float).tiny))
         totals.append(float(own.sum()) / max(float(base.sum()), np.finfo(float).tiny))
     # An effect that acts on several joints may help one of them alone; a group of single ones is judged by all.
     alone = len(scores[0].candidate.joints) < 2
-    mean_gain = np.mean(gains, axis=0)
-    before = np.mean([score.before for score in scores], axis=0)
-    after = np.mean([np.minimum(score.after, 2.0 * score.before) for score in scores], axis=0)
+    mean_gain = _mean(gains)
+    before = _mean([score.before for score in scores])
+    after = _mean([np.minimum(score.after, 2.0 * score.before) for score in scores])
     return Judged(
         candidate=scores[0].candidate,
         joints=joints,
@@ -161,6 +179,12 @@ def judge(scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray) -
         measured=scores[0].measured,
         after_weighted=(after / noise**2)[:, index].sum(axis=1),
     )
+
+
+def _mean(values: Sequence[FloatArray]) -> FloatArray:
+    """Of a few large arrays: without stacking them."""
+    first, *others = values
+    return np.asarray(sum(others, first) / len(values))
 
 
 def indistinguishable(best: Judged, other: Judged) -> bool:

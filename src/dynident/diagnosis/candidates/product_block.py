@@ -30,6 +30,7 @@ class ProductBlock:
     xy: FloatArray
     yy: FloatArray
     pairs: tuple[FloatArray, ...]
+    portions: tuple[Batch, ...]
 
     @classmethod
     def of(
@@ -55,7 +56,7 @@ class ProductBlock:
             own[:, lacking[:, :, None] | lacking[:, None, :]] = 0.0
             pairs.append(own)
         ww, wy = data.taken(joint, wp[:, None], wp), data.taken(joint, wp, y)
-        return cls(have, place, ww, wx, wy, xy, data.taken(joint, y, y)[:, 0], tuple(pairs))
+        return cls(have, place, ww, wx, wy, xy, data.taken(joint, y, y)[:, 0], tuple(pairs), tuple(portions))
 
     def at(self, stretches: IndexArray) -> ProductBlock:
         """Of some of the stretches."""
@@ -68,6 +69,7 @@ class ProductBlock:
             self.xy[stretches],
             self.yy[stretches],
             tuple(own[stretches] for own in self.pairs),
+            self.portions,
         )
 
     def sums(self) -> JointSums:
@@ -77,7 +79,7 @@ class ProductBlock:
             self.wx.sum(axis=0)[:, :-1],
             self.wy.sum(axis=0),
             self.xy.sum(axis=0)[:-1],
-            tuple(pairs.sum(axis=0) for pairs in self.pairs),
+            np.concatenate([np.zeros(0), *(pairs.sum(axis=0).ravel() for pairs in self.pairs)]),
         )
 
     def errors(self, fit: Fit) -> ProductErrors:
@@ -105,13 +107,18 @@ class ProductErrors:
         """(s, c): Zᵀρ."""
         return np.asarray(self._x_rest[:, self._block.place] - self._w_rest @ self._projection)
 
-    def beside(self, number: int, portion: Batch, amplitudes: FloatArray) -> FloatArray:
-        """(g, s): squared errors with each candidate of a portion, whose amplitudes are (g, k)."""
+    def beside(self, amplitudes: Sequence[FloatArray]) -> FloatArray:
+        """(g, s): squared errors with each candidate, portion by portion, whose amplitudes are (g, k)."""
+        each = zip(self._block.portions, self._block.pairs, amplitudes, strict=True)
+        return np.concatenate([self._of_portion(portion, pairs, own) for portion, pairs, own in each])
+
+    def _of_portion(self, portion: Batch, pairs: FloatArray, amplitudes: FloatArray) -> FloatArray:
+        """(g, s)"""
         block = self._block
         shift = np.einsum("bgk,gk->bg", self._projection[:, portion.columns], amplitudes)
         along = -(self._w_rest @ shift)
         size = np.einsum("sbg,bg->sg", block.ww @ shift, shift)
-        size += np.einsum("sgkl,gk,gl->sg", block.pairs[number], amplitudes, amplitudes)
+        size += np.einsum("sgkl,gk,gl->sg", pairs, amplitudes, amplitudes)
         places = block.place[portion.columns]
         for k in range(portion.width):
             own, place = amplitudes[:, k], places[:, k]

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from scipy import sparse
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.estimation import Reduction
@@ -35,8 +36,15 @@ class Stack(Protocol):
         """(s, *shape): the products at these places, whose shapes are broadcast."""
 
 
+def adding(stretch: IndexArray, n_stretches: int) -> sparse.csr_array:
+    """(s, m): adds up the rows of every stretch; `stretch` (m,) is ascending."""
+    m = len(stretch)
+    ends = np.searchsorted(stretch, np.arange(n_stretches + 1)).astype(np.int32)
+    return sparse.csr_array((np.ones(m), np.arange(m, dtype=np.int32), ends), shape=(n_stretches, m))
+
+
 class RowStack:
-    """The rows [W | Y] themselves: `values` (m, p + 1), and the `stretch` (m,) of each, of `n_stretches`.
+    """The rows [W | Y] themselves: `values` (m, p + 1), and the `stretch` (m,) of each, ascending, of `n_stretches`.
 
     Where a stretch has fewer rows than the model columns, these are fewer numbers than their products, and quicker to
     read a score from.
@@ -59,9 +67,7 @@ class RowStack:
         """(s, *shape): the products at these places, whose shapes are broadcast."""
         one, other = np.broadcast_arrays(rows, columns)
         each = self.values.take(one.ravel(), axis=1) * self.values.take(other.ravel(), axis=1)
-        found = np.zeros((self.n_stretches, each.shape[1]))
-        np.add.at(found, self.stretch, each)
-        return found.reshape(self.n_stretches, *one.shape)
+        return np.asarray(adding(self.stretch, self.n_stretches) @ each).reshape(self.n_stretches, *one.shape)
 
 
 class ProductStack:
@@ -169,7 +175,7 @@ def folds(n_stretches: int, kind: str) -> list[IndexArray]:
 
 
 def folds_of(data: Products, kind: str) -> list[IndexArray]:
-    """The folds of some data: whole `runs`, `parts` of each (a tenth in a row), or as `folds`.
+    """The folds of some data, ascending: whole `runs`, `parts` of each (a tenth in a row), or as `folds`.
 
     A fifth in a row is one of every run: a fast motion of all joints beside a long test of a single one would else be
     left out as a whole, and the model of most joints unknown without it. Runs too short for that count as one.
@@ -185,7 +191,7 @@ def folds_of(data: Products, kind: str) -> list[IndexArray]:
     short = [own for own in each if len(own) < N_FOLDS]
     together = [np.concatenate(short)] if short else []
     parts = zip(*(np.array_split(own, N_FOLDS) for own in long + together), strict=True)
-    return [fold for fold in map(np.concatenate, parts) if len(fold)]
+    return [np.sort(fold) for fold in map(np.concatenate, parts) if len(fold)]
 
 
 def runs_can_be_left_out(data: Products, base: IndexArray) -> bool:

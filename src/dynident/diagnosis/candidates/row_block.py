@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import sparse
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.batches import Batch
 from dynident.diagnosis.candidates.fit import Fit, JointSums
-from dynident.diagnosis.candidates.products import RowStack, present
+from dynident.diagnosis.candidates.products import RowStack, adding, present
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +19,8 @@ class RowBlock:
 
     `have` (w,) says which of the model's columns these are; `place` (c,) where each of the candidates' stands among the
     x that the joint has: for those that it lacks at the end, where there are zeros. `stretch` (m,) is that of every
-    row, of `n_stretches`.
+    row, ascending, of `n_stretches`. `within`: where, in the flat products of all these columns, those within
+    candidates are, portion by portion.
     """
 
     have: IndexArray
@@ -29,6 +28,7 @@ class RowBlock:
     rows: FloatArray
     stretch: IndexArray
     n_stretches: int
+    within: IndexArray
     portions: tuple[Batch, ...]
 
     @classmethod
@@ -57,7 +57,14 @@ class RowBlock:
         rows = np.concatenate([stack.values.take(needed, axis=1) for stack in stacks])
         rows[:, -2] = 0.0
         stretch = np.concatenate([stack.stretch for stack in stacks])
-        return cls(have, place, rows, stretch, n_stretches, tuple(portions))
+        if len(stacks) > 1:
+            order = np.argsort(stretch, kind="stable")
+            rows, stretch = rows[order], stretch[order]
+        wide = len(needed)
+        own = [len(wp) + place[portion.columns] for portion in portions]
+        within = [(one[:, :, None] * wide + one[:, None, :]).ravel() for one in own]
+        flat = np.concatenate([np.zeros(0, dtype=np.intp), *within])
+        return cls(have, place, rows, stretch, n_stretches, flat, tuple(portions))
 
     @property
     def w(self) -> FloatArray:
@@ -75,36 +82,28 @@ class RowBlock:
         return self.rows[:, -1]
 
     def at(self, stretches: IndexArray) -> RowBlock:
-        """Of some of the stretches."""
+        """Of some of the stretches, ascending."""
         number = np.full(self.n_stretches, -1, dtype=np.intp)
         number[stretches] = np.arange(len(stretches))
         stretch = number[self.stretch]
         own = np.flatnonzero(stretch >= 0)
-        return RowBlock(self.have, self.place, self.rows[own], stretch[own], len(stretches), self.portions)
+        return replace(self, rows=self.rows[own], stretch=stretch[own], n_stretches=len(stretches))
 
     def sums(self) -> JointSums:
         """Over all stretches."""
         products = self.rows.T @ self.rows
         w, end = len(self.have), len(products) - 2
-        xx = products[w:-1, w:-1]
-        places = [self.place[portion.columns] for portion in self.portions]
         return JointSums(
             products[:w, :w],
             products[:w, w:end],
             products[:w, -1],
             products[w:end, -1],
-            tuple(xx[own[:, :, None], own[:, None, :]] for own in places),
+            products.ravel().take(self.within),
         )
 
     def errors(self, fit: Fit) -> RowErrors:
         """Its squared errors for a fit."""
         return RowErrors(self, fit)
-
-    @cached_property
-    def adding(self) -> sparse.csr_array:
-        """(s, m): adds up the rows of every stretch."""
-        m = len(self.rows)
-        return sparse.csr_array((np.ones(m), (self.stretch, np.arange(m))), shape=(self.n_stretches, m))
 
 
 class RowErrors:
@@ -115,6 +114,7 @@ class RowErrors:
 
     def __init__(self, block: RowBlock, fit: Fit) -> None:
         self._block = block
+        self._adding = adding(block.stretch, block.n_stretches)
         self._rest = block.y - block.w @ fit.chi[block.have]
         self._beside = block.x.take(block.place, axis=1)
         self._beside -= block.w @ fit.projection[block.have]
@@ -122,13 +122,21 @@ class RowErrors:
 
     def scores(self) -> FloatArray:
         """(s, c): Zᵀρ."""
-        return np.asarray(self._block.adding @ (self._beside * self._rest[:, None]))
+        return np.asarray(self._adding @ (self._beside * self._rest[:, None]))
 
-    def beside(self, number: int, portion: Batch, amplitudes: FloatArray) -> FloatArray:
-        """(g, s): squared errors with each candidate of a portion, whose amplitudes are (g, k)."""
-        left = self._beside.take(portion.columns[:, 0], axis=1)
-        left *= amplitudes[:, 0]
-        for k in range(1, portion.width):
-            left += self._beside.take(portion.columns[:, k], axis=1) * amplitudes[:, k]
+    def beside(self, amplitudes: Sequence[FloatArray]) -> FloatArray:
+        """(g, s): squared errors with each candidate, portion by portion, whose amplitudes are (g, k)."""
+        if not amplitudes:
+            return np.zeros((0, self._block.n_stretches))
+        single = [portion.columns for portion in self._block.portions]
+        left = np.empty((len(self._rest), sum(map(len, single))))
+        first = 0
+        for columns, own in zip(single, amplitudes, strict=True):
+            part = left[:, first : first + len(columns)]
+            first += len(columns)
+            if columns.shape[1] == 1:
+                np.multiply(self._beside.take(columns[:, 0], axis=1), own[:, 0], out=part)
+            else:
+                np.einsum("mgk,gk->mg", self._beside.take(columns, axis=1), own, out=part)
         np.subtract(self._rest[:, None], left, out=left)
-        return np.asarray((self._block.adding @ np.square(left, out=left)).T)
+        return np.asarray((self._adding @ np.square(left, out=left)).T)

@@ -64,6 +64,7 @@ def scored(
     """The same from the products that it takes, where they are at hand."""
     s, n = data.n_stretches, data.n_joints
     before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
+    members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
     total = blocks.summed(noise)
     for left_out in folds_of(data, kind):
         here = blocks.at(left_out)
@@ -72,8 +73,8 @@ def scored(
         for j, block in enumerate(here.joints):
             errors = block.errors(fit)
             before[left_out, j] = errors.alone
-            for number, (portion, own) in enumerate(zip(blocks.portions, amplitudes, strict=True)):
-                after[portion.members[:, None], left_out, j] = errors.beside(number, portion, own)
+            if len(members):
+                after[members[:, None], left_out, j] = errors.beside(amplitudes)
     whole = Fit(total, blocks.portions)
     separability, found = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(blocks.portions):
@@ -127,5 +128,5 @@ def fitted_errors(
     before, after = np.zeros((data.n_stretches, data.n_joints)), np.zeros((data.n_stretches, data.n_joints))
     for j, block in enumerate(blocks.joints):
         errors = block.errors(fit)
-        before[:, j], after[:, j] = errors.alone, errors.beside(0, blocks.portions[0], own)[0]
+        before[:, j], after[:, j] = errors.alone, errors.beside([own])[0]
     return before, after, float(fit.separability(0)[0]), own[0]

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.diagnosis.candidates.blocks import Blocks
 from dynident.diagnosis.candidates.family import family_wise_p
-from dynident.diagnosis.candidates.gate import Judged, judge
+from dynident.diagnosis.candidates.gate import Bar, Judged, judge
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
@@ -105,10 +105,12 @@ def _judged(
     data: Products, blocks: Blocks, pool: Pool, candidates: Sequence[Candidate], noise: FloatArray
 ) -> list[Judged]:
     """Judge candidates that are all about the same rows."""
-    scores = [scored(data, blocks, candidates, noise, kind)[1] for kind in _KINDS]
+    found = [scored(data, blocks, candidates, noise, kind) for kind in _KINDS]
+    bars = [Bar.of(before, noise) for before, _ in found]
     acting = acted_on(pool)
     return [
-        judge(pair, _joints(acting, candidate), noise) for candidate, *pair in zip(candidates, *scores, strict=True)
+        judge(pair, _joints(acting, candidate), noise, bars)
+        for candidate, *pair in zip(candidates, *(scores for _, scores in found), strict=True)
     ]
 
 
