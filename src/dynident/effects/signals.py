@@ -70,6 +70,8 @@ class Signals:
         self.of_tree: Signals | None = None
         self._smooth_sign = smooth_sign
         self._memory: dict[MemorySignal, ca.SX] = {}
+        # Asking CasADi for a symbol's name takes longer than all else here.
+        self._memory_named: dict[str, MemorySignal] = {}
         self._runs: dict[RunSignal, ca.SX] = {}
 
     @cached_property
@@ -122,7 +124,8 @@ class Signals:
     def memory(self, signal: MemorySignal) -> ca.SX:
         """SX (1, 1): the symbol of a hysteresis state, the same for the same signal."""
         if signal not in self._memory:
-            self._memory[signal] = ca.SX.sym(f"z_{signal.operator.name}_{signal.joint}_{len(self._memory)}")
+            name = f"z_{signal.operator.name}_{signal.joint}_{len(self._memory)}"
+            self._memory[signal], self._memory_named[name] = ca.SX.sym(name), signal
         return self._memory[signal]
 
     @property
@@ -138,4 +141,4 @@ class Signals:
     def memory_in(self, expression: ca.SX) -> tuple[MemorySignal, ...]:
         """The hysteresis states that an expression depends on, of all that were ever asked for."""
         used = {symbol.name() for symbol in ca.symvar(expression)}
-        return tuple(signal for signal, symbol in self._memory.items() if symbol.name() in used)
+        return tuple(signal for name, signal in self._memory_named.items() if name in used)

@@ -21,9 +21,11 @@ from dynident.diagnosis.candidates.row_block import RowBlock
 
 
 class JointErrors(Protocol):
-    """One joint's squared errors in stretches, for a fit on others; `alone` (s,) are those of the model."""
+    """One joint's squared errors in stretches, for a fit on others."""
 
-    alone: FloatArray
+    @property
+    def alone(self) -> FloatArray:
+        """(s,): those of the model."""
 
     def scores(self) -> FloatArray:
         """(s, c): Zᵀρ, Z what the model does not say of every candidate's column, ρ what it leaves."""

@@ -11,7 +11,7 @@ from dynident.diagnosis.candidates.gate import Judged
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.candidates.products import Products
-from dynident.effects import Estimate, effect_by_id, role_of, spec_of
+from dynident.effects import Estimate, effect_by_id, spec_of
 
 _GIVEN_BACK = 0.1
 # A parameter of the wrong sign counts from so many standard deviations on; filtered rows are worth a tenth each.
@@ -62,14 +62,11 @@ def _passive(data: Products, pool: Pool, columns: IndexArray, values: FloatArray
 
     The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
     """
-    all_columns = pool.observation.columns
     for j in item.joints:
         where = data.position[j]
-        coulomb = [k for k in columns if role_of(all_columns[k]) == "dry" and where[k] >= 0]
-        friction = [
-            i for i, k in enumerate(columns) if effect_by_id(all_columns[k].effect).is_friction and where[k] >= 0
-        ]
-        if not coulomb or not friction:
+        coulomb = columns[pool.is_dry[columns] & (where[columns] >= 0)]
+        friction = np.flatnonzero(pool.is_friction[columns] & (where[columns] >= 0))
+        if not len(coulomb) or not len(friction):
             continue
         places = where[columns[friction]]
         work = data.taken(j, where[coulomb[:1]], places) @ values[friction]

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
+import numpy as np
+
+from dynident.arrays import BoolArray
 from dynident.diagnosis.residuals.leads import Leads
 from dynident.diagnosis.residuals.resolution import Resolution
-from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of
+from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of, effect_by_id, role_of
 from dynident.effects.catalogue import is_change
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
@@ -47,6 +51,16 @@ class Pool:
     n_base: int
     candidates: tuple[Candidate, ...]
     since: tuple[str, ...] = ()
+
+    @cached_property
+    def is_friction(self) -> BoolArray:
+        """(columns,): which columns are those of friction."""
+        return np.array([effect_by_id(column.effect).is_friction for column in self.observation.columns])
+
+    @cached_property
+    def is_dry(self) -> BoolArray:
+        """(columns,): which of them are Coulomb friction."""
+        return np.array([role_of(column) == "dry" for column in self.observation.columns])
 
     def candidate(self, choice: EffectChoice) -> Candidate | None:
         """The candidate of a choice; none where all its columns are the model's, or zero."""

@@ -118,7 +118,7 @@ class RowErrors:
         self._rest = block.y - block.w @ fit.chi[block.have]
         self._beside = block.x.take(block.place, axis=1)
         self._beside -= block.w @ fit.projection[block.have]
-        self.alone = np.bincount(block.stretch, self._rest**2, block.n_stretches)
+        self.alone = np.bincount(block.stretch, self._rest**2, block.n_stretches).astype(np.float64)
 
     def scores(self) -> FloatArray:
         """(s, c): Zᵀρ."""
