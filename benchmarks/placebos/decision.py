@@ -107,8 +107,7 @@ class Question:
         rows = ChangedRows(self.identification, self.recordings, self.identification.next_reference(), change)
         data = rows.folded(pool, self.plain)
         start = self._start(data)
-        lasting = [candidate for candidate in pool.candidates if candidate.effect != "external_contact"]
-        first = judge_all(data, pool, start.base, lasting, start.noise)
+        first = judge_all(data, pool, start.base, pool.at_first, start.noise)
         picks = search(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, silent)
         return tuple(_told(pick) for pick in picks)
 

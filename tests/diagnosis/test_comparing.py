@@ -123,7 +123,7 @@ def test_a_line_over_the_angle_is_found_at_its_number_of_cycles(run):
     for k in (17.0, 40.0):
         ripple = recorded(motion, lambda m, load, k=k: 1.5 * np.sin(k * m.q[:, 4:5]) * np.eye(6)[4], 6, "ripple")
         lines = angle_lines([compare(run.identification, ripple)], ROBOT)
-        assert any(joint == 4 and abs(value - k) < 0.5 for joint, value in lines)
+        assert any(joint == 4 and abs(value - k) < 0.5 for joint, value in lines.clear)
 
 
 def test_noise_alone_has_neither_patterns_nor_a_place_where_it_fails(comparison):

@@ -84,8 +84,7 @@ def diagnose(
     rows = Source(model, tuple(recordings), identification.preprocessing, reference)
     data = rows.products(pool, part(progress, 0.1, 0.5))
     start = _start(data, pool, identification, floor)
-    lasting = [candidate for candidate in pool.candidates if not effect_by_id(candidate.effect).is_transient]
-    first = judge_all(data, pool, start.base, lasting, start.noise)
+    first = judge_all(data, pool, start.base, pool.at_first, start.noise)
     picks = search(data, pool, start, first, most_effects, rows, part(progress, 0.5, 0.8))
     picks, recommended = refined(
         identification, picks, recordings, reference, resolved, floor, part(progress, 0.8, 0.9)

@@ -44,13 +44,20 @@ class Candidate:
 class Pool:
     """W of the model and, behind it, the columns of all candidates.
 
-    `since`: labels of the later runs, where what changed between them and the others is asked.
+    `since`: labels of the later runs, where what changed between them and the others is asked. `faint`: those of the
+    candidates that are asked about once something was found on their joint.
     """
 
     observation: Observation
     n_base: int
     candidates: tuple[Candidate, ...]
     since: tuple[str, ...] = ()
+    faint: frozenset[Candidate] = frozenset()
+
+    @property
+    def at_first(self) -> list[Candidate]:
+        """The candidates that a search begins with: those that may last, and are not faint."""
+        return [one for one in self.candidates if not effect_by_id(one.effect).is_transient and one not in self.faint]
 
     @cached_property
     def is_friction(self) -> BoolArray:
@@ -95,7 +102,17 @@ def build_pool(
     choices = [choice for effect in chosen for choice in _choices(effect, model, given)]
     shown = [choice for choice in choices if resolved is None or shows(choice, model.robot, resolved)]
     changed = [choice for effect in chosen if effect.may_change for choice in changes_in(effect, model, given)]
-    return replace(pool_of(model, [*shown, *changed]), since=given.since)
+    pool = pool_of(model, [*shown, *changed])
+    lines = {(model.robot.joint_names[j], k) for j, k in given.angle_lines.faint}
+    faint = (one for one in pool.candidates if one.joints and (one.joints[0], _line_of(one)) in lines)
+    return replace(pool, since=given.since, faint=frozenset(faint))
+
+
+def _line_of(candidate: Candidate) -> float | None:
+    """The line that a candidate is about."""
+    if effect_by_id(candidate.effect).proposal != "angle_spectrum":
+        return None
+    return candidate.shape[0][1]
 
 
 def pool_of(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Column] = ()) -> Pool:
@@ -145,7 +162,8 @@ def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     if effect.proposal == "angle_spectrum":
         name = effect.shapes[0].name
         driven = model.robot.joint_names
-        lines = [(driven[j], k) for j, k in leads.angle_lines if robot.joint_names.index(driven[j]) in free]
+        given = leads.angle_lines.clear + leads.angle_lines.faint
+        lines = [(driven[j], k) for j, k in given if robot.joint_names.index(driven[j]) in free]
         return [EffectChoice(effect.id, (joint,), ((name, k),)) for joint, k in lines]
     choices = [
         EffectChoice(effect.id, (robot.joint_names[j],), _key(shape)) for j in free for shape in effect.grid(robot, j)

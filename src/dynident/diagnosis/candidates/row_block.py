@@ -139,4 +139,7 @@ class RowErrors:
             else:
                 np.einsum("mgk,gk->mg", self._beside.take(columns, axis=1), own, out=part)
         np.subtract(self._rest[:, None], left, out=left)
-        return np.asarray((self._adding @ np.square(left, out=left)).T)
+        # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
+        with np.errstate(over="ignore"):
+            np.square(left, out=left)
+        return np.asarray((self._adding @ left).T)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.residuals.bursts import bursts
-from dynident.diagnosis.residuals.lines import angle_lines, time_lines
+from dynident.diagnosis.residuals.lines import AngleLines, angle_lines, time_lines
 from dynident.diagnosis.residuals.vibration import shaking
 from dynident.identification import Identification
 from dynident.recordings import Recording
@@ -20,14 +20,13 @@ _MOST_GROUPS = 16
 class Leads:
     """Where to look for effects that a grid cannot offer, from the recordings and their residual.
 
-    `angle_lines`: (joint index, cycles per radian) of lines in the residual over a joint's angle; `time_lines`: Hz of
-    lines over time; `bursts`: (run label, from, to in s) of stretches far above the rest; `run_groups`: sets of runs
-    that an effect may be limited to; `has_temperature`: whether all recordings have one; `session`: s that the clock
-    of all recordings has run, 0 where it starts anew in each; `since`: labels of the later runs, where what changed
-    between them and the others is asked.
+    `angle_lines`: lines in the residual over a joint's angle; `time_lines`: Hz of lines over time; `bursts`: (run
+    label, from, to in s) of stretches far above the rest; `run_groups`: sets of runs that an effect may be limited to;
+    `has_temperature`: whether all recordings have one; `session`: s that the clock of all recordings has run, 0 where it
+    starts anew in each; `since`: labels of the later runs, where what changed between them and the others is asked.
     """
 
-    angle_lines: tuple[tuple[int, float], ...] = ()
+    angle_lines: AngleLines = field(default_factory=AngleLines)
     time_lines: tuple[float, ...] = ()
     bursts: tuple[tuple[str, float, float], ...] = ()
     run_groups: tuple[tuple[str, ...], ...] = ()
@@ -51,7 +50,7 @@ def find_leads(
     lines = time_lines(comparisons, identification.preprocessing)
     signals, reference = identification.model.signals, identification.next_reference()
     return Leads(
-        angle_lines=tuple(angle_lines(comparisons, identification.model.robot)),
+        angle_lines=angle_lines(comparisons, identification.model.robot),
         time_lines=lines.beside_the_motion(shaking(comparisons, signals, reference, lines.residual)),
         bursts=tuple(
             (recording.run_label(segment), start, end)

@@ -19,15 +19,29 @@ _LINES_A_JOINT = 2
 _LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
 _BINS = 200
 _LEAST_ANGLE, _BESIDE = 0.2, 0.4
+# Shares of what the residual over the angle has beside a parabola: a slow wave with more of it is asked about at once,
+# one with more than the lesser is after something else was found on the joint, which may have hidden it.
+_CLEAR, _FAINT = 0.5, 0.1
 # Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
 _SURROUNDINGS = 181
 # Hz: slower than this, a motion's own lines hide everything else.
 _SLOWEST_VIBRATION, _MOST_TIME_LINES, _TIME_LINE_RATIO, _MOTION_LINE_RATIO = 1.0, 2, 6.0, 3.0
 
 
-def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[int, float]]:
-    """Lines in the spectrum of the residual over a joint's own angle: (joint index, cycles per radian)."""
-    lines = []
+@dataclass(frozen=True)
+class AngleLines:
+    """Lines in the residual over a joint's own angle: (joint index, cycles per radian).
+
+    `clear` ones stand out of it; `faint` ones, of at most two cycles, do so at best once something else is found.
+    """
+
+    clear: tuple[tuple[int, float], ...] = ()
+    faint: tuple[tuple[int, float], ...] = ()
+
+
+def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
+    """Lines in the spectrum of the residual over each joint's own angle."""
+    clear, faint = [], []
     for j, joint in enumerate(robot.joints):
         if joint.kind != "revolute":
             continue
@@ -47,15 +61,17 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> list[tuple[i
         shown = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
         k, power = k[shown], np.abs(fft.rfft(sums, size)[shown]) ** 2
         found = _peaks(k, power, _LINE_RATIO)[:_LINES_A_JOINT]
-        slow = _slow_wave(q, residual, low, span)
-        found += [] if slow is None else [slow]
+        slow, share = _slow_wave(q, residual, low, span)
+        found += [slow] if share > _CLEAR else []
         # A wave beside each, so that what a line is off by is not taken for something else.
-        lines += [(j, line + beside / span) for line in found for beside in (0.0, -_BESIDE, _BESIDE)]
-    return lines
+        around = [beside / span for beside in (0.0, -_BESIDE, _BESIDE)]
+        clear += [(j, line + beside) for line in found for beside in around]
+        faint += [(j, slow + beside) for beside in around if _FAINT < share <= _CLEAR]
+    return AngleLines(tuple(clear), tuple(faint))
 
 
-def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> float | None:
-    """The wave of at most two cycles over the joint's range that explains most beside a parabola; None: none does.
+def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> tuple[float, float]:
+    """The wave of at most two cycles over the joint's range that explains most beside a parabola, and the share of it.
 
     A spectrum cannot tell so few cycles from a trend.
     """
@@ -64,7 +80,7 @@ def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> 
     counts = np.bincount(place, minlength=_BINS).astype(np.float64)
     filled = counts > 0
     if not len(waves) or filled.sum() < 10:
-        return None
+        return _LOWEST_LINE, 0.0
     weight = np.sqrt(counts[filled])
     y = weight * np.bincount(place, weights=residual, minlength=_BINS)[filled] / counts[filled]
     x = (np.flatnonzero(filled) + 0.5) / _BINS
@@ -77,7 +93,7 @@ def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> 
         wave = np.linalg.qr(wave - trend @ (trend.T @ wave))[0]
         gains.append(float(((wave.T @ y) ** 2).sum()))
     best = int(np.argmax(gains))
-    return float(waves[best]) if gains[best] > 0.5 * float(y @ y) else None
+    return float(waves[best]), gains[best] / max(float(y @ y), np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)

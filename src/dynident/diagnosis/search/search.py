@@ -51,12 +51,13 @@ def search(
     After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
     torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
     Names that take much of the same error are weighed with their shape constants between those of the grid.
+    What the residual has but a faint trace of is asked about once something was found on its joint.
     Where neither the model nor that with its first finding predicts parts of the motion from the others, nothing is
     found.
     """
     firm = generalises(data.of(state.base), state)
     judged = first
-    remaining = [item.candidate for item in first]
+    remaining, asleep = [item.candidate for item in first], pool.faint
     while len(state.picks) < most:
         progress(len(state.picks) / most, f"{len(state.picks)} effects found, {len(remaining)} candidates")
         choice = choose(data, pool, state, judged)
@@ -74,6 +75,8 @@ def search(
             return state.picks
         state = replace(state, base=base, noise=noise_left(data, base), picks=(*state.picks, finding))
         reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
+        awake = [one for one in pool.candidates if one in asleep and set(one.joints) <= set(reached)]
+        remaining, asleep = remaining + awake, asleep.difference(awake)
         remaining = [c for c in remaining if not _superseded(c, chosen.candidate, reached)]
         if not remaining:
             break
