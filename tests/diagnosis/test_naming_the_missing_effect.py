@@ -107,6 +107,21 @@ def test_two_effects_on_two_joints_are_both_named():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("k", [2.6, 3.2])
+def test_a_slow_ripple_that_other_friction_of_its_joint_hides_is_named_beside_it(k):
+    friction = CASES["load_dependent_friction"]
+    ripple = on_joint(2, lambda q, v, load: 1.5 * np.sin(k * q + 0.4))
+
+    def both(motion, load):
+        return friction.hidden(motion, load) + ripple(motion, load)
+
+    run = experiment(both)
+    found = diagnose(run.identification, [run.training])
+    named = {(choice.effect, choice.joints) for choice in found.recommended}
+    assert named == {("torque_ripple", (NAMES[2],)), ("load_dependent_friction", (NAMES[2],))}
+
+
+@pytest.mark.slow
 def test_one_family_on_all_joints_is_named_as_one_group():
     def hidden(motion, load):
         return 0.1 * np.abs(load) * np.sign(motion.dq)

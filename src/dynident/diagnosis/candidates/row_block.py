@@ -131,15 +131,15 @@ class RowErrors:
         single = [portion.columns for portion in self._block.portions]
         left = np.empty((len(self._rest), sum(map(len, single))))
         first = 0
-        for columns, own in zip(single, amplitudes, strict=True):
-            part = left[:, first : first + len(columns)]
-            first += len(columns)
-            if columns.shape[1] == 1:
-                np.multiply(self._beside.take(columns[:, 0], axis=1), own[:, 0], out=part)
-            else:
-                np.einsum("mgk,gk->mg", self._beside.take(columns, axis=1), own, out=part)
-        np.subtract(self._rest[:, None], left, out=left)
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
+            for columns, own in zip(single, amplitudes, strict=True):
+                part = left[:, first : first + len(columns)]
+                first += len(columns)
+                if columns.shape[1] == 1:
+                    np.multiply(self._beside.take(columns[:, 0], axis=1), own[:, 0], out=part)
+                else:
+                    np.einsum("mgk,gk->mg", self._beside.take(columns, axis=1), own, out=part)
+            np.subtract(self._rest[:, None], left, out=left)
             np.square(left, out=left)
-        return np.asarray((self._adding @ left).T)
+        return np.asarray(np.nan_to_num((self._adding @ left).T, nan=np.inf))

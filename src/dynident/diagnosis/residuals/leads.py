@@ -22,8 +22,8 @@ class Leads:
 
     `angle_lines`: lines in the residual over a joint's angle; `time_lines`: Hz of lines over time; `bursts`: (run
     label, from, to in s) of stretches far above the rest; `run_groups`: sets of runs that an effect may be limited to;
-    `has_temperature`: whether all recordings have one; `session`: s that the clock of all recordings has run, 0 where it
-    starts anew in each; `since`: labels of the later runs, where what changed between them and the others is asked.
+    `has_temperature`: whether all recordings have one; `session`: s that the clock of all recordings has run, 0 where
+    it starts anew in each; `since`: labels of the later runs, where what changed between them and the others is asked.
     """
 
     angle_lines: AngleLines = field(default_factory=AngleLines)

@@ -19,9 +19,8 @@ _LINES_A_JOINT = 2
 _LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
 _BINS = 200
 _LEAST_ANGLE, _BESIDE = 0.2, 0.4
-# Shares of what the residual over the angle has beside a parabola: a slow wave with more of it is asked about at once,
-# one with more than the lesser is after something else was found on the joint, which may have hidden it.
-_CLEAR, _FAINT = 0.5, 0.1
+# Share of what the residual over the angle has beside a parabola: a slow wave with more of it is clear.
+_CLEAR = 0.5
 # Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
 _SURROUNDINGS = 181
 # Hz: slower than this, a motion's own lines hide everything else.
@@ -32,7 +31,8 @@ _SLOWEST_VIBRATION, _MOST_TIME_LINES, _TIME_LINE_RATIO, _MOTION_LINE_RATIO = 1.0
 class AngleLines:
     """Lines in the residual over a joint's own angle: (joint index, cycles per radian).
 
-    `clear` ones stand out of it; `faint` ones, of at most two cycles, do so at best once something else is found.
+    `clear` ones stand out of it; `faint` are all of at most two cycles: something else on the joint may hide them, and
+    move what is left of them.
     """
 
     clear: tuple[tuple[int, float], ...] = ()
@@ -66,7 +66,7 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
         # A wave beside each, so that what a line is off by is not taken for something else.
         around = [beside / span for beside in (0.0, -_BESIDE, _BESIDE)]
         clear += [(j, line + beside) for line in found for beside in around]
-        faint += [(j, slow + beside) for beside in around if _FAINT < share <= _CLEAR]
+        faint += [(j, float(k)) for k in np.arange(_LOWEST_LINE, 4 * np.pi / span, 2 * _BESIDE / span)]
     return AngleLines(tuple(clear), tuple(faint))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -17,30 +16,16 @@ from dynident.diagnosis.candidates.scoring import held_out_errors
 from dynident.diagnosis.search.choosing import choose
 from dynident.diagnosis.search.contest import settled
 from dynident.diagnosis.search.pruning import pruned
+from dynident.diagnosis.search.reconsidering import Rows, reconsidered
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.effects import effect_by_id
 from dynident.progress import Progress
-from dynident.regressors.model import Model
 
 _FEW_WAVES = 6.0
 
 MOST_FROM_PART_TO_PART = 1.6
 """Error on a fifth of the motion in a row that was left out over that on every fifth stretch: 1.0-1.25 on sound data,
 1.6-3 where the motion is too poor to determine the model."""
-
-
-class Rows(Protocol):
-    """Where the products of any columns come from."""
-
-    @property
-    def model(self) -> Model:
-        """The model in which something is missing."""
-
-    def products(self, pool: Pool) -> PhasedProducts:
-        """Inner products of all columns of a pool and of the torque."""
-
-    def with_findings(self, findings: Sequence[Finding]) -> Rows:
-        """The same, with the torque predicted by the model with these findings in it."""
 
 
 def search(
@@ -51,7 +36,8 @@ def search(
     After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
     torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
     Names that take much of the same error are weighed with their shape constants between those of the grid.
-    What the residual has but a faint trace of is asked about once something was found on its joint.
+    What the residual has but a faint trace of is asked about once something was found on its joint, and what was found
+    before it once more.
     Where neither the model nor that with its first finding predicts parts of the motion from the others, nothing is
     found.
     """
@@ -81,7 +67,7 @@ def search(
         if not remaining:
             break
         judged = judge_all(data, pool, state.base, remaining, state.noise)
-    return pruned(data, pool, state).picks
+    return pruned(data, pool, reconsidered(rows, data, pool, state)).picks
 
 
 def generalises(rows: Products, state: State) -> bool:

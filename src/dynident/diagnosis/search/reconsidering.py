@@ -1,0 +1,82 @@
+"""What was found first on a joint, asked about once more beside what was found on it later.
+
+A wave over the angle is looked for in what the model leaves, and whatever else is missing on its joint moves it: a
+ripple of two waves beside friction that grows with the load was taken for a balancer's spring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.search.choosing import choose
+from dynident.diagnosis.search.contest import settled
+from dynident.diagnosis.search.state import Finding, State, judge_all
+from dynident.effects import effect_by_id
+from dynident.regressors.model import Model
+
+
+class Rows(Protocol):
+    """Where the products of any columns come from."""
+
+    @property
+    def model(self) -> Model:
+        """The model in which something is missing."""
+
+    def products(self, pool: Pool) -> PhasedProducts:
+        """Inner products of all columns of a pool and of the torque."""
+
+    def with_findings(self, findings: Sequence[Finding]) -> Rows:
+        """The same, with the torque predicted by the model with these findings in it."""
+
+
+def reconsidered(rows: Rows, data: PhasedProducts, pool: Pool, state: State) -> State:
+    """The search with the names that functions of a joint's position have beside all that was found on that joint."""
+    for number, finding in enumerate(state.picks):
+        later = state.picks[number + 1 :]
+        if _may_be_a_wave(finding) and any(_share_a_joint(finding, other) for other in later):
+            state = _renamed(rows, data, pool, state, number)
+    return state
+
+
+def _renamed(rows: Rows, data: PhasedProducts, pool: Pool, state: State, number: int) -> State:
+    finding = state.picks[number]
+    mine = finding.judged.candidate
+    others = (*state.picks[:number], *state.picks[number + 1 :])
+    beside = replace(state, base=tuple(k for k in state.base if k not in finding.columns), picks=others)
+    free = [one for one in pool.candidates if one.joints == mine.joints and one.runs == mine.runs]
+    free = [one for one in free if _may_be_asked(one, others) and not set(one.columns) & set(beside.base)]
+    judged = judge_all(data, pool, beside.base, free, state.noise)
+    # That something is there was tested among all that could be.
+    judged = [replace(item, p=finding.p) for item in judged]
+    choice = choose(data, pool, beside, judged)
+    if choice is None:
+        return state
+    chosen, equal = settled(rows.model, pool, beside, choice, judged, rows.products)
+    new = Finding(chosen, equal, finding.p)
+    picks = (*state.picks[:number], new, *state.picks[number + 1 :])
+    return replace(state, base=beside.base + new.columns, picks=picks)
+
+
+def _may_be_a_wave(finding: Finding) -> bool:
+    """Whether it is, or might be called, a wave over the joint's angle."""
+    names = {finding.judged.candidate.effect, *(item.candidate.effect for item in finding.equal)}
+    known = {other for name in names for other in (name, *effect_by_id(name).confused_with, *effect_by_id(name).covers)}
+    return any(effect_by_id(name).proposal == "angle_spectrum" for name in known)
+
+
+def _may_be_asked(candidate: Candidate, others: Sequence[Finding]) -> bool:
+    """Whether it is none of the other findings, nor contained in one."""
+    return not any(
+        other.judged.candidate.effect == candidate.effect
+        or candidate.effect in effect_by_id(other.judged.candidate.effect).covers
+        for other in others
+        if set(other.judged.candidate.joints) & set(candidate.joints)
+    )
+
+
+def _share_a_joint(one: Finding, other: Finding) -> bool:
+    return bool(set(one.judged.candidate.joints) & set(other.judged.candidate.joints))
