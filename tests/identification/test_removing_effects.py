@@ -10,7 +10,7 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.identification import IdentificationChoices, extend, from_bytes, identify, remove, to_bytes
+from dynident.identification import IdentificationChoices, extend, from_bytes, gain, identify, remove, to_bytes
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("ur10")
@@ -128,6 +128,14 @@ def test_an_addition_that_helps_is_not_warned_of(grown):
 def test_an_addition_that_only_fits_noise_is_warned_of(plain):
     useless = extend(plain, [EffectChoice("joint_spring", (NAMES[5],))], RUNS, HELD_OUT)
     assert "does not survive held-out data" in useless.warnings[0]
+
+
+def test_an_addition_that_helps_unevenly_is_told_to_help_but_not_surely(grown, monkeypatch):
+    monkeypatch.setattr(gain, "_t_of_gain", lambda parent, grown: 1.97)
+    warning = gain.warnings_of_addition(grown)[0]
+    assert warning.startswith("Joint spring helps, but not surely")
+    assert "t = 1.97" in warning
+    assert "Remove" not in warning
 
 
 def test_an_addition_that_makes_a_joint_worse_names_the_joint(plain):

@@ -11,7 +11,9 @@ from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.identification.result import Identification
 
-_SURE = 2.0
+_SURE, _CHANCE = 2.0, 1.0
+"""t of the gain over the stretches: surely above zero from the first on; below the second, less than its own spread."""
+
 _WORSE = 1.02
 _FEWEST = 4
 _ROUNDING = 1.0 + 1e-6
@@ -19,7 +21,7 @@ _ROUNDING = 1.0 + 1e-6
 
 
 def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
-    """Where an addition does not survive held-out data: no gain that is more than chance, or a joint that got worse.
+    """Where an addition does not survive held-out data, or not surely, or where a joint got worse by it.
 
     Parameters
     ----------
@@ -33,11 +35,16 @@ def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
     before, after = parent.held_out.relative_total, grown.held_out.relative_total
     found = []
     t = _t_of_gain(parent, grown)
-    if t < _SURE or after >= before:
+    errors = f"on recordings that no parameter saw the error goes from {before:.2%} to {after:.2%}"
+    if t < _CHANCE or after >= before:
         found.append(
-            f"{what} does not survive held-out data: on recordings that no parameter saw the error goes from "
-            f"{before:.2%} to {after:.2%} (t = {t:.1f}), no more than chance would do. Remove it unless you know that "
-            "it is there."
+            f"{what} does not survive held-out data: {errors} (t = {t:.1f}), no more than chance would do. Remove it "
+            "unless you know that it is there."
+        )
+    elif t < _SURE:
+        found.append(
+            f"{what} helps, but not surely: {errors}, unevenly over the motion (t = {t:.2f}, where {_SURE:g} would be "
+            "sure). Hold out another motion before you rely on it."
         )
     names = grown.model.robot.joint_names
     old, new = parent.held_out.relative, grown.held_out.relative

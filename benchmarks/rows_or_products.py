@@ -1,0 +1,72 @@
+"""Scores of candidates read from the rows of W, against reading them from products kept a stretch at a time.
+
+    python benchmarks/rows_or_products.py
+
+Says from how many rows a stretch on products are the quicker way: `_MOST_ROWS` of
+`dynident.diagnosis.candidates.collecting`. Making the products is part of their time, and done once; scores are read in
+some ten rounds of a diagnosis.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from common import show
+from compared import compared
+
+from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.products import Products, ProductStack, RowStack
+from dynident.diagnosis.candidates.scoring import score_candidates
+
+JOINTS, BASE, CANDIDATES, STRETCHES, ROUNDS = 6, 60, 240, 150, 10
+ROWS = (8, 16, 32, 64, 128, 256)
+
+
+def main() -> None:
+    rows = [("rows a stretch", "from rows", "from products", "products / rows", "difference")]
+    for count in ROWS:
+        kept, folded = stacks_of(count)
+        start = time.perf_counter()
+        ours = scores(kept)
+        reading = time.perf_counter() - start
+        start = time.perf_counter()
+        products = [ProductStack(made(stack)) for stack in folded]
+        making = time.perf_counter() - start
+        start = time.perf_counter()
+        theirs = scores(products)
+        other = time.perf_counter() - start
+        mine, rival = ROUNDS * reading, making + ROUNDS * other
+        difference = float(np.abs(ours / theirs - 1.0).max())
+        rows.append((f"{count}", f"{mine:.2f} s", f"{rival:.2f} s", f"{rival / mine:.2f}", f"{difference:.0e}"))
+        what = f"{ROUNDS} rounds of scores, {CANDIDATES} candidates, {count} rows a stretch, from rows"
+        compared(what, mine, "from products of every stretch", rival)
+    show(f"{JOINTS} joints, {STRETCHES} stretches, {ROUNDS} rounds of {CANDIDATES} candidates of two columns", rows)
+
+
+def stacks_of(count: int) -> tuple[list[RowStack], list[RowStack]]:
+    """The same rows of every joint twice: what has been read once is in the cache."""
+    random = np.random.default_rng(count)
+    stretch = np.repeat(np.arange(STRETCHES), count)
+    values = [random.normal(size=(len(stretch), BASE + 2 * CANDIDATES + 1)) for _ in range(JOINTS)]
+    return tuple([RowStack(each.copy(), stretch, STRETCHES) for each in values] for _ in range(2))
+
+
+def made(stack: RowStack) -> np.ndarray:
+    """(s, p + 1, p + 1): products of every stretch."""
+    return np.array([part.T @ part for part in np.split(stack.values, STRETCHES)])
+
+
+def scores(stacks: list[RowStack] | list[ProductStack]) -> np.ndarray:
+    """(candidates,): squared error that is left with each."""
+    width = BASE + 2 * CANDIDATES
+    position = tuple(np.arange(width) for _ in range(JOINTS))
+    counts, run = np.ones((STRETCHES, JOINTS)), np.zeros(STRETCHES, dtype=np.intp)
+    data = Products(tuple((stack,) for stack in stacks), position, counts, run)
+    tried = [Candidate("offset", (), (), (BASE + 2 * k, BASE + 2 * k + 1)) for k in range(CANDIDATES)]
+    _, found = score_candidates(data, np.arange(BASE), tried, np.ones(JOINTS), "interleaved")
+    return np.array([score.after.sum() for score in found])
+
+
+if __name__ == "__main__":
+    main()
