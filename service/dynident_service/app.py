@@ -12,12 +12,14 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.routing import compile_path
 
 from dynident.version import __version__
+from dynident_service.access import Access
 from dynident_service.documentation import mount as mount_documentation
 from dynident_service.headers import SafeHeaders
 from dynident_service.keys import KeyRing
 from dynident_service.limits import Admission, BodyLimit, set_threads
 from dynident_service.metrics import Metrics
 from dynident_service.middleware import Audit, Gate, Timing
+from dynident_service.problem_responses import REQUEST_ID
 from dynident_service.problem_responses import install as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.routes import ROUTERS
@@ -78,12 +80,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             allow_origins=settings.allowed_origins,
             allow_methods=["*"],
             allow_headers=["*"],
-            expose_headers=["Location"],
+            expose_headers=["Location", REQUEST_ID],
         )
     app.add_middleware(Audit)
     app.add_middleware(Admission, settings=settings)
     app.add_middleware(Timing, metrics=metrics)
     app.add_middleware(SafeHeaders)
+    app.add_middleware(Access)
     return app
 
 

@@ -13,6 +13,7 @@ from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from dynident.errors import DynidentError
 from dynident_service.headers import SAFE
+from dynident_service.logs import current_request
 from dynident_service.problems import (
     MEDIA_TYPE,
     Problem,
@@ -25,14 +26,17 @@ from dynident_service.problems import (
 from dynident_service.storage.patience import AWAY, reason_of
 from dynident_service.storage.space import is_full
 
+REQUEST_ID = "X-Request-ID"
 log = logging.getLogger("dynident.service")
 
 
 def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
     """Answer a request with a problem."""
+    identifier = current_request()
     # Also where the answer goes out past the middleware that would add them.
-    carried = {**SAFE, **(headers or {})}
-    return JSONResponse(problem.model_dump(exclude_none=True), problem.status, headers=carried, media_type=MEDIA_TYPE)
+    carried = {**SAFE, **({} if identifier is None else {REQUEST_ID: identifier}), **(headers or {})}
+    content = problem.model_copy(update={"request_id": identifier}).model_dump(exclude_none=True)
+    return JSONResponse(content, problem.status, headers=carried, media_type=MEDIA_TYPE)
 
 
 def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import logging
-
 import uvicorn
 
 from dynident_service.app import create_app
 from dynident_service.connections import protocol_with
+from dynident_service.logs import configure
 from dynident_service.settings import Settings
 
 
 def serve(settings: Settings | None = None) -> None:
     """Answer requests until interrupted."""
     settings = settings or Settings()
-    logging.basicConfig(level=settings.log_level.upper(), format="%(levelname)s %(name)s: %(message)s")
-    logging.getLogger("alembic").setLevel(logging.WARNING)
+    configure(settings.log_level, settings.log_format)
     uvicorn.Server(configuration(settings)).run()
 
 
@@ -26,6 +24,8 @@ def configuration(settings: Settings) -> uvicorn.Config:
         host=settings.host,
         port=settings.port,
         log_level=settings.log_level.lower(),
+        log_config=None,
+        access_log=False,
         timeout_graceful_shutdown=3,
         http=protocol_with(settings),
         ws="none",

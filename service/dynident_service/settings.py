@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import os
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -12,10 +13,17 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 MEGABYTE = 1_000_000
 
 
-class Settings(BaseSettings):
-    """Where the service listens, where it keeps its data, and where jobs run."""
+class LogSettings(BaseSettings):
+    """What is written into the log, and how; read by every process of the service."""
 
     model_config = SettingsConfigDict(env_prefix="DYNIDENT_", extra="ignore")
+
+    log_level: str = "info"
+    log_format: Literal["text", "json"] = Field(default="text", description="One JSON object a line, for programs.")
+
+
+class Settings(LogSettings):
+    """Where the service listens, where it keeps its data, and where jobs run."""
 
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65535)
@@ -44,7 +52,6 @@ class Settings(BaseSettings):
     )
     history_kept_days: float = Field(default=30.0, gt=0, description="How long events and retry keys are kept.")
     deleted_kept_seconds: float = Field(default=3600.0, ge=60, description="How long deleted files are kept.")
-    log_level: str = "info"
 
     @field_validator("database_url")
     @classmethod

@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from dynident.errors import DynidentError
+from dynident_service.logs import current_request, working_on
 from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
 from dynident_service.storage.space import is_full
 
@@ -21,6 +22,7 @@ class Call:
 
     function: str
     arguments: Mapping[str, Any]
+    request_id: str | None = field(default_factory=current_request)
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,11 @@ class Answer:
 
 def answer(call: Call, peak_memory: int) -> Answer:
     """Do a call; what goes wrong becomes a problem."""
+    with working_on(None, call.request_id):
+        return _answer(call, peak_memory)
+
+
+def _answer(call: Call, peak_memory: int) -> Answer:
     module, _, name = call.function.partition(":")
     try:
         value = getattr(importlib.import_module(module), name)(**call.arguments)

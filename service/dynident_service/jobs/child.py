@@ -26,6 +26,7 @@ from dynident.errors import Cancelled, DynidentError
 from dynident_service.jobs.calls import Answer, Call, answer
 from dynident_service.jobs.checkpoints import KeptCheckpoints
 from dynident_service.jobs.work import JobFunction, Memory, Outcome, Place, Task
+from dynident_service.logs import working_on
 from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
 from dynident_service.storage.checkpoints import Checkpointing
 from dynident_service.storage.database import Database
@@ -234,12 +235,12 @@ def work(jobs: int, lifeline: int) -> None:
         assert isinstance(order, Order)
         if workshop is None or workshop.place != order.place:
             workshop = Workshop(order.place)
-        trouble = ""
-        with line.beating():
+        claim, trouble = order.claim, ""
+        with line.beating(), working_on(claim.job_id, claim.request_id):
             try:
-                workshop.do(order.claim)
+                workshop.do(claim)
             except INFRASTRUCTURE as error:
-                log.warning("job %s attempt %d: %s", order.claim.job_id, order.claim.attempt, reason_of(error))
+                log.warning("job %s attempt %d: %s", claim.job_id, claim.attempt, reason_of(error))
                 trouble = reason_of(error)
                 time.sleep(REST)
         line.send(Receipt(_peak_memory(), trouble))

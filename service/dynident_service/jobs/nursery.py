@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import importlib
-import logging
 import os
 import signal
 import socket
@@ -20,6 +19,8 @@ import threading
 import warnings
 
 from dynident_service.jobs import child
+from dynident_service.logs import configure
+from dynident_service.settings import LogSettings
 
 PRELOADED = ("dynident_service.work", "dynident_service.work.awaited")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -98,7 +99,8 @@ def main() -> None:
     control = socket.socket(fileno=int(sys.argv[1]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)  # what solvers print belongs to the log
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+    settings = LogSettings()
+    configure(settings.log_level, settings.log_format)
     warnings.filterwarnings("ignore", message=".*fork.*", category=DeprecationWarning)
     for module in PRELOADED:
         importlib.import_module(module)

@@ -15,6 +15,7 @@ from dynident_service.jobs.child import End, Order, Receipt
 from dynident_service.jobs.pool import Child, ChildPool
 from dynident_service.jobs.vitals import Vitals
 from dynident_service.jobs.work import Place
+from dynident_service.logs import working_on
 from dynident_service.problems import make_problem
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Claim, Ledger
@@ -68,7 +69,7 @@ def run_claim(claim: Claim, place: Place, version: str) -> None:
     """Do a job; this is what Dask runs."""
     secede()  # waiting takes no thread of the worker
     plugin = _children_of(get_worker(), place, version)
-    with plugin.pool.in_use():
+    with plugin.pool.in_use(), working_on(claim.job_id, claim.request_id):
         supervise(claim, place, plugin.pool, plugin.ledger)
 
 

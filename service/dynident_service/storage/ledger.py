@@ -15,6 +15,7 @@ from typing import Any, Literal, cast
 from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
+from dynident_service.logs import current_request
 from dynident_service.problems import Problem, ProblemError, make_problem, not_found
 from dynident_service.storage.database import Database, clock
 from dynident_service.storage.identifiers import new_identifier
@@ -31,6 +32,9 @@ while, its holder renews it as soon as it can."""
 MOST_LOSSES = 50
 """A job whose worker was lost so often takes it down, most probably."""
 
+REQUEST = "dynident.request"
+"""Where the arguments of a job have the request that submitted it; its function is not given that."""
+
 Standing = Literal["held", "cancel", "lost"]
 Claimed = tuple[str, int, datetime | None]
 """A job, its attempt, and until when it was held."""
@@ -45,6 +49,8 @@ class Claim:
     function: str
     arguments: Mapping[str, Any]
     resource_id: str | None
+    request_id: str | None = None
+    """The request that submitted the job, for the log."""
 
 
 @dataclass(frozen=True)
@@ -258,11 +264,12 @@ class Ledger:
 
 def add_job(session: Session, new: NewJob, resource_id: str | None) -> str:
     """Insert a job within a transaction; the caller commits."""
+    request_id = current_request()
     row = JobRow(
         id=new_identifier("job"),
         kind=new.kind,
         function=new.function,
-        arguments=dict(new.arguments),
+        arguments={**new.arguments, **({} if request_id is None else {REQUEST: request_id})},
         resource_id=resource_id,
         state="queued",
         created_at=clock(session),
@@ -311,7 +318,9 @@ def _start(session: Session, row: JobRow) -> Claim:
     row.started_at = clock(session)
     row.lease_until = row.started_at + PICK_UP
     _record(session, row, "state", {"state": "running"})
-    return Claim(row.id, row.attempt, row.function, row.arguments, row.resource_id)
+    arguments = dict(row.arguments)
+    request_id = arguments.pop(REQUEST, None)
+    return Claim(row.id, row.attempt, row.function, arguments, row.resource_id, request_id)
 
 
 def _requeue(session: Session, row: JobRow) -> None:

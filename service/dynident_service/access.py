@@ -1,0 +1,75 @@
+"""Every request has an id, and a line in the log when it is answered."""
+
+from __future__ import annotations
+
+import logging
+import re
+import secrets
+import time
+from urllib.parse import quote
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from dynident_service.keys import Holder
+from dynident_service.logs import FIELDS, answering
+from dynident_service.middleware import HOLDER
+from dynident_service.problem_responses import REQUEST_ID
+
+SANE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+"""An id that is taken from the caller; whatever else it sends is left out of the log."""
+CLIENT_LEFT = 499
+"""What the log has for a request that nobody waited for any more; HTTP has no name for it."""
+log = logging.getLogger("dynident.access")
+
+
+class Access:
+    """Gives every request its id (`X-Request-ID`: the caller's, or a new one) and tells how it was answered.
+
+    Neither the query nor any header is written down: a credential may be in them.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, and note what comes of it."""
+        if scope["type"] != "http":
+            return await self._app(scope, receive, send)
+        given = Headers(scope=scope).get(REQUEST_ID, "")
+        identifier = given if SANE.fullmatch(given) else secrets.token_hex(8)
+        # For good: an error that nothing expected is answered, and told, outside of this. Each request is a task.
+        answering(identifier)
+        status: int | None = None
+
+        async def marked(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)[REQUEST_ID] = identifier
+            await send(message)
+
+        began = time.perf_counter()
+        without_answer = CLIENT_LEFT
+        try:
+            await self._app(scope, receive, marked)
+        except Exception:
+            without_answer = 500
+            raise
+        finally:
+            _tell(scope, without_answer if status is None else status, 1e3 * (time.perf_counter() - began))
+
+
+def _tell(scope: Scope, status: int, milliseconds: float) -> None:
+    holder = scope.get(HOLDER)
+    key = holder.name if isinstance(holder, Holder) else None
+    path = quote(scope["path"])  # no line breaks, whatever was asked for
+    fields = {
+        "method": scope["method"],
+        "path": path,
+        "status": status,
+        "milliseconds": round(milliseconds, 1),
+        "key": key,
+    }
+    by = "" if key is None else f" by {key!r}"
+    log.info("%s %s %d in %.1f ms%s", scope["method"], path, status, milliseconds, by, extra={FIELDS: fields})
