@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import uvicorn
+from fastapi import FastAPI
 
 from dynident_service.app import create_app
 from dynident_service.connections import protocol_with
+from dynident_service.draining import DrainingServer
 from dynident_service.logs import configure
 from dynident_service.settings import Settings
 
 
 def serve(settings: Settings | None = None) -> None:
-    """Answer requests until interrupted."""
+    """Answer requests until interrupted, or told to terminate."""
     settings = settings or Settings()
     configure(settings.log_level, settings.log_format)
-    uvicorn.Server(configuration(settings)).run()
+    app = create_app(settings)
+    DrainingServer(_configuration(app, settings), lambda: app.state.services.engine, settings.drain_seconds).run()
 
 
 def configuration(settings: Settings) -> uvicorn.Config:
-    """Configure the server that answers with the application."""
+    """Configure a server that answers with the application."""
+    return _configuration(create_app(settings), settings)
+
+
+def _configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
     return uvicorn.Config(
-        create_app(settings),
+        app,
         host=settings.host,
         port=settings.port,
         log_level=settings.log_level.lower(),

@@ -50,6 +50,7 @@ class Settings(LogSettings):
     job_deadline_seconds: float = Field(
         default=12 * 3600.0, gt=0, description="How long one attempt at a job may take."
     )
+    drain_seconds: float = Field(default=10.0, ge=0, description="How long jobs may go on when the service ends.")
     history_kept_days: float = Field(default=30.0, gt=0, description="How long events and retry keys are kept.")
     deleted_kept_seconds: float = Field(default=3600.0, ge=60, description="How long deleted files are kept.")
 

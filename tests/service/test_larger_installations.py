@@ -115,6 +115,24 @@ def test_jobs_run_on_a_cluster_elsewhere(cluster: Cluster, tmp_path: Path) -> No
         assert wait_for(lambda: ended(client, job_id), timeout=90) == "succeeded"
 
 
+def test_a_worker_that_is_told_to_terminate_gives_its_job_back_at_once(cluster: Cluster, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
+    note, go = tmp_path / "pid", tmp_path / "go"
+    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+        services: Services = client.app.state.services  # type: ignore[attr-defined]
+        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
+        wait_for(note.exists, timeout=60)
+        old = cluster.worker
+        old.terminate()
+        wait_for(lambda: services.ledger.get(job_id).state == "queued", timeout=15)  # sooner than a lease runs out
+        old.wait(timeout=30)
+        go.touch()
+        cluster.new_worker()
+        assert wait_for(lambda: ended(client, job_id), timeout=90) == "succeeded"
+        strain = services.ledger.strain()
+    assert (strain.deaths, strain.losses) == (0, 0)
+
+
 def test_a_restarted_scheduler_is_noticed_and_jobs_go_on(cluster: Cluster, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
     with TestClient(create_app(settings), "http://127.0.0.1") as client:

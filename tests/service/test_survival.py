@@ -21,7 +21,7 @@ from dynident_service.storage.records import NewJob
 
 pytestmark = pytest.mark.slow
 
-Serve = Callable[[], tuple[subprocess.Popen[bytes], httpx2.Client]]
+Serve = Callable[..., tuple[subprocess.Popen[bytes], httpx2.Client]]
 
 
 @pytest.fixture
@@ -29,13 +29,14 @@ def serve(tmp_path: Path) -> Iterator[Serve]:
     """Starts the service as a process of its own, on the same data each time."""
     running: list[subprocess.Popen[bytes]] = []
 
-    def start() -> tuple[subprocess.Popen[bytes], httpx2.Client]:
+    def start(**more: str) -> tuple[subprocess.Popen[bytes], httpx2.Client]:
         port = free_port()
         variables = {
             "DYNIDENT_DATA_DIR": str(tmp_path / "data"),
             "DYNIDENT_PORT": str(port),
             "DYNIDENT_WORKERS": "1",
             "DYNIDENT_LOG_LEVEL": "warning",
+            **more,
         }
         process = subprocess.Popen([sys.executable, "-m", "dynident_service"], env={**os.environ, **variables})
         running.append(process)
@@ -79,10 +80,57 @@ def test_a_killed_service_loses_no_job_and_leaves_no_process_behind(
     wait_for(lambda: state(client, waiting) == "succeeded", timeout=60)
 
 
+def test_a_service_that_is_told_to_terminate_says_so_takes_no_job_and_lets_a_short_one_end(
+    serve: Serve, ledger_of_service: Ledger
+) -> None:
+    process, client = serve(DYNIDENT_DRAIN_SECONDS="60")
+    short = ledger_of_service.enqueue(NewJob("report", "small_jobs:count", {"steps": 30}))
+    wait_for(lambda: ledger_of_service.get(short).fraction > 0, timeout=60)
+    process.send_signal(signal.SIGTERM)
+    wait_for(lambda: client.get("/readyz").status_code == 503, timeout=1)
+    assert client.get("/readyz").json()["checks"]["engine"] == "draining"
+    waiting = ledger_of_service.enqueue(NewJob("report", "small_jobs:answer"))
+    assert process.wait(timeout=40) == 0  # as soon as it has ended
+    ended = ledger_of_service.get(short)
+    assert (ended.state, ended.attempt) == ("succeeded", 1)
+    assert ledger_of_service.get(waiting).state == "queued"
+
+
+def test_a_long_job_of_a_service_that_ends_is_finished_by_another_and_not_held_against_it(
+    serve: Serve, ledger_of_service: Ledger, tmp_path: Path
+) -> None:
+    first, _ = serve(DYNIDENT_DRAIN_SECONDS="1")
+    note, go = tmp_path / "pid", tmp_path / "go"
+    long = ledger_of_service.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
+    wait_for(note.exists, timeout=60)
+    serve()
+    note.unlink()
+    first.send_signal(signal.SIGTERM)
+    wait_for(note.exists, timeout=15)  # sooner than a lease runs out
+    go.touch()
+    wait_for(lambda: ledger_of_service.get(long).state == "succeeded")
+    strain = ledger_of_service.strain()
+    assert (strain.deaths, strain.losses) == (0, 0)
+    assert first.wait(timeout=60) == 0
+
+
+def test_a_second_signal_ends_a_service_that_drains(serve: Serve, ledger_of_service: Ledger, tmp_path: Path) -> None:
+    process, client = serve(DYNIDENT_DRAIN_SECONDS="600")
+    note = tmp_path / "pid"
+    arguments = {"note": str(note), "go": str(tmp_path / "never")}
+    long = ledger_of_service.enqueue(NewJob("report", "small_jobs:waits", arguments))
+    wait_for(note.exists, timeout=60)
+    process.send_signal(signal.SIGTERM)
+    wait_for(lambda: client.get("/readyz").status_code == 503)
+    process.send_signal(signal.SIGTERM)
+    process.wait(timeout=60)
+    assert ledger_of_service.get(long).state == "queued"
+
+
 def test_a_service_that_is_stopped_gives_its_jobs_back_at_once(
     serve: Serve, ledger_of_service: Ledger, tmp_path: Path
 ) -> None:
-    process, _ = serve()
+    process, _ = serve(DYNIDENT_DRAIN_SECONDS="0")
     note = tmp_path / "pids"
     job_id = ledger_of_service.enqueue(NewJob("report", "small_jobs:stubborn", {"note": str(note)}))
     pids = [int(pid) for pid in wait_for(lambda: note.exists() and note.read_text().split(), timeout=60)]

@@ -46,6 +46,9 @@ class Engine:
         )
         self._wake = threading.Event()
         self._stop = threading.Event()
+        self._draining = threading.Event()
+        self._handing_out = False
+        self._under_way: set[str] = set()
         self._thread = threading.Thread(target=self._run, name="dynident-engine", daemon=True)
         self.state: EngineState = "starting"
         self.trouble = ""
@@ -57,6 +60,22 @@ class Engine:
     def nudge(self) -> None:
         """Say that there is a new job."""
         self._wake.set()
+
+    def drain(self) -> None:
+        """Take no job any more; those under way go on until `close`."""
+        self._draining.set()
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether jobs are under way that would be stopped by `close`."""
+        return self._handing_out or bool(self._under_way)
+
+    @property
+    def condition(self) -> str:
+        """What it does, in a few words: `ready`, or why it is not."""
+        if self._draining.is_set():
+            return "draining"
+        return f"failed: {self.trouble}" if self.state == "failed" else self.state
 
     def close(self, timeout: float = 20.0) -> None:
         """Stop; jobs of the local cluster go back to the queue, those of a real cluster run on."""
@@ -96,21 +115,34 @@ class Engine:
                     self._distribute(cluster.client, slots)
 
     def _distribute(self, client: Client, slots: int) -> None:
+        claims: list[Claim] = []
+        self._handing_out = True  # said before it is looked, so that a drain that begins here waits
+        try:
+            claims = self._ledger.claim(slots) if slots > 0 and not self._draining.is_set() else []
+            for claim in claims:
+                self._hand_out(client, claim)
+        except Exception:
+            # A database or a scheduler that is away for a moment: leases run out and the jobs are taken again.
+            log.exception("could not hand out %d jobs", len(claims))
+        finally:
+            self._handing_out = False
+
+    def _hand_out(self, client: Client, claim: Claim) -> None:
         from distributed import fire_and_forget
 
         from dynident_service.jobs.supervisor import run_claim
 
-        claims: list[Claim] = []
-        try:
-            claims = self._ledger.claim(slots) if slots > 0 else []
-            for claim in claims:
-                key = f"{claim.job_id}-{claim.attempt}"
-                future = client.submit(run_claim, claim, self._place, __version__, key=key, pure=False)
-                future.add_done_callback(lambda _: self._wake.set())
-                fire_and_forget(future)
-        except Exception:
-            # A database or a scheduler that is away for a moment: leases run out and the jobs are taken again.
-            log.exception("could not hand out %d jobs", len(claims))
+        key = f"{claim.job_id}-{claim.attempt}"
+
+        def ended(_: object) -> None:
+            self._under_way.discard(key)
+            self._wake.set()
+
+        future = client.submit(run_claim, claim, self._place, __version__, key=key, pure=False)
+        if not self._settings.dask_scheduler:  # a cluster elsewhere goes on by itself
+            self._under_way.add(key)
+        future.add_done_callback(ended)
+        fire_and_forget(future)
 
 
 def _load_science() -> None:

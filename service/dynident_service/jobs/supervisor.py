@@ -57,7 +57,7 @@ class Children(WorkerPlugin):
         self.ledger = Ledger(Database(self.place.database_url), self.place.max_attempts)
 
     def teardown(self, worker: Any) -> None:
-        """Kill the children, when the worker ends."""
+        """Kill the children, when the worker ends; what they did is given back."""
         self.pool.close()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -75,6 +75,9 @@ def run_claim(claim: Claim, place: Place, version: str) -> None:
 
 def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> None:
     """Have a child do the job; return when it has ended, was cancelled, or was lost to another worker."""
+    if pool.closed:
+        patiently(lambda: ledger.release(claim), LAST_PATIENCE)
+        return
     if patiently(lambda: ledger.renew(claim), PATIENCE) == "lost":
         return
     child = pool.take()

@@ -40,15 +40,14 @@ async def health() -> Health:
 async def readiness(services: ServicesDep, response: Response) -> Readiness:
     """Tell whether database, object store and job engine work, and what is stored is whole; 503 if one does not.
 
-    While the engine starts, jobs are accepted already.
+    While the engine starts, jobs are accepted already; one that is draining takes none, as the service ends.
     """
-    engine = services.engine
     # In threads of their own: those of other requests may all be busy.
     checks = {
         "database": await _checked(services.database.ping),
         "objects": await _checked(services.objects.ping),
     }
-    checks["engine"] = f"failed: {engine.trouble}" if engine.state == "failed" else engine.state
+    checks["engine"] = services.engine.condition
     checks["stored"] = services.housekeeping.condition
     ready = all(value in ("ok", "starting", "ready") for value in checks.values())
     response.status_code = 200 if ready else 503
