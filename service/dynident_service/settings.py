@@ -39,6 +39,7 @@ class Settings(LogSettings):
     max_connections: int = Field(default=500, ge=1, description="Connections at a time.")
     max_requests: int = Field(default=100, ge=1, description="Requests at a time, but for those that follow a job.")
     max_followers: int = Field(default=200, ge=1, description="Requests at a time that follow a job.")
+    max_batch: int = Field(default=1000, ge=1, description="Identifications that one request may ask for.")
     header_timeout_seconds: float = Field(default=20.0, gt=0, description="How long a request may take to begin.")
     body_timeout_seconds: float = Field(default=30.0, gt=0, description="How long a body may not come on.")
     slowest_upload_bytes_per_second: float = Field(default=10_000.0, gt=0, description="A body must come as fast.")

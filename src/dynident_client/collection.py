@@ -45,18 +45,18 @@ class Collection(Generic[RecordT]):
         self._transport.delete(f"{self.path}/{id_of(resource)}")
 
     def _post(self, body: dict[str, Any], below: str = "") -> RecordT:
-        return self._record(self._transport.post(f"{self.path}{below}", _with_identifiers(body)))
+        return self._record(self._transport.post(f"{self.path}{below}", with_identifiers(body)))
 
     def _record(self, data: dict[str, Any]) -> RecordT:
         return self.kind(self._transport, data)
 
 
-def _with_identifiers(value: Any) -> Any:
-    """The same with the identifier of each resource in its place."""
+def with_identifiers(value: Any) -> Any:
+    """Give the same with the identifier of each resource in its place."""
     if isinstance(value, Record):
         return value.id
     if isinstance(value, Mapping):
-        return {name: _with_identifiers(one) for name, one in value.items()}
+        return {name: with_identifiers(one) for name, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_with_identifiers(one) for one in value]
+        return [with_identifiers(one) for one in value]
     return value

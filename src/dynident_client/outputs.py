@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, Unpack
 
-from dynident_client.collection import Collection
+from dynident_client.collection import Collection, with_identifiers
 from dynident_client.labels import Labelled
 from dynident_client.records import (
+    Batch,
     Comparison,
     Diagnosis,
     DriveGains,
@@ -50,6 +51,22 @@ class Identifications(Labelled[Identification]):
             **more,
         }
         return self._post(body)
+
+    def create_many(self, bodies: Sequence[Mapping[str, Any]]) -> Batch:
+        """Identify many models by one request: all are accepted, or none.
+
+        `bodies`: of each {"robot_id", "measurement_ids", …} as the contract has it; resources may stand for ids.
+        """
+        items = [with_identifiers(body) for body in bodies]
+        return Batch(self._transport, self._transport.post(Batch.path, {"items": items}))
+
+    def batch(self, batch: Batch | str) -> Batch:
+        """Read which identifications were asked for together, and how many are in which state."""
+        return Batch(self._transport, self._transport.get(f"{Batch.path}/{id_of(batch)}"))
+
+    def forget_batch(self, batch: Batch | str) -> None:
+        """Delete what says that they were asked for together; the identifications stay."""
+        self._transport.delete(f"{Batch.path}/{id_of(batch)}")
 
     def extend(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
         """Add effects: a new identification, whose parent is this one, with a rung of the ladder for each of them."""

@@ -156,6 +156,22 @@ class Identification(Computed):
     path = "/v1/identifications"
 
 
+class Batch(Record):
+    """Identifications that were asked for together."""
+
+    path = "/v1/identifications/batch"
+
+    @property
+    def states(self) -> dict[str, int]:
+        """How many are in which state, as of the last answer."""
+        return dict(self.data["states"])
+
+    @property
+    def identifications(self) -> list[Identification]:
+        """Each of them, in the order that they were asked for; `wait()` for one reads its result."""
+        return [Identification(self._transport, one) for one in self.data["items"]]
+
+
 class Comparison(Computed):
     """A model beside a measurement."""
 

@@ -70,6 +70,9 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.designs.trajectory("x1"),
         lambda c: c.simulations.create("r1", design="d1"),
         lambda c: c.identifications.create("r1", ["m1"]),
+        lambda c: c.identifications.create_many([{"robot_id": "r1", "measurement_ids": ["m1"]}]),
+        lambda c: c.identifications.batch("x1"),
+        lambda c: c.identifications.forget_batch("x1"),
         lambda c: c.identifications.extend("x1", ["offset"]),
         lambda c: c.identifications.remove("x1", [{"effect": "offset", "joints": ["elbow"]}]),
         lambda c: c.identifications.essential("x1", ratio=12.0),
@@ -158,6 +161,27 @@ def test_resources_may_stand_for_their_identifiers_in_every_field() -> None:
     sent = json.loads(recorder.requests[-1].content)
     assert sent["earlier_ids"] == ["x1"]
     assert sent["limits"] == {"joint1": {"velocity": 1.0}}
+
+
+def test_a_batch_gives_its_identifications_in_the_order_asked_and_they_can_be_waited_for() -> None:
+    items = [{"id": one, "job_id": f"job_{one}", "status": "queued"} for one in ("idn_2", "idn_1")]
+    sent: list[Any] = []
+
+    def answer(request: httpx2.Request) -> httpx2.Response:
+        if request.url.path.endswith("/events"):
+            return httpx2.Response(200, headers=STREAM, text="")
+        if request.method == "POST":
+            sent.append(json.loads(request.content))
+            return httpx2.Response(202, json={"id": "bat_1", "states": {"queued": 2}, "items": items})
+        return httpx2.Response(200, json={**ANSWER, "status": "succeeded", "result": {"of": request.url.path}})
+
+    with Client("http://x", transport=httpx2.MockTransport(answer)) as client:
+        run = client.measurements.get("x1")
+        batch = client.identifications.create_many([{"robot_id": "rob_1", "measurement_ids": [run]}] * 2)
+        assert batch.states == {"queued": 2}
+        assert [one.id for one in batch.identifications] == ["idn_2", "idn_1"]
+        assert batch.identifications[1].wait().result == {"of": "/v1/identifications/idn_1"}
+    assert sent[0]["items"][0] == {"robot_id": "rob_1", "measurement_ids": ["x1"]}
 
 
 def test_a_lost_answer_is_asked_for_again_with_the_same_key() -> None:

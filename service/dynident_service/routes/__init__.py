@@ -4,6 +4,7 @@ They import the science where they use it, not at their top: it takes seconds to
 """
 
 from dynident_service.routes import (
+    batches,
     bundles,
     comparisons,
     designs,
@@ -39,6 +40,7 @@ ROUTERS = (
     revisions.router,
     raw_signals.router,
     labels.router,
+    batches.router,
     identifications.router,
     uncertainty.router,
     verdicts.router,

@@ -31,6 +31,7 @@ PATHS: dict[str, str] = {
     "report": "reports",
     "series": "series",
     "import": "imports",
+    "batch": "identifications/batch",
 }
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
@@ -19,11 +21,14 @@ from dynident_service.models.identifications import (
 from dynident_service.problems import unusable
 from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.diagnosed import as_diagnosed
-from dynident_service.routes.needs import needed, needed_measurements, needed_robot
+from dynident_service.routes.needs import Reading, needed, needed_measurements, needed_robot
 from dynident_service.routes.uncertainty import AWAITED, model_file
 from dynident_service.routes.verdicts import refuse_stopped
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry
+
+if TYPE_CHECKING:
+    from dynident.robot import Robot
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
 
@@ -50,18 +55,10 @@ def create_identification(
     body: IdentificationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Identify the base parameters of a robot from measurements."""
-    from dynident_service.adapters.identifications import choices_from_request
     from dynident_service.adapters.robots import robot_of
 
-    robot = needed_robot(services, body.robot_id)
-    choices_from_request(body, robot_of(robot.request))
-    needs = (
-        RestsOn(body.robot_id, "robot", "robot", "/robot_id"),
-        *needed_measurements(services, robot, body.measurement_ids, "training", "/measurement_ids"),
-        *needed_measurements(services, robot, body.validation_ids, "validation", "/validation_ids"),
-    )
-    new = NewResource("identification", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return show(make(services, new, response))
+    new = new_identification(services, body, lambda robot: robot_of(robot.request))
+    return show(make(services, replace(new, retry=retry.of(body)), response))
 
 
 @router.get("")
@@ -177,6 +174,22 @@ async def export_identification(
     model = await model_file(services, identification_id)
     asked = {"model": model, "format": format, "nearest": nearest, "shown": await to_thread.run_sync(find)}
     return file_response(await services.awaited.call(request, f"{AWAITED}:export", asked))
+
+
+def new_identification(
+    services: Reading, body: IdentificationRequest, robot_of: Callable[[Resource], Robot]
+) -> NewResource:
+    """What is to be computed where all that the request names is there, and fits; a problem or DynidentError if not."""
+    from dynident_service.adapters.identifications import choices_from_request
+
+    robot = needed_robot(services, body.robot_id)
+    choices_from_request(body, robot_of(robot))
+    needs = (
+        RestsOn(body.robot_id, "robot", "robot", "/robot_id"),
+        *needed_measurements(services, robot, body.measurement_ids, "training", "/measurement_ids"),
+        *needed_measurements(services, robot, body.validation_ids, "validation", "/validation_ids"),
+    )
+    return NewResource("identification", plain(body), name=body.name, rests_on=needs, job=JOB)
 
 
 def show(resource: Resource) -> IdentificationView:

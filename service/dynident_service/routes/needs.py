@@ -2,15 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Protocol
 
 from dynident_service.models.robots import JointView, RobotResult
-from dynident_service.problems import unusable
-from dynident_service.services import Services
+from dynident_service.problems import not_found, unusable
 from dynident_service.storage.records import Kind, Resource, RestsOn
+from dynident_service.storage.resources import Resources
 
 
-def needed(services: Services, kind: Kind, identifier: str, pointer: str) -> Resource:
+class Readable(Protocol):
+    """Where resources are found by their ids."""
+
+    def find(self, identifier: str) -> Resource | None:
+        """Read a resource of whatever kind."""
+
+    def get(self, kind: Kind, identifier: str) -> Resource:
+        """Read one resource; a problem 404 if there is none."""
+
+
+class Reading(Protocol):
+    """The services, or as much of them as a request needs that only looks."""
+
+    @property
+    def resources(self) -> Readable:
+        """The resources."""
+
+
+class ReadAhead:
+    """Resources that are read all at once, before they are asked for one by one."""
+
+    def __init__(self, resources: Resources, identifiers: Iterable[str]) -> None:
+        self._resources = resources
+        self._found: dict[str, Resource | None] = dict(resources.find_all(identifiers))
+
+    @property
+    def resources(self) -> Readable:
+        """Itself: this is all that is read from."""
+        return self
+
+    def find(self, identifier: str) -> Resource | None:
+        """Give a resource, read now if it was not before."""
+        if identifier not in self._found:
+            self._found[identifier] = self._resources.find(identifier)
+        return self._found[identifier]
+
+    def get(self, kind: Kind, identifier: str) -> Resource:
+        """Give a resource of a kind; a problem 404 if there is none."""
+        found = self.find(identifier)
+        if found is None or found.kind != kind:
+            raise not_found(kind, identifier)
+        return found
+
+
+def needed(services: Reading, kind: Kind, identifier: str, pointer: str) -> Resource:
     """Find a resource that the request names."""
     found = services.resources.find(identifier)
     if found is None or found.kind != kind:
@@ -18,12 +63,12 @@ def needed(services: Services, kind: Kind, identifier: str, pointer: str) -> Res
     return found
 
 
-def needed_robot(services: Services, identifier: str) -> Resource:
+def needed_robot(services: Reading, identifier: str) -> Resource:
     """Find the robot that the request names."""
     return needed(services, "robot", identifier, "/robot_id")
 
 
-def needed_model(services: Services, identifier: str) -> Resource:
+def needed_model(services: Reading, identifier: str) -> Resource:
     """Find the identification that the request names; it must have succeeded."""
     found = needed(services, "identification", identifier, "/identification_id")
     state = found.job.state if found.job is not None else "failed"
@@ -34,7 +79,7 @@ def needed_model(services: Services, identifier: str) -> Resource:
 
 
 def needed_measurements(
-    services: Services, robot: Resource, identifiers: Sequence[str], role: str, pointer: str
+    services: Reading, robot: Resource, identifiers: Sequence[str], role: str, pointer: str
 ) -> tuple[RestsOn, ...]:
     """Find the measurements that the request names; they must be of this robot, or of one with the same drives."""
     found = []
@@ -48,7 +93,7 @@ def needed_measurements(
     return tuple(found)
 
 
-def require_same_drives(services: Services, robot: Resource, measurement: Resource, pointer: str) -> None:
+def require_same_drives(services: Reading, robot: Resource, measurement: Resource, pointer: str) -> None:
     """Refuse a measurement whose torques were computed with other drive gains, or of other joints."""
     own = measurement.one("robot")
     if own == robot.id:

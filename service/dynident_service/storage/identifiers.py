@@ -19,6 +19,7 @@ PREFIXES = {
     "report": "rep",
     "series": "ser",
     "import": "imp",
+    "batch": "bat",
     "job": "job",
 }
 

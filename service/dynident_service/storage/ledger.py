@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal, cast
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import delete, func, insert, select
 from sqlalchemy.orm import Session
 
 from dynident_service.logs import current_request
@@ -32,6 +32,8 @@ while, its holder renews it as soon as it can."""
 MOST_LOSSES = 50
 """A job whose worker was lost so often takes it down, most probably."""
 
+AT_ONCE = 500
+"""So many are asked for by one query."""
 REQUEST = "dynident.request"
 """Where the arguments of a job have the request that submitted it; its function is not given that."""
 
@@ -80,7 +82,8 @@ class Ledger:
     def enqueue(self, new: NewJob, resource_id: str | None = None) -> str:
         """Add a job."""
         with self._database.write() as session:
-            return add_job(session, new, resource_id)
+            (identifier,) = add_jobs(session, [(new, resource_id)])
+            return identifier
 
     def claim(self, slots: int) -> list[Claim]:
         """Take as many queued jobs, oldest first, as there are free slots; leases that ran out free their jobs."""
@@ -190,6 +193,17 @@ class Ledger:
                 raise not_found("job", job_id)
             return as_job(row)
 
+    def of_resources(self, identifiers: Sequence[str]) -> dict[str, tuple[str, State]]:
+        """Give the job and its state of each of some resources, of those that are there."""
+        jobs = select(JobRow.resource_id, JobRow.id, JobRow.state)
+        found: dict[str, tuple[str, State]] = {}
+        with self._database.read() as session:
+            for start in range(0, len(identifiers), AT_ONCE):
+                part = identifiers[start : start + AT_ONCE]
+                for resource, job, state in session.execute(jobs.where(JobRow.resource_id.in_(part))):
+                    found[str(resource)] = (job, cast(State, state))
+        return found
+
     def page(
         self, limit: int, cursor: str | None = None, state: str | None = None, kind: str | None = None
     ) -> tuple[list[Job], str | None]:
@@ -262,22 +276,26 @@ class Ledger:
         _again(session, row, row.losses, MOST_LOSSES, reason)
 
 
-def add_job(session: Session, new: NewJob, resource_id: str | None) -> str:
-    """Insert a job within a transaction; the caller commits."""
-    request_id = current_request()
-    row = JobRow(
-        id=new_identifier("job"),
-        kind=new.kind,
-        function=new.function,
-        arguments={**new.arguments, **({} if request_id is None else {REQUEST: request_id})},
-        resource_id=resource_id,
-        state="queued",
-        created_at=clock(session),
-    )
-    session.add(row)
+def add_jobs(session: Session, several: Sequence[tuple[NewJob, str | None]]) -> list[str]:
+    """Insert jobs, each for a resource or for none, within a transaction; the caller commits."""
+    request_id, moment = current_request(), clock(session)
+    rows = [
+        JobRow(
+            id=new_identifier("job"),
+            kind=new.kind,
+            function=new.function,
+            arguments={**new.arguments, **({} if request_id is None else {REQUEST: request_id})},
+            resource_id=resource_id,
+            state="queued",
+            created_at=moment,
+        )
+        for new, resource_id in several
+    ]
+    session.add_all(rows)
     session.flush()
-    _record(session, row, "state", {"state": "queued"})
-    return row.id
+    events = [{"job_id": row.id, "event": "state", "data": {"state": "queued"}} for row in rows]
+    session.execute(insert(JobEventRow), events)
+    return [row.id for row in rows]
 
 
 def as_job(row: JobRow) -> Job:

@@ -20,6 +20,7 @@ Kind = Literal[
     "report",
     "series",
     "import",
+    "batch",
 ]
 JobKind = Literal[
     "design",

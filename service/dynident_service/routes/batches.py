@@ -1,0 +1,119 @@
+"""Batches: many identifications in one request, all of them accepted or none."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from functools import cache
+from typing import TYPE_CHECKING
+
+from fastapi import APIRouter, Response
+
+from dynident.errors import DynidentError
+from dynident_service.models.batches import BatchItem, BatchRequest, BatchView
+from dynident_service.problems import (
+    MOST_FIELDS,
+    Problem,
+    ProblemError,
+    ProblemField,
+    make_problem,
+    problem_of,
+    unusable,
+)
+from dynident_service.routes.common import RetryKeyDep, again, href
+from dynident_service.routes.identifications import new_identification
+from dynident_service.routes.needs import ReadAhead
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import NewResource, Resource
+
+if TYPE_CHECKING:
+    from dynident.robot import Robot
+
+router = APIRouter(prefix="/v1/identifications/batch", tags=["identifications"])
+IDENTIFICATIONS = "identification_ids"
+FIRST = 3
+"""So many wrong fields are told in the sentence; the others stand in the list alone."""
+
+
+@router.post("", status_code=202)
+def create_identifications(
+    body: BatchRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
+) -> BatchView:
+    """Identify many models, each by a job of its own; where one cannot be accepted, none is."""
+    key = retry.of(body)
+    known = services.resources.known(key)
+    if known is not None:
+        return _show(services, again(known, response))
+    most = services.settings.max_batch
+    if len(body.items) > most:
+        raise unusable(f"{len(body.items)} are more than {most} (DYNIDENT_MAX_BATCH); send several batches", "/items")
+    asked = {"count": len(body.items)}
+    made = services.resources.create_together(
+        _accepted(services, body),
+        lambda ids: NewResource("batch", asked, result={IDENTIFICATIONS: ids}, retry=key),
+    )
+    services.engine.nudge()
+    response.headers["Location"] = href(made.kind, made.id)
+    return _show(services, made)
+
+
+@router.get("/{batch_id}")
+def get_batch(batch_id: str, services: ServicesDep) -> BatchView:
+    """Show the identifications of a batch, and how many are in which state."""
+    return _show(services, services.resources.get("batch", batch_id))
+
+
+@router.delete("/{batch_id}", status_code=204)
+def delete_batch(batch_id: str, services: ServicesDep) -> None:
+    """Forget what was asked for together; the identifications stay."""
+    services.resources.delete("batch", batch_id)
+
+
+def _accepted(services: Services, body: BatchRequest) -> list[NewResource]:
+    """What is to be computed; a problem that names all that is wrong, with the place of each item."""
+    from dynident_service.adapters.robots import robot_of
+
+    named = {one for item in body.items for one in (item.robot_id, *item.measurement_ids, *item.validation_ids)}
+    ahead = ReadAhead(services.resources, named)
+
+    @cache
+    def robot(identifier: str) -> Robot:
+        return robot_of(ahead.get("robot", identifier).request)
+
+    accepted: list[NewResource] = []
+    wrong: list[Problem] = []
+    for number, item in enumerate(body.items):
+        try:
+            accepted.append(_placed(new_identification(ahead, item, lambda found: robot(found.id)), f"/items/{number}"))
+        except (DynidentError, ProblemError) as error:
+            problem = error.problem if isinstance(error, ProblemError) else problem_of(error)
+            wrong.append(problem.model_copy(update={"errors": _fields(problem, f"/items/{number}")}))
+    if wrong:
+        raise ProblemError.of(_refusal(wrong, len(body.items)))
+    return accepted
+
+
+def _placed(new: NewResource, place: str) -> NewResource:
+    """The same, with the place of what it needs in the request of the whole batch."""
+    return replace(new, rests_on=tuple(replace(need, pointer=place + need.pointer) for need in new.rests_on))
+
+
+def _fields(problem: Problem, place: str) -> list[ProblemField]:
+    told = problem.errors or [ProblemField(pointer="", detail=problem.detail)]
+    return [field.model_copy(update={"pointer": place + field.pointer}) for field in told]
+
+
+def _refusal(wrong: list[Problem], number: int) -> Problem:
+    fields = [field for problem in wrong for field in problem.errors or []]
+    first = "; ".join(f"{field.pointer}: {field.detail}" for field in fields[:FIRST])
+    detail = f"{len(wrong)} of {number} cannot be accepted, so none was: {first}"
+    more = f"; and {len(fields) - FIRST} more" if len(fields) > FIRST else ""
+    return make_problem(422, detail + more, title=wrong[0].title, errors=fields[:MOST_FIELDS])
+
+
+def _show(services: Services, batch: Resource) -> BatchView:
+    ids = (batch.result or {})[IDENTIFICATIONS]
+    jobs = services.ledger.of_resources(ids)
+    items = [BatchItem(id=one, job_id=jobs[one][0], status=jobs[one][1]) for one in ids if one in jobs]
+    states = Counter(item.status for item in items)
+    return BatchView(id=batch.id, created_at=batch.created_at, states=states, items=items)
