@@ -1,0 +1,284 @@
+"""Two services on one database, and bad luck: does every job that was accepted end, once, and well?
+
+    python benchmarks/chaos.py
+    python benchmarks/chaos.py --database postgresql
+    python benchmarks/chaos.py --jobs 12 --brief
+
+Half of the jobs are identifications that a client asks for by HTTP, with an `Idempotency-Key`, again and again until
+it is told that one was accepted; half are small ones that report their progress, put into the ledger. Meanwhile, in
+an order that the seed gives, kill -9 meets the service that answers, the one that only works, a computing process and
+the process that these are forked from; a service stands still (SIGSTOP); the database is away. Then all is left in
+peace, and what was accepted must end: succeeded, one end each, one resource for each request, every file whole.
+
+It fails (exit code 1) with what is not so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import random
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx2
+from common import show
+from many_clients import prepare, wait_until_it_answers
+from mischief.databases import Losable, database
+from mischief.services import Service
+from sqlalchemy import select
+
+from dynident_service.storage.database import Database
+from dynident_service.storage.doctor import CURABLE, examine
+from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.patience import patiently
+from dynident_service.storage.records import FINAL, NewJob
+from dynident_service.storage.tables import JobEventRow, JobRow, ResourceRow
+
+BUSY = frozenset({429, 500, 502, 503, 504})
+PATIENCE = 240.0
+"""Seconds in peace within which all must have ended: a lease of half a minute or two, and the work."""
+
+
+@dataclass(frozen=True)
+class Weather:
+    """How bad the luck is, in seconds, and what happens."""
+
+    between: tuple[float, float]
+    stopped: tuple[float, ...]
+    away: float
+    deck: tuple[str, ...]
+
+
+STORM = Weather(
+    (1.0, 5.0), (5.0, 15.0, 40.0), 20.0, ("api", "worker", "child", "child", "child", "nursery", "stop", "database")
+)
+BRIEF = Weather((0.5, 1.0), (2.0,), 3.0, ("worker", "api", "child", "nursery", "database", "stop"))
+"""Those first whose jobs are missed last, by their leases."""
+
+
+@dataclass
+class Told:
+    """What came of it."""
+
+    accepted: dict[str, str] = field(default_factory=dict)
+    """Name of what was asked for, and id of its job."""
+    happened: Counter[str] = field(default_factory=Counter)
+    refused: Counter[str] = field(default_factory=Counter)
+
+
+class Submitter(threading.Thread):
+    """Asks for jobs, evenly over some time, each until it is accepted."""
+
+    def __init__(self, number: int, seconds: float, api: Service, body: dict[str, Any], ledger: Ledger) -> None:
+        super().__init__(daemon=True)
+        self.told = Told()
+        self._number = number
+        self._pause = seconds / number
+        self._api = api
+        self._body = body
+        self._ledger = ledger
+
+    def run(self) -> None:
+        """Ask for all of them."""
+        with httpx2.Client(base_url=f"http://127.0.0.1:{self._api.port}", timeout=60) as http:
+            for index in range(self._number):
+                name = f"chaos {index}"
+                if index % 2 == 0:
+                    self.told.accepted[name] = self._identification(http, name)
+                else:
+                    job = NewJob("report", "small_jobs:count", {"steps": 10, "pause": 0.15})
+                    self.told.accepted[name] = patiently(lambda job=job: self._ledger.enqueue(job), 300)
+                time.sleep(self._pause)
+
+    def _identification(self, http: httpx2.Client, name: str) -> str:
+        headers, body = {"Idempotency-Key": name}, {**self._body, "name": name}
+        while True:
+            try:
+                answer = http.post("/v1/identifications", json=body, headers=headers)
+            except httpx2.TransportError as error:
+                self.told.refused[type(error).__name__] += 1
+            else:
+                if answer.status_code == 202:
+                    return str(answer.json()["job_id"])
+                self.told.refused[str(answer.status_code)] += 1
+                if answer.status_code not in BUSY:
+                    raise RuntimeError(answer.text)
+            time.sleep(0.5)
+
+
+class Mischief:
+    """Does what happens, one thing after the other."""
+
+    def __init__(self, services: tuple[Service, Service], losable: Losable, weather: Weather, seed: int) -> None:
+        self._api, self._worker = services
+        self._losable = losable
+        self._weather = weather
+        self._chance = random.Random(seed)
+        self._deck: list[str] = []
+
+    def next(self) -> str:
+        """Wait a little, then let something happen; tells what. Everything happens once before anything does again."""
+        if not self._deck:
+            self._deck = list(self._weather.deck)
+            if self._weather is not BRIEF:
+                self._chance.shuffle(self._deck)
+        time.sleep(self._chance.uniform(*self._weather.between))
+        for service in (self._api, self._worker):
+            service.look_after()
+        what = self._deck.pop(0)
+        either = self._chance.choice((self._api, self._worker))
+        actions: dict[str, Callable[[], object]] = {
+            "api": self._api.kill,
+            "worker": self._worker.kill,
+            "child": lambda: either.kill_computation(self._chance),
+            "nursery": lambda: either.kill_nursery(self._chance),
+            "stop": lambda: either.stop(self._chance.choice(self._weather.stopped)),
+            "database": lambda: self._losable.be_away(self._weather.away),
+        }
+        actions[what]()
+        return what
+
+
+@dataclass(frozen=True)
+class Ledgers:
+    """What the database says in the end."""
+
+    jobs: dict[str, JobRow]
+    ends: Counter[str]
+    models: list[tuple[str, bool]]
+    """Name of each identification, and whether it has a result."""
+
+    @classmethod
+    def of(cls, own: Database) -> Ledgers:
+        """Read it."""
+        of_state = select(JobEventRow.job_id, JobEventRow.data).where(JobEventRow.event == "state")
+        # That of the preparation has no name.
+        kind, is_named = ResourceRow.kind == "identification", ResourceRow.name.is_not(None)
+        with own.read() as session:
+            jobs = {job.id: job for job in session.scalars(select(JobRow))}
+            ends = Counter(job_id for job_id, data in session.execute(of_state) if data["state"] in FINAL)
+            found = session.execute(select(ResourceRow.name, ResourceRow.result).where(kind, is_named)).all()
+        return cls(jobs, ends, [(str(name), bool(result)) for name, result in found])
+
+
+def faults(found: Ledgers, accepted: dict[str, str]) -> Iterator[str]:
+    """Say what is not as it should be."""
+    for name, job_id in accepted.items():
+        job = found.jobs.get(job_id)
+        if job is None:
+            yield f"{name}: its job {job_id} is not there"
+        elif job.state != "succeeded":
+            yield f"{name}: {job_id} is {job.state} after {job.attempt} attempts: {job.error}"
+        elif found.ends[job_id] != 1:
+            yield f"{name}: {job_id} ended {found.ends[job_id]} times"
+    for name, number in Counter(name for name, _ in found.models).items():
+        if name not in accepted or number != 1:
+            yield f"{name} is there {number} times"
+    yield from (f"{name} has no result" for name, has_result in found.models if not has_result)
+
+
+def figures(found: Ledgers, accepted: dict[str, str]) -> list[tuple[str, str]]:
+    """How often jobs were begun again, and how long they took."""
+    ours = [found.jobs[one] for one in accepted.values() if one in found.jobs]
+    took = sorted((job.finished_at - job.created_at).total_seconds() for job in ours if job.finished_at is not None)
+    return [
+        ("jobs accepted", str(len(accepted))),
+        ("ended well", str(sum(job.state == "succeeded" for job in ours))),
+        ("given up or failed", str(sum(job.state == "failed" for job in ours))),
+        ("begun again", str(sum(job.attempt > 1 for job in ours))),
+        ("most attempts at one", str(max((job.attempt for job in ours), default=0))),
+        ("deaths of a computation", str(sum(job.deaths for job in ours))),
+        ("losses of worker or database", str(sum(job.losses for job in ours))),
+        ("from accepted to ended, half of them", f"{took[len(took) // 2]:.1f} s" if took else ""),
+        ("longest", f"{took[-1]:.1f} s" if took else ""),
+    ]
+
+
+@contextmanager
+def two_services(folder: Path, url: str) -> Iterator[tuple[Service, Service]]:
+    """One that clients know, and one that only works."""
+    api = Service("api", folder, url)
+    wait_until_it_answers(api.port)
+    worker = Service("worker", folder, url)
+    try:
+        yield api, worker
+    finally:
+        api.end()
+        worker.end()
+
+
+def run(kind: str, number: int, weather: Weather, seconds: float, seed: int) -> list[str]:
+    """Try it on one kind of database; gives what is wrong."""
+    with tempfile.TemporaryDirectory() as name, database(kind, Path(name)) as losable:
+        folder = Path(name)
+        with two_services(folder, losable.url) as services:
+            own = Database(losable.url)
+            submitter = Submitter(number, seconds, services[0], asyncio.run(prepare(services[0].port)), Ledger(own))
+            wait_until_it_answers(services[1].port)
+            told, mischief = submitter.told, Mischief(services, losable, weather, seed)
+            began = time.monotonic()
+            submitter.start()
+            while submitter.is_alive() or told.happened.total() < len(weather.deck):
+                told.happened[mischief.next()] += 1
+            peace = time.monotonic()
+            until_all_ended(Ledger(own), submitter, services)
+            calm = time.monotonic() - peace
+        found, objects = Ledgers.of(own), ObjectStore((folder / "data" / "objects").as_uri(), folder / "cache")
+        wrong = [*faults(found, told.accepted), *damage(own, objects)]
+        own.close()
+        if wrong:
+            print("\n".join(line for service in services for line in service.log_lines()[-30:]))
+    rows = [
+        *figures(found, told.accepted),
+        ("in trouble, then in peace until all had ended", f"{peace - began:.0f} s, {calm:.0f} s"),
+        ("starts of a service", str(sum(service.starts for service in services))),
+        *((f"what happened: {what}", str(times)) for what, times in sorted(told.happened.items())),
+        *((f"requests answered {why}", str(times)) for why, times in sorted(told.refused.items())),
+    ]
+    show(f"{kind}, seed {seed}", rows)
+    return wrong if len(told.accepted) == number else [*wrong, "not all were accepted"]
+
+
+def damage(own: Database, objects: ObjectStore) -> Iterator[str]:
+    """Say which files are lost or damaged, by their hashes."""
+    yield from (f"{one.what}: {one.detail}" for one in examine(own, objects) if one.trouble not in CURABLE)
+
+
+def until_all_ended(ledger: Ledger, submitter: Submitter, services: tuple[Service, Service]) -> None:
+    """Leave the services in peace, until there is nothing to do any more."""
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        for service in services:
+            service.look_after()
+        if not submitter.is_alive() and set(patiently(ledger.counts, 60)) <= FINAL:
+            return
+        time.sleep(0.2)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--database", choices=("sqlite", "postgresql"), default="sqlite")
+    parser.add_argument("--jobs", type=int, default=200)
+    parser.add_argument("--seconds", type=float, default=180.0, help="over which jobs are asked for, at least")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--brief", action="store_true", help="everything happens once, and is over soon")
+    asked = parser.parse_args()
+    seconds = 1.0 if asked.brief else asked.seconds
+    wrong = run(asked.database, asked.jobs, BRIEF if asked.brief else STORM, seconds, asked.seed)
+    for sentence in wrong:
+        print(f"  wrong: {sentence}")
+    sys.exit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()
