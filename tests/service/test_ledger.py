@@ -23,6 +23,17 @@ def leases_run_out_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ledger_module, "SECOND_LOOK", -1.0)
 
 
+def test_jobs_that_others_hold_take_no_slots_of_ours(ledger: Ledger) -> None:
+    for _ in range(5):
+        ledger.enqueue(JOB)
+    others = ledger.claim(2, own=[])
+    ours = ledger.claim(2, own=[])
+    assert len(others) == len(ours) == 2
+    assert ledger.claim(2, own=[claim.job_id for claim in ours]) == []
+    ledger.succeed(ours[0], lambda session: None)
+    assert len(ledger.claim(2, own=[claim.job_id for claim in ours])) == 1  # its process may not have told yet
+
+
 def test_only_as_many_jobs_are_taken_as_there_are_slots_oldest_first(ledger: Ledger) -> None:
     ids = [ledger.enqueue(JOB) for _ in range(4)]
     assert len(ledger.claim(slots=2)) == 2

@@ -80,6 +80,21 @@ def test_a_killed_service_loses_no_job_and_leaves_no_process_behind(
     wait_for(lambda: state(client, waiting) == "succeeded", timeout=60)
 
 
+def test_other_jobs_do_not_wait_for_what_a_killed_service_held(
+    serve: Serve, ledger_of_service: Ledger, tmp_path: Path
+) -> None:
+    process, _ = serve()
+    note, go = tmp_path / "pid", tmp_path / "go"
+    held = ledger_of_service.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
+    wait_for(note.exists, timeout=60)
+    process.kill()
+    process.wait()
+    _, client = serve()
+    other = ledger_of_service.enqueue(NewJob("report", "small_jobs:answer"))
+    wait_for(lambda: state(client, other) == "succeeded", timeout=20)  # sooner than the lease of the dead runs out
+    assert state(client, held) == "running"
+
+
 def test_a_service_that_is_told_to_terminate_says_so_takes_no_job_and_lets_a_short_one_end(
     serve: Serve, ledger_of_service: Ledger
 ) -> None:

@@ -48,7 +48,8 @@ class Engine:
         self._stop = threading.Event()
         self._draining = threading.Event()
         self._handing_out = False
-        self._under_way: set[str] = set()
+        self._under_way: dict[str, str] = {}
+        """Ids of the jobs that were handed out to this process and have not come back, by job and attempt."""
         self._thread = threading.Thread(target=self._run, name="dynident-engine", daemon=True)
         self.state: EngineState = "starting"
         self.trouble = ""
@@ -118,7 +119,8 @@ class Engine:
         claims: list[Claim] = []
         self._handing_out = True  # said before it is looked, so that a drain that begins here waits
         try:
-            claims = self._ledger.claim(slots) if slots > 0 and not self._draining.is_set() else []
+            if slots > 0 and not self._draining.is_set():
+                claims = self._ledger.claim(slots, self._own())
             for claim in claims:
                 self._hand_out(client, claim)
         except Exception:
@@ -126,6 +128,13 @@ class Engine:
             log.exception("could not hand out %d jobs", len(claims))
         finally:
             self._handing_out = False
+
+    def _own(self) -> list[str] | None:
+        """The jobs that take slots of this process; not known of a cluster that several services may share.
+
+        What a service held that was killed takes none of the slots of the others, until its lease runs out.
+        """
+        return None if self._settings.dask_scheduler else list(self._under_way.values())
 
     def _hand_out(self, client: Client, claim: Claim) -> None:
         from distributed import fire_and_forget
@@ -135,12 +144,12 @@ class Engine:
         key = f"{claim.job_id}-{claim.attempt}"
 
         def ended(_: object) -> None:
-            self._under_way.discard(key)
+            self._under_way.pop(key, None)
             self._wake.set()
 
         future = client.submit(run_claim, claim, self._place, __version__, key=key, pure=False)
         if not self._settings.dask_scheduler:  # a cluster elsewhere goes on by itself
-            self._under_way.add(key)
+            self._under_way[key] = claim.job_id
         future.add_done_callback(ended)
         fire_and_forget(future)
 

@@ -85,8 +85,12 @@ class Ledger:
             (identifier,) = add_jobs(session, [(new, resource_id)])
             return identifier
 
-    def claim(self, slots: int) -> list[Claim]:
-        """Take as many queued jobs, oldest first, as there are free slots; leases that ran out free their jobs."""
+    def claim(self, slots: int, own: Collection[str] | None = None) -> list[Claim]:
+        """Take as many queued jobs, oldest first, as there are free slots; leases that ran out free their jobs.
+
+        A slot is taken by each running job of `own`, the ids of those that were given to these slots; by whichever job
+        runs where that is not known.
+        """
         if not self._has_work():
             return []
         with self._database.write() as session:
@@ -94,7 +98,10 @@ class Ledger:
             rows = session.scalars(expired.with_for_update(skip_locked=True)).all()
             for row in self._expired_for_long(rows):
                 self._lose(session, row, "its worker was lost")
-            running = session.scalar(select(func.count()).where(JobRow.state == "running")) or 0
+            taken = select(func.count()).where(JobRow.state == "running")
+            if own is not None:
+                taken = taken.where(JobRow.id.in_(own))
+            running = session.scalar(taken) or 0
             queued = select(JobRow).where(JobRow.state == "queued").order_by(JobRow.id).limit(max(0, slots - running))
             return [_start(session, row) for row in session.scalars(queued.with_for_update(skip_locked=True))]
 
