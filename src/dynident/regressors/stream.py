@@ -39,13 +39,11 @@ class FilteredSamples:
 
     def rows(self, layout: Sequence[tuple[IndexArray, IndexArray]]) -> list[FloatArray]:
         """[W | Y] (m, p_j + 1) of every joint, from the places and columns of its entries."""
-        found = []
-        for j, (places, _) in enumerate(layout):
-            own = np.empty((len(self.t), len(places) + 1))
-            # Six times as fast as an index.
-            np.take(self.values, places, axis=1, out=own[:, :-1], mode="clip")
+        found = [np.empty((len(self.t), len(places) + 1)) for places, _ in layout]
+        for j, own in enumerate(found):
+            # More than twice as fast as an index.
+            np.take(self.values, layout[j][0], axis=1, out=own[:, :-1], mode="clip")
             own[:, -1] = self.tau[:, j]
-            found.append(own)
         return found
 
 

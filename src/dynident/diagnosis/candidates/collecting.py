@@ -13,9 +13,9 @@ from dynident.diagnosis.comparing.repetition import Repeat
 MANY = 80
 """Stretches of a period, as of a short recording as a whole, where they are then long enough."""
 
-_MOST_ROWS = 128
-"""A stretch, on average, and joint. Of twice as many as a usual model has columns, products are as quickly read as the
-rows (`benchmarks/diagnosis_ranking.py`), and of more they take less memory."""
+_MOST_ROWS = 48
+"""A stretch, on average, and joint. From about as many on as a usual model has columns, scores are read as quickly from
+their products (`benchmarks/rows_or_products.py`), which then take less memory."""
 
 
 class Stretches:
