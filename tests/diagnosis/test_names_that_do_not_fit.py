@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hidden_effects import NAMES, ROBOT, compared
 
-from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.result import UnknownPattern, Variable
 from dynident.diagnosis.search.state import Finding
@@ -24,7 +24,7 @@ def picked(effect: str, removed: float, joints: tuple[int, ...] = (JOINT,)) -> F
     before = one.copy()
     before[:, list(joints)] = removed / 10
     candidate = Candidate(effect, (NAMES[JOINT],), (), (0,))
-    judged = Judged(
+    judged = JudgedCandidate(
         candidate, joints, before, one, 0.5, 0.5, 9.0, np.ones(10), 1.0, np.ones(1), 1.0, np.ones(n), np.ones(10)
     )
     return Finding(judged, (), 1e-9)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from dynident.diagnosis.candidates.family import family_wise_p
-from dynident.diagnosis.candidates.gate import Judged, indistinguishable, judge, simplest
+from dynident.diagnosis.candidates.gate import JudgedCandidate, indistinguishable, judge, simplest
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import folds, folds_of, products
 from dynident.diagnosis.candidates.resampling import share_found_again
@@ -176,7 +176,7 @@ def scored(before: np.ndarray, after: np.ndarray, columns=(5,)) -> Score:
     return Score(Candidate("c", (), (), columns), before, after, 0.5, amplitudes, measured)
 
 
-def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **more) -> Judged:
+def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **more) -> JudgedCandidate:
     one = np.ones((len(gains), 1))
     values = {
         "candidate": Candidate(name, (), (), columns), "joints": (0,), "before": one, "after": one, "drop": 0.5,
@@ -184,7 +184,7 @@ def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **m
         "gains": gains, "separability": 1.0, "amplitudes": np.ones(len(columns)), "share_improved": 1.0,
         "measured": np.ones(1), "after_weighted": np.ones(len(gains)),
     }  # fmt: skip
-    return Judged(**{**values, **more})
+    return JudgedCandidate(**{**values, **more})
 
 
 def silent(gains: np.ndarray) -> list[np.ndarray]:
@@ -265,7 +265,7 @@ def test_small_effects_that_gains_do_not_show_are_seen_in_the_scores():
     assert by_scores > by_gains + 0.3
 
 
-def judged_alone(before: np.ndarray, after: np.ndarray, joints=(0,)) -> Judged:
+def judged_alone(before: np.ndarray, after: np.ndarray, joints=(0,)) -> JudgedCandidate:
     item = judge([scored(before, after)] * 2, joints, np.ones(before.shape[1]))
     return replace(item, p=float(family_wise_p(item.gains[None], silent(item.gains[None]))[0]))
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dynident.effects import EffectChoice
 from dynident.effects.catalogue import check_shape, joints_of
 from dynident.identification import Identification, IdentificationChoices
-from dynident.identification.data import parted
+from dynident.identification.data import motions_and_friction
 from dynident.identification.dependence import parameter_dependence
 from dynident.identification.essential import EssentialPath
 from dynident.identification.shapes import check_shapes_given
@@ -88,5 +88,5 @@ def effects_in(request: Mapping[str, object]) -> list[WireEffect]:
 
 def _preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing:
     asked = request.preprocessing
-    motions, _ = parted(recordings)
+    motions, _ = motions_and_friction(recordings)
     return preprocessing_from_request(asked if isinstance(asked, str) else asked.model_dump(), motions)

@@ -15,7 +15,7 @@ from dynident_service.models.measurements import MeasurementMetadata
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class SeenMeasurement:
     """A stored measurement that a model was made from or tried on."""
 
     id: str
@@ -23,7 +23,7 @@ class Judged:
     said: MeasurementMetadata
 
 
-def show_verdict(found: ModelVerdict, seen: Sequence[Judged] = ()) -> wire.VerdictView:
+def show_verdict(found: ModelVerdict, seen: Sequence[SeenMeasurement] = ()) -> wire.VerdictView:
     """Show a verdict; recordings that are not `seen` are told by name."""
     by_name = {one.recording.name: one for one in seen}
     stop = None if found.stop is None else _stop(found.stop, by_name.get(found.stop.recording or ""))
@@ -40,11 +40,11 @@ def show_verdict(found: ModelVerdict, seen: Sequence[Judged] = ()) -> wire.Verdi
     return shown(wire.VerdictView, found, stop=stop, common=common)
 
 
-def _id(seen: Mapping[str, Judged], name: str) -> str:
+def _id(seen: Mapping[str, SeenMeasurement], name: str) -> str:
     return seen[name].id if name in seen else name
 
 
-def _stop(found: Stop, where: Judged | None) -> wire.StopView:
+def _stop(found: Stop, where: SeenMeasurement | None) -> wire.StopView:
     cure = found.apply
     if cure is not None and where is not None:
         cure = after(cure, metadata_of(where.said), where.recording.joint_names)

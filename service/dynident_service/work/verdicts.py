@@ -10,7 +10,7 @@ from typing import Any
 from dynident.identification import from_bytes
 from dynident.recordings import open_recording
 from dynident.verdict import verdict
-from dynident_service.adapters.verdicts import Judged, show_verdict
+from dynident_service.adapters.verdicts import SeenMeasurement, show_verdict
 from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata
 
@@ -23,9 +23,9 @@ def judge(model: str, fitted: Sequence[Mapping[str, Any]], held_out: Sequence[Ma
     return plain(show_verdict(found, [*seen[0], *seen[1]]))
 
 
-def _opened(one: Mapping[str, Any], names: set[str]) -> Judged:
+def _opened(one: Mapping[str, Any], names: set[str]) -> SeenMeasurement:
     recording = open_recording(Path(one["recording"]))
     # The verdict tells of recordings by name, and measurements may share one.
     name = recording.name if recording.name not in names else f"{recording.name} ({one['id']})"
     names.add(name)
-    return Judged(one["id"], replace(recording, name=name), MeasurementMetadata.model_validate(one["request"]))
+    return SeenMeasurement(one["id"], replace(recording, name=name), MeasurementMetadata.model_validate(one["request"]))

@@ -16,7 +16,7 @@ from dynident.errors import DynidentError
 from dynident.identification import Identification, extend, identify_model
 from dynident.identification.checks import check_runs, check_temperature
 from dynident.identification.choices import PriorName
-from dynident.identification.data import parted
+from dynident.identification.data import motions_and_friction
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording
 
@@ -37,9 +37,9 @@ def together(
     DynidentError
         Where one of the two sets is nothing but such tests, or a recording is in both.
     """
-    later = parted(recordings)[0]
+    later = motions_and_friction(recordings)[0]
     try:
-        earlier = parted(baseline)[0]
+        earlier = motions_and_friction(baseline)[0]
     except DynidentError as error:
         raise DynidentError(error.detail, pointer="/baseline_ids", title=error.title) from error
     _check_apart(earlier, later)

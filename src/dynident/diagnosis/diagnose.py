@@ -9,7 +9,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.diagnosis.advice.doubts import doubts_of
 from dynident.diagnosis.advice.next_experiment import next_experiment
-from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.changes import changes_of, summary_of, together, with_companions
@@ -32,7 +32,7 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import is_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend
-from dynident.identification.data import parted
+from dynident.identification.data import motions_and_friction
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.threads import single_threaded
@@ -70,7 +70,7 @@ def diagnose(
     """
     for index, name in enumerate(candidates or ()):
         effect_by_id(name, f"/candidates/{index}")
-    recordings, _ = parted(recordings)
+    recordings, _ = motions_and_friction(recordings)
     since: tuple[str, ...] = ()
     if baseline:
         identification, recordings, since = together(identification, baseline, recordings)
@@ -187,7 +187,7 @@ def _compared(
     return [compare(grown, recording) for recording in recordings]
 
 
-def _invisible(judged: Sequence[Judged]) -> tuple[Invisible, ...]:
+def _invisible(judged: Sequence[JudgedCandidate]) -> tuple[Invisible, ...]:
     by_effect: dict[tuple[str, tuple[str, ...]], float] = {}
     for item in judged:
         if len(item.candidate.joints) > 1:

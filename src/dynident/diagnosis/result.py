@@ -9,7 +9,7 @@ from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice
 from dynident.excitation import DesignRequest
 
-Verdict = Literal["adequate", "missing_effect", "unexplained"]
+Adequacy = Literal["adequate", "missing_effect", "unexplained"]
 Variable = Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]
 
 
@@ -148,7 +148,7 @@ class Diagnosis:
     differs from the baseline, none where nothing does; `None` where there was no baseline.
     """
 
-    verdict: Verdict
+    verdict: Adequacy
     summary: str
     noise_floor: FloatArray
     residual_rms: FloatArray

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.gate import Judged
-from dynident.diagnosis.result import RankedEffect, UnknownPattern, Verdict
+from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.result import Adequacy, RankedEffect, UnknownPattern
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.regressors.model import Model
 
 
 def rank_all(
-    picks: Sequence[Finding], first: Sequence[Judged], recommended: Sequence[EffectChoice]
+    picks: Sequence[Finding], first: Sequence[JudgedCandidate], recommended: Sequence[EffectChoice]
 ) -> tuple[RankedEffect, ...]:
     """Every family at its best place: what was picked in the order of picking, then the others by their gain."""
     ranked: list[RankedEffect] = []
@@ -32,7 +32,7 @@ def rank_all(
         item = _narrowed(finding.judged, choice)
         ranked.append(_ranked(len(ranked) + 1, item, choice, finding.p, why, twins))
     picked = {choice.effect for choice in recommended}
-    best: dict[str, Judged] = {}
+    best: dict[str, JudgedCandidate] = {}
     for item in first:
         effect = item.candidate.effect
         if effect not in picked and (effect not in best or item.total_gain > best[effect].total_gain):
@@ -45,7 +45,7 @@ def rank_all(
     return tuple(ranked)
 
 
-def _narrowed(item: Judged, choice: EffectChoice) -> Judged:
+def _narrowed(item: JudgedCandidate, choice: EffectChoice) -> JudgedCandidate:
     """A finding on those joints that are recommended in the end: of a group, some may have dropped out."""
     candidate = item.candidate
     if candidate.joints == choice.joints:
@@ -58,7 +58,7 @@ def _narrowed(item: Judged, choice: EffectChoice) -> Judged:
 
 def _ranked(
     rank: int,
-    item: Judged,
+    item: JudgedCandidate,
     choice: EffectChoice,
     p: float,
     why: str,
@@ -84,7 +84,7 @@ def _ranked(
     )
 
 
-def _evidence(item: Judged, before: float, after: float, why: str) -> str:
+def _evidence(item: JudgedCandidate, before: float, after: float, why: str) -> str:
     effect = effect_by_id(item.candidate.effect)
     place = ", ".join(item.candidate.joints) or "the whole robot"
     if after >= before:
@@ -95,7 +95,7 @@ def _evidence(item: Judged, before: float, after: float, why: str) -> str:
     )
 
 
-def verdict_of(recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPattern]) -> Verdict:
+def verdict_of(recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPattern]) -> Adequacy:
     """The verdict: something nameable is missing, something is left that has no name, or nothing is."""
     if recommended:
         return "missing_effect"
@@ -105,7 +105,7 @@ def verdict_of(recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPat
 
 
 def summary(
-    verdict: Verdict,
+    verdict: Adequacy,
     ranked: Sequence[RankedEffect],
     unknown: Sequence[UnknownPattern],
     residual: FloatArray,

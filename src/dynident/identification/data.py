@@ -36,7 +36,7 @@ class Data:
     friction: tuple[Recording, ...] = ()
 
 
-def parted(recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+def motions_and_friction(recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     """Recordings of motions to identify from, and those that are tests of single joints' friction.
 
     Raises
@@ -72,7 +72,7 @@ def reduced(
     DynidentError
         Where the model cannot make equations of these columns or recordings.
     """
-    ordinary, friction = parted(recordings)
+    ordinary, friction = motions_and_friction(recordings)
     share = 1.0 if choices.model == "dynamic" else 0.5
     found = torque_of(model, ordinary, preprocessing, reference, part(progress, 0.0, share), known)
     found = replace(found, friction=friction)

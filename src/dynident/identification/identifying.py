@@ -19,7 +19,7 @@ from dynident.identification.checks import (
     check_torque,
 )
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data, parted, reduced, torque_of
+from dynident.identification.data import Data, motions_and_friction, reduced, torque_of
 from dynident.identification.fit import Fit
 from dynident.identification.gain import warnings_of_addition
 from dynident.identification.inertia import smallest_inertia_eigenvalue
@@ -70,7 +70,7 @@ def identify(
     check_recordings(robot, recordings, validation)
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings)
-    ordinary, _ = parted(recordings)
+    ordinary, _ = motions_and_friction(recordings)
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)
     choices, preprocessing = with_constants(choices, ordinary, preprocessing)
     check_shapes_given(choices.effects)
@@ -134,7 +134,7 @@ def _with_one_more(
     new = complete_shapes(
         identification.model,
         (added,),
-        parted(recordings)[0],
+        motions_and_friction(recordings)[0],
         identification.preprocessing,
         identification.next_reference(),
         part(progress, 0.0, 0.5),

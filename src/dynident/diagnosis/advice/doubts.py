@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.state import Finding
@@ -39,7 +39,7 @@ def doubts_of(
     recommended: Sequence[EffectChoice],
     invisible: Sequence[Invisible],
     robot: Robot,
-    judged: Sequence[Judged] = (),
+    judged: Sequence[JudgedCandidate] = (),
     asked: Sequence[str] = (),
 ) -> tuple[Doubt, ...]:
     """What a diagnosis leaves open, what decides about the first recommendation first.
@@ -53,7 +53,7 @@ def doubts_of(
         What was found, and how it is recommended.
     invisible : sequence of Invisible
     robot : Robot
-    judged : sequence of Judged
+    judged : sequence of JudgedCandidate
         All candidates beside the model that was diagnosed: among them are rivals that come near a pick.
     asked : sequence of effect ids
         Those that somebody named; the others were only tried because they are in the catalogue.
@@ -83,7 +83,7 @@ def _often_missed() -> list[str]:
     return sorted(ranks, key=ranks.__getitem__)
 
 
-def _rivals(choice: EffectChoice, others: Iterable[Judged]) -> tuple[EffectChoice, ...]:
+def _rivals(choice: EffectChoice, others: Iterable[JudgedCandidate]) -> tuple[EffectChoice, ...]:
     """Other names for an effect, one choice each; of what some runs have, other links that it may as well sit on.
 
     Not those that are the same function of every motion, nor those so general that they can say the effect as well: no
@@ -109,7 +109,9 @@ def _elsewhere(other: EffectChoice, choice: EffectChoice) -> bool:
     )
 
 
-def _near_doubt(choice: EffectChoice, beside: tuple[EffectChoice, ...], judged: Sequence[Judged]) -> Doubt | None:
+def _near_doubt(
+    choice: EffectChoice, beside: tuple[EffectChoice, ...], judged: Sequence[JudgedCandidate]
+) -> Doubt | None:
     """The doubt that a candidate raises which gains nearly as much as a pick, on some of its joints or on all."""
     own = _best_by_place(choice, judged)
     near = [item for item in judged if _nearly_as_good(item, _beside(item, choice, own), _confused(item, choice))]
@@ -125,9 +127,9 @@ def _near_doubt(choice: EffectChoice, beside: tuple[EffectChoice, ...], judged: 
     return None
 
 
-def _best_by_place(choice: EffectChoice, judged: Sequence[Judged]) -> dict[frozenset[str], Judged]:
+def _best_by_place(choice: EffectChoice, judged: Sequence[JudgedCandidate]) -> dict[frozenset[str], JudgedCandidate]:
     """The best candidate of a picked effect on all of its joints, and on some of them alone."""
-    best: dict[frozenset[str], Judged] = {}
+    best: dict[frozenset[str], JudgedCandidate] = {}
     for item in sorted(judged, key=lambda item: -item.total_gain):
         joints = frozenset(item.candidate.joints)
         within = joints <= set(choice.joints) and bool(joints) == bool(choice.joints)
@@ -141,7 +143,9 @@ def _place(joints: Sequence[str], choice: EffectChoice) -> frozenset[str]:
     return frozenset(joints) if joints and choice.joints else frozenset(choice.joints)
 
 
-def _beside(item: Judged, choice: EffectChoice, own: Mapping[frozenset[str], Judged]) -> Judged | None:
+def _beside(
+    item: JudgedCandidate, choice: EffectChoice, own: Mapping[frozenset[str], JudgedCandidate]
+) -> JudgedCandidate | None:
     """The candidate of the pick that another one has to be held against; None where they do not compare."""
     if bool(item.candidate.joints) == bool(choice.joints):
         return own.get(frozenset(item.candidate.joints))
@@ -149,13 +153,13 @@ def _beside(item: Judged, choice: EffectChoice, own: Mapping[frozenset[str], Jud
     return own.get(frozenset(choice.joints)) if _confused(item, choice) else None
 
 
-def _confused(item: Judged, choice: EffectChoice) -> bool:
+def _confused(item: JudgedCandidate, choice: EffectChoice) -> bool:
     """Whether the catalogue warns that one of two effects is taken for the other."""
     name = item.candidate.effect
     return name in effect_by_id(choice.effect).confused_with or choice.effect in effect_by_id(name).confused_with
 
 
-def _nearly_as_good(item: Judged, best: Judged | None, confused: bool) -> bool:
+def _nearly_as_good(item: JudgedCandidate, best: JudgedCandidate | None, confused: bool) -> bool:
     if best is None or item.total_gain <= 0:
         return False
     if item.total_gain >= (_NEAR_IN_NAME if confused else _CLOSE) * best.total_gain:

@@ -12,7 +12,7 @@ from dynident.diagnosis.advice.doubts import Doubt
 from dynident.diagnosis.advice.kinds import EXPERIMENTS, Experiment, Question
 from dynident.diagnosis.advice.pairs import experiment_for
 from dynident.diagnosis.advice.separation import (
-    Information,
+    NormalEquations,
     Rows,
     amplitudes,
     of_rehearsal,
@@ -113,11 +113,11 @@ class _Pairing:
     model: DesignModel
     rows: Rows
     row_weights: FloatArray
-    known: Information
+    known: NormalEquations
     deciding: int | None
     size: float | None
 
-    def separation(self, more: Information | None = None) -> Separation | None:
+    def separation(self, more: NormalEquations | None = None) -> Separation | None:
         """By the data at hand, and `more`."""
         if self.deciding is None:
             return None

@@ -33,14 +33,14 @@ _ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Information:
+class NormalEquations:
     """WᵀW (b, b) and Wᵀρ (b,) in units of the noise: what rows of data tell about the parameters."""
 
     matrix: FloatArray
     right: FloatArray
 
-    def __add__(self, other: Information) -> Information:
-        return Information(self.matrix + other.matrix, self.right + other.right)
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        return NormalEquations(self.matrix + other.matrix, self.right + other.right)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +65,11 @@ class Rows:
         """Rows of data that one of these stands for."""
         return self.n_rows / max(len(self.w), 1)
 
-    def information(self, row_weights: FloatArray) -> Information:
+    def information(self, row_weights: FloatArray) -> NormalEquations:
         """What they tell; row_weights (n,) are one over the noise of a row of data."""
         weights = row_weights * np.sqrt(self.share)
         weighted = (self.w * weights[:, None]).reshape(-1, self.w.shape[2])
-        return Information(weighted.T @ weighted, weighted.T @ (self.residual * weights).reshape(-1))
+        return NormalEquations(weighted.T @ weighted, weighted.T @ (self.residual * weights).reshape(-1))
 
     def earlier(self, n_rows: float) -> FloatArray:
         """Rows (b n, b), joint after joint, that stand for them beside W / √N of n_rows of an experiment."""
@@ -149,7 +149,7 @@ def _overstated(rows: Rows, rest: FloatArray, joint: int) -> float:
     return overstatement(w[taken][:, :, used], rest[taken, joint], float(np.count_nonzero(rest[taken, joint])))
 
 
-def of_rehearsal(model: DesignModel, rehearsal: Rehearsal, row_weights: FloatArray) -> Information:
+def of_rehearsal(model: DesignModel, rehearsal: Rehearsal, row_weights: FloatArray) -> NormalEquations:
     """The information that an experiment would give, whose rows have the noise 1 / row_weights (n,)."""
     motion = rehearsal.motion
     taken = _spread(len(motion.t))
@@ -157,7 +157,7 @@ def of_rehearsal(model: DesignModel, rehearsal: Rehearsal, row_weights: FloatArr
     moves = np.abs(motion.dq[taken]) > STANDS
     weights = (row_weights * moves).reshape(-1) * np.sqrt(rehearsal.n_samples / len(taken))
     weighted = w * weights[:, None]
-    return Information(weighted.T @ weighted, np.zeros(w.shape[1]))
+    return NormalEquations(weighted.T @ weighted, np.zeros(w.shape[1]))
 
 
 def _spread(count: int) -> IndexArray:
@@ -165,7 +165,7 @@ def _spread(count: int) -> IndexArray:
     return np.unique(np.linspace(0, count - 1, min(count, _MOST_ROWS)).astype(np.intp))
 
 
-def amplitudes(found: Information, suspect: Sequence[int], rivals: Sequence[int]) -> FloatArray:
+def amplitudes(found: NormalEquations, suspect: Sequence[int], rivals: Sequence[int]) -> FloatArray:
     """Parameters of the suspect alone, fitted to the residual beside the model and without its rivals."""
     kept = [k for k in range(len(found.right)) if k not in set(rivals) - set(suspect)]
     solved = _solved(found.matrix[np.ix_(kept, kept)], found.right[kept])
@@ -178,7 +178,7 @@ def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale, rcond=1e-9)[0] / scale)
 
 
-def separation(model: DesignModel, known: Information, parameter: int, size: float | None) -> Separation:
+def separation(model: DesignModel, known: NormalEquations, parameter: int, size: float | None) -> Separation:
     """How well a parameter comes out beside everything else in the model.
 
     `size` is its amplitude, None where nobody knows it.

@@ -13,7 +13,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.batches import Batch, batches, by_portion, extra_columns
-from dynident.diagnosis.candidates.fit import Fit, JointSums, Sums
+from dynident.diagnosis.candidates.fit import JointSums, StretchesFit, Sums
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.product_block import ProductBlock
 from dynident.diagnosis.candidates.products import Products, RowStack
@@ -51,7 +51,7 @@ class JointBlock(Protocol):
     def sums(self) -> JointSums:
         """Over all stretches."""
 
-    def errors(self, fit: Fit) -> JointErrors:
+    def errors(self, fit: StretchesFit) -> JointErrors:
         """Its squared errors for a fit."""
 
 

@@ -50,7 +50,7 @@ class Sums:
         )
 
 
-class Fit:
+class StretchesFit:
     """The model fitted on some stretches, and what is left of every candidate column beside it.
 
     `chi` (b,) are the model's parameters, `projection` (b, c) what the model says of every candidate column.

@@ -36,7 +36,7 @@ _MUCH_MORE, _HARDLY_MORE = 0.2, 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedCandidate:
     """A candidate with its score in interleaved and contiguous folds.
 
     `drop` is the share of the squared held-out error that it removes: of an effect of a single joint or of the whole
@@ -138,7 +138,7 @@ class Bar:
 
 def judge(
     scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray, bars: Sequence[Bar] | None = None
-) -> Judged:
+) -> JudgedCandidate:
     """Put a candidate's scores in the two kinds of folds together.
 
     Parameters
@@ -164,7 +164,7 @@ def judge(
     mean_gain = _mean(gains)
     before = _mean([score.before for score in scores])
     after = _mean([np.minimum(score.after, 2.0 * score.before) for score in scores])
-    return Judged(
+    return JudgedCandidate(
         candidate=scores[0].candidate,
         joints=joints,
         before=before,
@@ -187,13 +187,13 @@ def _mean(values: Sequence[FloatArray]) -> FloatArray:
     return np.asarray(sum(others, first) / len(values))
 
 
-def indistinguishable(best: Judged, other: Judged) -> bool:
+def indistinguishable(best: JudgedCandidate, other: JudgedCandidate) -> bool:
     """Whether the stretches do not tell two explanations apart: mean difference below its standard error."""
     difference = best.gains - other.gains
     return abs(t_of(difference)) < 1.0 or np.allclose(difference, 0.0)
 
 
-def simplest(judged: Sequence[Judged]) -> tuple[Judged, tuple[Judged, ...]]:
+def simplest(judged: Sequence[JudgedCandidate]) -> tuple[JudgedCandidate, tuple[JudgedCandidate, ...]]:
     """The simplest candidate that the best one does not beat by a finding; and those the data cannot tell from it.
 
     Fewer columns are preferred as long as what more of them gain would not pass the gate itself; among equally many
@@ -210,12 +210,12 @@ def simplest(judged: Sequence[Judged]) -> tuple[Judged, tuple[Judged, ...]]:
     return chosen, tuple(item for item in ordered if item is not chosen and indistinguishable(chosen, item))
 
 
-def _beats(best: Judged, simpler: Judged) -> bool:
+def _beats(best: JudgedCandidate, simpler: JudgedCandidate) -> bool:
     """Whether the more complex candidate removes enough more of the error, often enough."""
     return simpler.complexity >= best.complexity or gains_more(best, simpler)
 
 
-def gains_more(best: Judged, simpler: Judged) -> bool:
+def gains_more(best: JudgedCandidate, simpler: JudgedCandidate) -> bool:
     """Whether a candidate removes so much more of the error than another that it may be more complex."""
     difference = best.gains - simpler.gains
     left = float(simpler.after_weighted.sum())

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.candidates.products import Products
@@ -18,7 +18,9 @@ _GIVEN_BACK = 0.1
 _DEVIATIONS, _CORRELATION = 2.0, 10.0
 
 
-def plausible(data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, item: Judged) -> bool:
+def plausible(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, item: JudgedCandidate
+) -> bool:
     """Whether a candidate beside the model `base` is physically possible with the amplitudes that the data ask for."""
     columns = np.array(base + item.candidate.columns, dtype=np.intp)
     rows = data.of(columns)
@@ -41,7 +43,7 @@ def plausible(data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: Fl
     return all(effect_by_id(item.candidate.effect).natural(known) for known in found.values())
 
 
-def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], item: Judged) -> bool:
+def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], item: JudgedCandidate) -> bool:
     """Whether the friction that the model has on a candidate's joints keeps its sign beside it.
 
     A large power of the velocity less a large multiple of the velocity fits a bend, and says nothing of other speeds.
@@ -57,7 +59,7 @@ def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estima
     return True
 
 
-def _passive(data: Products, pool: Pool, columns: IndexArray, values: FloatArray, item: Judged) -> bool:
+def _passive(data: Products, pool: Pool, columns: IndexArray, values: FloatArray, item: JudgedCandidate) -> bool:
     """Whether friction still takes energy from every joint on the whole, with the candidate's friction among it.
 
     The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.

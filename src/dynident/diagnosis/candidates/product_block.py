@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.batches import Batch
-from dynident.diagnosis.candidates.fit import Fit, JointSums
+from dynident.diagnosis.candidates.fit import JointSums, StretchesFit
 from dynident.diagnosis.candidates.products import Products, present
 
 
@@ -82,7 +82,7 @@ class ProductBlock:
             np.concatenate([np.zeros(0), *(pairs.sum(axis=0).ravel() for pairs in self.pairs)]),
         )
 
-    def errors(self, fit: Fit) -> ProductErrors:
+    def errors(self, fit: StretchesFit) -> ProductErrors:
         """Its squared errors for a fit."""
         return ProductErrors(self, fit)
 
@@ -93,7 +93,7 @@ class ProductErrors:
     A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
     """
 
-    def __init__(self, block: ProductBlock, fit: Fit) -> None:
+    def __init__(self, block: ProductBlock, fit: StretchesFit) -> None:
         self._block = block
         chi = fit.chi[block.have]
         self._projection = fit.projection[block.have]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.effects import effect_by_id
 
 FOUND_AGAIN = 0.9
@@ -20,14 +20,14 @@ _MORE = 0.2
 """A candidate with more parameters takes the place of a simpler one if it gains so much more."""
 
 
-def share_found_again(found: Sequence[Judged], rivals: Sequence[Judged], run: IndexArray) -> float:
+def share_found_again(found: Sequence[JudgedCandidate], rivals: Sequence[JudgedCandidate], run: IndexArray) -> float:
     """Share of resamplings in which one of these names for a finding is not overtaken by another.
 
     Parameters
     ----------
-    found : sequence of Judged
+    found : sequence of JudgedCandidate
         The names that the data do not tell apart, the chosen one first.
-    rivals : sequence of Judged
+    rivals : sequence of JudgedCandidate
         Candidates that would take its place, beside which nothing of it is left.
     run : (s,)
         Which run every stretch is of: without any one of several, the name has to stand as well.
@@ -50,7 +50,7 @@ def _share_not_overtaken(margins: FloatArray, counts: FloatArray) -> float:
     return float((margins @ counts.T >= 0.0).all(axis=1).any(axis=0).mean())
 
 
-def other_name(chosen: Judged, item: Judged) -> bool:
+def other_name(chosen: JudgedCandidate, item: JudgedCandidate) -> bool:
     """Whether a candidate would be another name: another effect, that is not known to be the same function."""
     mine, theirs = effect_by_id(chosen.candidate.effect), effect_by_id(item.candidate.effect)
     if theirs.id == mine.id:
@@ -58,7 +58,7 @@ def other_name(chosen: Judged, item: Judged) -> bool:
     return theirs.id not in mine.same_function and mine.id not in theirs.covers and theirs.id not in mine.covers
 
 
-def _margin(chosen: Judged, item: Judged) -> FloatArray:
+def _margin(chosen: JudgedCandidate, item: JudgedCandidate) -> FloatArray:
     """(s,): by how much each stretch speaks for the chosen candidate; below zero in sum it would not be chosen."""
     if item.complexity > chosen.complexity:
         return np.asarray(chosen.gains - (1.0 - _MORE) * item.gains)

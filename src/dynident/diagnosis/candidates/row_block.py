@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.batches import Batch
-from dynident.diagnosis.candidates.fit import Fit, JointSums
+from dynident.diagnosis.candidates.fit import JointSums, StretchesFit
 from dynident.diagnosis.candidates.products import RowStack, adding, present
 
 
@@ -101,7 +101,7 @@ class RowBlock:
             products.ravel().take(self.within),
         )
 
-    def errors(self, fit: Fit) -> RowErrors:
+    def errors(self, fit: StretchesFit) -> RowErrors:
         """Its squared errors for a fit."""
         return RowErrors(self, fit)
 
@@ -112,7 +112,7 @@ class RowErrors:
     A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
     """
 
-    def __init__(self, block: RowBlock, fit: Fit) -> None:
+    def __init__(self, block: RowBlock, fit: StretchesFit) -> None:
         self._block = block
         self._adding = adding(block.stretch, block.n_stretches)
         self._rest = block.y - block.w @ fit.chi[block.have]

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.blocks import Blocks
-from dynident.diagnosis.candidates.fit import Fit
+from dynident.diagnosis.candidates.fit import StretchesFit
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products, folds_of
 
@@ -68,14 +68,14 @@ def scored(
     total = blocks.summed(noise)
     for left_out in folds_of(data, kind):
         here = blocks.at(left_out)
-        fit = Fit(total.minus(here.summed(noise)), blocks.portions)
+        fit = StretchesFit(total.minus(here.summed(noise)), blocks.portions)
         amplitudes = [fit.amplitudes(portion) for portion in range(len(blocks.portions))]
         for j, block in enumerate(here.joints):
             errors = block.errors(fit)
             before[left_out, j] = errors.alone
             if len(members):
                 after[members[:, None], left_out, j] = errors.beside(amplitudes)
-    whole = Fit(total, blocks.portions)
+    whole = StretchesFit(total, blocks.portions)
     separability, found = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(blocks.portions):
         separability[portion.members] = whole.separability(number)
@@ -102,7 +102,7 @@ def contributions(
 
 def contributed(blocks: Blocks, count: int, noise: FloatArray) -> list[FloatArray]:
     """The same of `count` candidates from the products that it takes, where they are at hand."""
-    fit = Fit(blocks.summed(noise), blocks.portions)
+    fit = StretchesFit(blocks.summed(noise), blocks.portions)
     found = np.zeros((blocks.n_stretches, blocks.n_extra))
     for block, sigma in zip(blocks.joints, noise, strict=True):
         found += block.errors(fit).scores() / sigma**2
@@ -123,7 +123,7 @@ def fitted_errors(
     before (s, n), after (s, n), the candidate's separability, its amplitudes
     """
     blocks = Blocks.of(data, base, [candidate])
-    fit = Fit(blocks.summed(noise), blocks.portions)
+    fit = StretchesFit(blocks.summed(noise), blocks.portions)
     own = fit.amplitudes(0)
     before, after = np.zeros((data.n_stretches, data.n_joints)), np.zeros((data.n_stretches, data.n_joints))
     for j, block in enumerate(blocks.joints):

@@ -8,7 +8,7 @@ from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gate import (
     SMALLEST_GAIN_AT_REVERSALS,
     SMALLEST_GAIN_OVER_NOISE,
-    Judged,
+    JudgedCandidate,
 )
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.search.state import State
@@ -45,7 +45,7 @@ LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
 """Where it gains this share of its error, a smaller t will do."""
 
 
-def acceptable(state: State, data: PhasedProducts, item: Judged) -> bool:
+def acceptable(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool:
     """Whether a candidate is a finding."""
     effect = effect_by_id(item.candidate.effect)
     if item.separability < VISIBLE or not item.passes or too_small(state, data, item):
@@ -59,19 +59,19 @@ def acceptable(state: State, data: PhasedProducts, item: Judged) -> bool:
     return item.drop >= (_LEAST_OF_CHANGE if is_change(item.candidate.choice, state.since) else _LEAST_OF_RUNS)
 
 
-def too_small(state: State, data: PhasedProducts, item: Judged) -> bool:
+def too_small(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool:
     """Whether a candidate removes less of the sensors' noise than its kind has to."""
     most = max(gain_over_floor(item, j, state.floor, data) for j in item.joints)
     return most < least_gain(effect_by_id(item.candidate.effect))
 
 
-def shadowed(item: Judged, finding: Judged, floor: FloatArray) -> bool:
+def shadowed(item: JudgedCandidate, finding: JudgedCandidate, floor: FloatArray) -> bool:
     """Whether a candidate is so small beside an effect of a rough formula that it may be what that one leaves."""
     rough = effect_by_id(finding.candidate.effect).is_rough
     return rough and explained(item, floor) < _SHADOW * explained(finding, floor)
 
 
-def explained(item: Judged, floor: FloatArray) -> float:
+def explained(item: JudgedCandidate, floor: FloatArray) -> float:
     """Squared error that a candidate removes, in units of the sensors' noise (n,)."""
     removed = (item.before - item.after).sum(axis=0)
     unit = np.maximum(floor**2, _QUIET * item.before.mean(axis=0))
@@ -84,7 +84,7 @@ def least_gain(effect: Effect) -> float:
     return SMALLEST_GAIN_AT_REVERSALS if at_reversals else SMALLEST_GAIN_OVER_NOISE
 
 
-def gain_over_floor(item: Judged, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
+def gain_over_floor(item: JudgedCandidate, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
     """Squared error that a candidate removes on a joint, over that of the sensor's noise."""
     removed = float((item.before - item.after)[:, joint].sum()) / max(
         float(data.counts(item.candidate.columns)[:, joint].sum()), 1.0

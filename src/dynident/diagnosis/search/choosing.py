@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.arrays import IndexArray
-from dynident.diagnosis.candidates.gate import ALPHA, SMALLEST_ERROR_DROP, Judged, gains_more, simplest
+from dynident.diagnosis.candidates.gate import ALPHA, SMALLEST_ERROR_DROP, JudgedCandidate, gains_more, simplest
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.plausible import plausible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
@@ -40,8 +40,8 @@ _NEARLY, _DECIDED = 0.97, 1.5
 
 
 def choose(
-    data: PhasedProducts, pool: Pool, state: State, judged: Sequence[Judged]
-) -> tuple[Judged, tuple[Judged, ...]] | None:
+    data: PhasedProducts, pool: Pool, state: State, judged: Sequence[JudgedCandidate]
+) -> tuple[JudgedCandidate, tuple[JudgedCandidate, ...]] | None:
     """The next effect to add and its equals on this data; None where nothing passes.
 
     What nature does not allow is never named. Of sensitivities of the predicted torque it stays a rival: play that says
@@ -51,7 +51,7 @@ def choose(
     natural = {id(item) for item in large if plausible(data, pool, state.base, state.noise, item)}
     passing = [item for item in large if id(item) in natural]
     unnatural = [item for item in large if id(item) not in natural]
-    doubted: list[Judged] = []
+    doubted: list[JudgedCandidate] = []
     while passing:
         best, equal = simplest(_each_its_own(passing))
         plainer = _plainer(data, pool, state, best, judged)
@@ -80,11 +80,11 @@ def choose(
     return None
 
 
-def _twins(chosen: Judged, others: Sequence[Judged], run: IndexArray) -> list[Judged]:
+def _twins(chosen: JudgedCandidate, others: Sequence[JudgedCandidate], run: IndexArray) -> list[JudgedCandidate]:
     """Other names for the same finding: as much of the error on the same joints and runs, and no draw decides."""
     mine, runs = set(chosen.joints), chosen.candidate.runs
 
-    def undecided(item: Judged) -> bool:
+    def undecided(item: JudgedCandidate) -> bool:
         level = abs(t_of(chosen.gains - item.gains)) < _DECIDED
         return level or share_found_again([chosen], [item], run) < FOUND_AGAIN
 
@@ -92,7 +92,9 @@ def _twins(chosen: Judged, others: Sequence[Judged], run: IndexArray) -> list[Ju
     return [item for item in alike if item.total_gain >= _NEARLY * chosen.total_gain and undecided(item)]
 
 
-def _plainer(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]) -> Judged | None:
+def _plainer(
+    data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]
+) -> JudgedCandidate | None:
     """What says as much of the same joints with fewer parameters, though it alone would just have missed the level.
 
     That something is there is what the test says; what it is called is another question.
@@ -110,7 +112,7 @@ def _plainer(data: PhasedProducts, pool: Pool, state: State, chosen: Judged, jud
     return max((replace(item, p=chosen.p) for item in found), key=lambda item: item.total_gain, default=None)
 
 
-def _lasting(state: State, chosen: Judged, passing: Sequence[Judged]) -> Judged | None:
+def _lasting(state: State, chosen: JudgedCandidate, passing: Sequence[JudgedCandidate]) -> JudgedCandidate | None:
     """Warmth that says as much as what only the later day is said to have: that is no wear."""
     if not is_change(chosen.candidate.choice, state.since):
         return None
@@ -126,26 +128,26 @@ def _lasting(state: State, chosen: Judged, passing: Sequence[Judged]) -> Judged 
     return max(found, key=lambda item: item.total_gain, default=None)
 
 
-def _goes_with(chosen: Judged, item: Judged) -> bool:
+def _goes_with(chosen: JudgedCandidate, item: JudgedCandidate) -> bool:
     """Whether a change is told with the chosen one: friction grows in all its parts, and is one finding."""
     mine, other = chosen.candidate, item.candidate
     together = effect_by_id(mine.effect).changes_with
     return bool(mine.runs) and other.effect in together and (other.runs, other.joints) == (mine.runs, mine.joints)
 
 
-def _is_warmth(item: Judged) -> bool:
+def _is_warmth(item: JudgedCandidate) -> bool:
     effect = effect_by_id(item.candidate.effect)
     return effect.needs_temperature or effect.needs_session
 
 
-def _of_its_kind(chosen: Judged, others: Sequence[Judged]) -> list[Judged]:
+def _of_its_kind(chosen: JudgedCandidate, others: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
     """Those that are sensitivities of the predicted torque as well."""
     if not effect_by_id(chosen.candidate.effect).first_order:
         return []
     return [item for item in others if effect_by_id(item.candidate.effect).first_order]
 
 
-def _shows_where_joints_move(data: PhasedProducts, pool: Pool, state: State, chosen: Judged) -> bool:
+def _shows_where_joints_move(data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate) -> bool:
     """Whether what remembers the path lowers the error where joints move on, too, and not alone where they turn.
 
     There soft gears and clocks leave something like it, and the error that is told is that of the other rows.
@@ -158,8 +160,8 @@ def _shows_where_joints_move(data: PhasedProducts, pool: Pool, state: State, cho
 
 
 def _told_by_more(
-    data: PhasedProducts, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]
-) -> list[Judged]:
+    data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]
+) -> list[JudgedCandidate]:
     """What gains more on the same rows and joints, though it is too small to be told from what filters do there.
 
     The chosen one is no surer a name for want of it.
@@ -178,7 +180,9 @@ def _told_by_more(
     ]
 
 
-def _most_usual(state: State, chosen: Judged, twins: list[Judged]) -> tuple[Judged, list[Judged]]:
+def _most_usual(
+    state: State, chosen: JudgedCandidate, twins: list[JudgedCandidate]
+) -> tuple[JudgedCandidate, list[JudgedCandidate]]:
     """Of the names of one finding the one that robots usually get from one day to the next, and the others."""
     usual = [item for item in twins if is_change(item.candidate.choice, state.since) and not _is_seldom(item)]
     if not (is_change(chosen.candidate.choice, state.since) and _is_seldom(chosen) and usual):
@@ -187,11 +191,13 @@ def _most_usual(state: State, chosen: Judged, twins: list[Judged]) -> tuple[Judg
     return best, [chosen, *(item for item in twins if item is not best)]
 
 
-def _is_seldom(item: Judged) -> bool:
+def _is_seldom(item: JudgedCandidate) -> bool:
     return effect_by_id(item.candidate.effect).seldom_changes
 
 
-def _stable(data: PhasedProducts, pool: Pool, state: State, found: Sequence[Judged], passing: Sequence[Judged]) -> bool:
+def _stable(
+    data: PhasedProducts, pool: Pool, state: State, found: Sequence[JudgedCandidate], passing: Sequence[JudgedCandidate]
+) -> bool:
     """Whether the same finding, by any of its names, is made in resampled data.
 
     Another finding beside it is none that could take its place.
@@ -208,9 +214,9 @@ def _stable(data: PhasedProducts, pool: Pool, state: State, found: Sequence[Judg
     return share_found_again(found, rivals, run) >= FOUND_AGAIN
 
 
-def _best_alone(effect: str, judged: Sequence[Judged]) -> dict[str, Judged]:
+def _best_alone(effect: str, judged: Sequence[JudgedCandidate]) -> dict[str, JudgedCandidate]:
     """The best candidate of an effect on every joint by itself, each with its own shape constants."""
-    best: dict[str, Judged] = {}
+    best: dict[str, JudgedCandidate] = {}
     for item in judged:
         joints = item.candidate.joints
         if item.candidate.effect != effect or len(joints) != 1:
@@ -220,11 +226,11 @@ def _best_alone(effect: str, judged: Sequence[Judged]) -> dict[str, Judged]:
     return best
 
 
-def _each_its_own(passing: Sequence[Judged]) -> list[Judged]:
+def _each_its_own(passing: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
     """Candidates without the groups whose joints gain clearly more one by one, each with its own shape constants."""
     alone = {effect: _best_alone(effect, passing) for effect in {item.candidate.effect for item in passing}}
 
-    def one_by_one(item: Judged) -> float:
+    def one_by_one(item: JudgedCandidate) -> float:
         own = alone[item.candidate.effect]
         return sum(own[joint].total_gain for joint in item.candidate.joints if joint in own)
 
@@ -233,11 +239,13 @@ def _each_its_own(passing: Sequence[Judged]) -> list[Judged]:
     ]
 
 
-def _rivals(chosen: Judged, judged: Sequence[Judged], equal: Sequence[Judged]) -> tuple[Judged, ...]:
+def _rivals(
+    chosen: JudgedCandidate, judged: Sequence[JudgedCandidate], equal: Sequence[JudgedCandidate]
+) -> tuple[JudgedCandidate, ...]:
     """What the chosen effect is easily confused with, on the same joints, where the data do not clearly decide."""
     known = {item.candidate.effect for item in equal} | {chosen.candidate.effect}
     confused = effect_by_id(chosen.candidate.effect).confused_with
-    found: dict[str, Judged] = {}
+    found: dict[str, JudgedCandidate] = {}
     for item in judged:
         name = item.candidate.effect
         near = item.total_gain >= _NEARLY * chosen.total_gain and t_of(chosen.gains - item.gains) < _DECIDED
@@ -247,8 +255,8 @@ def _rivals(chosen: Judged, judged: Sequence[Judged], equal: Sequence[Judged]) -
 
 
 def without_idle_joints(
-    data: PhasedProducts, pool: Pool, state: State, chosen: Judged, judged: Sequence[Judged]
-) -> Judged:
+    data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]
+) -> JudgedCandidate:
     """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
     if len(chosen.candidate.joints) < 2:
         return chosen

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from dynident.diagnosis.candidates.gate import Judged, indistinguishable
+from dynident.diagnosis.candidates.gate import JudgedCandidate, indistinguishable
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, pool_of
 from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, share_found_again
@@ -30,7 +30,7 @@ _HALF_A_STEP = 0.005
 _STARTS = 6
 """Values of a grid from which constants are searched for: their error has several valleys."""
 
-Choice = tuple[Judged, tuple[Judged, ...]]
+Choice = tuple[JudgedCandidate, tuple[JudgedCandidate, ...]]
 """A finding by its name, and its equals."""
 
 
@@ -39,7 +39,7 @@ def settled(
     pool: Pool,
     state: State,
     choice: Choice,
-    judged: Sequence[Judged],
+    judged: Sequence[JudgedCandidate],
     products: Callable[[Pool], PhasedProducts],
 ) -> Choice:
     """The finding by the name that it has on equal terms, and its equals.
@@ -79,7 +79,7 @@ def _weighed(
     state: State,
     choice: Choice,
     candidates: Sequence[Candidate],
-    parents: Mapping[EffectChoice, Judged],
+    parents: Mapping[EffectChoice, JudgedCandidate],
 ) -> Choice:
     """The choice, or another name that says more of the rows that are equations for all of these candidates."""
     chosen = choice[0]
@@ -108,13 +108,13 @@ def _weighed(
     return replace(winner, p=chosen.p), tuple(others)
 
 
-def _as_much(slim: Judged, other: Judged) -> bool:
+def _as_much(slim: JudgedCandidate, other: JudgedCandidate) -> bool:
     """Whether a name with fewer constants says as much: here every constant is the best of many."""
     less = other.total_gain - slim.total_gain
     return slim.freedom < other.freedom and (less <= _HALF_A_STEP * other.total_gain or indistinguishable(other, slim))
 
 
-def _contenders(chosen: Judged, judged: Sequence[Judged]) -> list[Judged]:
+def _contenders(chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
     """The best candidates of every effect that gains nearly as much on joints of the chosen one, its own among them."""
     mine = chosen.candidate
     near = [
@@ -124,7 +124,7 @@ def _contenders(chosen: Judged, judged: Sequence[Judged]) -> list[Judged]:
         and not set(item.joints).isdisjoint(chosen.joints)
         and item.total_gain >= _CONTENDS * chosen.total_gain
     ]
-    found: list[Judged] = []
+    found: list[JudgedCandidate] = []
     for effect in dict.fromkeys(item.candidate.effect for item in near):
         own = [item for item in near if item.candidate.effect == effect]
         same = [item for item in own if item.candidate.joints == mine.joints]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.gate import Judged, indistinguishable
+from dynident.diagnosis.candidates.gate import JudgedCandidate, indistinguishable
 from dynident.diagnosis.candidates.gathering import gather
 from dynident.diagnosis.candidates.pool import pool_of
 from dynident.diagnosis.search.state import Finding, judge_all
@@ -42,7 +42,7 @@ def placed(
     return tuple(found)
 
 
-def _as_good(best: Judged, other: Judged) -> bool:
+def _as_good(best: JudgedCandidate, other: JudgedCandidate) -> bool:
     """Whether data do not tell another place from the best: the same function of the motion, solved for otherwise.
 
     Rounding, and which of the columns are left out as dependent, makes a difference that is small but always has the
@@ -55,7 +55,7 @@ def _places(choice: EffectChoice, joints: Sequence[str]) -> list[EffectChoice]:
     return [replace(choice, joints=(joint,)) for joint in joints]
 
 
-def _at_its_place(pick: Finding, judged: Sequence[Judged], joints: Sequence[str]) -> Finding:
+def _at_its_place(pick: Finding, judged: Sequence[JudgedCandidate], joints: Sequence[str]) -> Finding:
     best = max(judged, key=lambda item: item.total_gain)
     alike = [item for item in judged if item is best or _as_good(best, item)]
     outer = max(alike, key=lambda item: joints.index(item.candidate.joints[0]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.search.acceptance import (
@@ -57,7 +57,7 @@ def _can_be_held_out(finding: Finding) -> bool:
     return not effect_by_id(finding.judged.candidate.effect).is_transient
 
 
-def _again(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> Judged:
+def _again(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> JudgedCandidate:
     """A pick, judged beside all others."""
     base = tuple(k for k in state.base if k not in finding.columns)
     return judge_all(data, pool, base, [finding.judged.candidate], state.noise)[0]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.arrays import BoolArray
-from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products, present
@@ -29,7 +29,13 @@ MOST_FROM_PART_TO_PART = 1.6
 
 
 def search(
-    data: PhasedProducts, pool: Pool, state: State, first: list[Judged], most: int, rows: Rows, progress: Progress
+    data: PhasedProducts,
+    pool: Pool,
+    state: State,
+    first: list[JudgedCandidate],
+    most: int,
+    rows: Rows,
+    progress: Progress,
 ) -> tuple[Finding, ...]:
     """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous.
 

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.diagnosis.candidates.blocks import Blocks
 from dynident.diagnosis.candidates.family import family_wise_p
-from dynident.diagnosis.candidates.gate import Bar, Judged, judge
+from dynident.diagnosis.candidates.gate import Bar, JudgedCandidate, judge
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
@@ -29,8 +29,8 @@ class Finding:
     say what the coarse ones cannot, so that it is not taken for something else.
     """
 
-    judged: Judged
-    equal: tuple[Judged, ...]
+    judged: JudgedCandidate
+    equal: tuple[JudgedCandidate, ...]
     p: float
     around: tuple[int, ...] = ()
 
@@ -62,7 +62,7 @@ def judge_all(
     noise: FloatArray,
     *,
     kinds: tuple[bool, bool] | None = None,
-) -> list[Judged]:
+) -> list[JudgedCandidate]:
     """Judge every candidate beside the model whose columns are `base`, in both kinds of folds.
 
     Each on the rows that are equations for the model with it in: with friction that remembers the path also those
@@ -73,7 +73,7 @@ def judge_all(
     sets: dict[tuple[bool, bool], list[int]] = {}
     for k, candidate in enumerate(candidates):
         sets.setdefault(kinds or data.kinds(candidate.columns), []).append(k)
-    found: list[Judged | None] = [None] * len(candidates)
+    found: list[JudgedCandidate | None] = [None] * len(candidates)
     scores: list[FloatArray] = [np.zeros((0, 1))] * len(candidates)
     for used, members in sets.items():
         own = [candidates[k] for k in members]
@@ -103,7 +103,7 @@ def _told_by_scores(candidate: Candidate) -> bool:
 
 def _judged(
     data: Products, blocks: Blocks, pool: Pool, candidates: Sequence[Candidate], noise: FloatArray
-) -> list[Judged]:
+) -> list[JudgedCandidate]:
     """Judge candidates that are all about the same rows."""
     found = [scored(data, blocks, candidates, noise, kind) for kind in _KINDS]
     bars = [Bar.of(before, noise) for before, _ in found]

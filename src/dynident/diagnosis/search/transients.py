@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
@@ -48,7 +48,7 @@ def find_contacts(
 
 def _tried(
     data: Products, base: tuple[int, ...], candidate: Candidate, noise: FloatArray, independent: float
-) -> tuple[Judged, float]:
+) -> tuple[JudgedCandidate, float]:
     before, after, separability, amplitudes = fitted_errors(data, np.array(base, dtype=np.intp), candidate, noise)
     gains = ((before - after) / noise**2).sum(axis=1)
     whole = (before / noise**2).sum(axis=1)
@@ -61,7 +61,7 @@ def _tried(
     freedom = max(independent * data.n_joints - k, 1.0)
     left = max(excess - float(gains[strong].sum()), usual * 0.1, 1e-12)
     f = float(gains[strong].sum()) / k / (left / freedom)
-    judged = Judged(
+    judged = JudgedCandidate(
         candidate=candidate,
         joints=tuple(range(data.n_joints)),
         before=before,

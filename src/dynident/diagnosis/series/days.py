@@ -19,7 +19,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification import Identification
 from dynident.identification.checks import check_runs, check_temperature
-from dynident.identification.data import parted
+from dynident.identification.data import motions_and_friction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
@@ -162,7 +162,7 @@ def measured(
             pointer="/identification_id",
             title="Effects of single runs",
         )
-    ordinary, _ = parted(recordings)
+    ordinary, _ = motions_and_friction(recordings)
     check_runs(effects, ordinary)
     check_temperature(effects, ordinary, ())
     check_temperature([possible.choice for possible in measure.lasting], ordinary, ())

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.gate import Judged
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.search.choosing import choose
@@ -54,7 +54,7 @@ def first_day(candidate: Candidate, count: int) -> int:
     return count - len(candidate.runs) if candidate.runs else 0
 
 
-def _is_shadow(item: Judged, judged: Sequence[Judged]) -> bool:
+def _is_shadow(item: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> bool:
     """Whether the same on all days says as much, be it even something that nature does not allow."""
     mine = item.candidate
     return bool(mine.runs) and any(
@@ -65,7 +65,7 @@ def _is_shadow(item: Judged, judged: Sequence[Judged]) -> bool:
     )
 
 
-def _on_its_side(item: Judged, pool: Pool, data: PhasedProducts) -> Judged:
+def _on_its_side(item: JudgedCandidate, pool: Pool, data: PhasedProducts) -> JudgedCandidate:
     """A change by what it explains before its day or from it on: of ten days, the last is a tenth of all the error."""
     since = first_day(item.candidate, len(pool.since) + 1)
     if not since:
@@ -76,7 +76,7 @@ def _on_its_side(item: Judged, pool: Pool, data: PhasedProducts) -> Judged:
     return replace(best, drop=max(item.drop, _drop(best)))
 
 
-def _drop(item: Judged) -> float:
+def _drop(item: JudgedCandidate) -> float:
     before, after = item.before.sum(axis=0), item.after.sum(axis=0)
     if len(item.candidate.joints) > 1:
         before, after = before.sum(keepdims=True), after.sum(keepdims=True)
