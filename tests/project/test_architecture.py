@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,26 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = sorted(path for folder in ("src", "service") for path in (ROOT / folder).rglob("*.py"))
 LONGEST = 400
+MOST_PARAMETERS = 8
+
+# Functions that take more, as they stand; none may join them, and none may grow.
+LONG_SIGNATURES = {
+    # The front door: keyword arguments that complete in an editor.
+    "src/dynident/desk/designing.py:design": 14,
+    "src/dynident/desk/reading.py:read_recordings": 12,
+    "src/dynident/desk/identifying.py:identify": 10,
+    # The signals of a motion or a recording, by name.
+    "src/dynident/regressors/observation.py:evaluate": 12,
+    "src/dynident/recordings/importing.py:recording_from_arrays": 10,
+    "src/dynident/recordings/importing.py:import_recording": 9,
+    "src/dynident/export/document.py:torque": 9,
+    # What a description says and Pinocchio does not keep.
+    "src/dynident/robot/pinocchio_model.py:from_pinocchio": 9,
+}
+
+# Classes of these rooms are read side by side. Names that stand in two of their modules; none may join them.
+NEIGHBOURS = ("estimation", "identification", "diagnosis", "validation")
+NAMES_OF_TWO = {"Bootstrap", "Errors", "Finding", "Question", "Rows"}
 
 
 def test_there_are_modules_to_look_at() -> None:
@@ -29,3 +51,23 @@ def test_imports_run_downward_only() -> None:
     # Its cache still knows modules that were moved since.
     run = subprocess.run([command, "--no-cache"], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_no_function_takes_more_parameters_than_one_can_keep_in_mind() -> None:
+    found = {}
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                taken = node.args
+                names = [one.arg for one in (*taken.posonlyargs, *taken.args, *taken.kwonlyargs)]
+                count = len([name for name in names if name not in ("self", "cls")])
+                if count > MOST_PARAMETERS:
+                    found[f"{path.relative_to(ROOT)}:{node.name}"] = count
+    assert found == LONG_SIGNATURES
+
+
+def test_a_class_name_means_one_thing_in_rooms_that_are_read_side_by_side() -> None:
+    paths = (path for room in NEIGHBOURS for path in (ROOT / "src/dynident" / room).rglob("*.py"))
+    bodies = (node for path in paths for node in ast.parse(path.read_text(encoding="utf-8")).body)
+    names = Counter(node.name for node in bodies if isinstance(node, ast.ClassDef) and not node.name.startswith("_"))
+    assert {name for name, count in names.items() if count > 1} == NAMES_OF_TWO
