@@ -1,21 +1,28 @@
 // A page with one table of resources that have labels.
 
 import { h, put } from "../dom.js";
+import { onJobs } from "../jobs.js";
 import { address, remember } from "../location.js";
 import { problemBox } from "../problem.js";
 import { archivedBox } from "./labels.js";
 import { readAll } from "./reading.js";
 import { sortable } from "./sortable.js";
 
-/** `columns(changed)` gives the table's columns; `changed(before)(after)` puts one in its place that was relabelled. */
-export async function resourcesPage(target, { title, path, noun, columns, id, empty }, wanted, signal) {
+/**
+ * `columns(changed, table)` gives the table's columns; `changed(before)(after)` puts one in its place that was relabelled, then
+ * `onChanged(before)` is called; `table.show()` draws the table again, `table.fail(error)` tells an error above it. `acts`
+ * stand above the table, which is read again when a job of the kinds `madeBy` succeeded.
+ */
+export async function resourcesPage(target, { title, caption = title, path, noun, columns, id, empty, acts = [], onChanged = () => {}, madeBy = new Set() }, wanted, signal) {
   const state = { archived: wanted.archived === "yes", items: [] };
   const said = h("div");
   const changed = (before) => (after) => {
     state.items = state.items.map((one) => (one.id === before.id ? after : one)).filter((one) => one && (state.archived || !one.archived));
+    onChanged(before);
     list.update(state.items);
   };
-  const list = sortable({ caption: title, noun, columns: columns(changed), usual: "-date", id, empty, rowOf: (one) => ({ "data-id": one.id }) });
+  const table = { show: () => list.show(), fail: (error) => put(said, problemBox(error)) };
+  const list = sortable({ caption, noun, columns: columns(changed, table), usual: "-date", id, empty, rowOf: (one) => ({ "data-id": one.id }) });
   const read = async () => {
     try {
       await readAll(path, { archived: state.archived || null }, (items) => {
@@ -31,6 +38,7 @@ export async function resourcesPage(target, { title, path, noun, columns, id, em
     remember({ archived: all ? "yes" : "" });
     read();
   };
-  put(target, h("h1", {}, title), h("p", { class: "actions" }, h("a", { class: "button", href: address({ view: "new" }) }, "New model"), archivedBox(state.archived, withArchived)), said, list.element);
+  onJobs((job) => madeBy.has(job.kind) && job.state === "succeeded" && read(), signal);
+  put(target, h("h1", {}, title), h("p", { class: "actions" }, ...acts, h("a", { class: "button", href: address({ view: "new" }) }, "New model"), archivedBox(state.archived, withArchived)), said, list.element);
   await read();
 }
