@@ -32,7 +32,7 @@ LONG_SIGNATURES = {
 
 # Classes of these rooms are read side by side. Names that stand in two of their modules; none may join them.
 NEIGHBOURS = ("estimation", "identification", "diagnosis", "validation")
-NAMES_OF_TWO = {"Bootstrap", "Errors", "Finding", "Question", "Rows"}
+NAMES_OF_TWO = {"Bootstrap", "Finding", "Question", "Rows"}
 
 
 def test_there_are_modules_to_look_at() -> None:
