@@ -37,7 +37,9 @@ def reconsidered(rows: Rows, data: PhasedProducts, pool: Pool, state: State) -> 
     """The search with the names that functions of a joint's position have beside all that was found on that joint."""
     for number, finding in enumerate(state.picks):
         later = state.picks[number + 1 :]
-        if _may_be_a_wave(finding) and any(_share_a_joint(finding, other) for other in later):
+        # Another function of the position says what its constants are off by, until they are refined.
+        others = [other for other in later if not is_of_position(other)]
+        if _may_be_a_wave(finding) and any(_share_a_joint(finding, other) for other in others):
             state = _renamed(rows, data, pool, state, number)
     return state
 
@@ -59,6 +61,11 @@ def _renamed(rows: Rows, data: PhasedProducts, pool: Pool, state: State, number:
     new = Finding(chosen, equal, finding.p)
     picks = (*state.picks[:number], new, *state.picks[number + 1 :])
     return replace(state, base=beside.base + new.columns, picks=picks)
+
+
+def is_of_position(finding: Finding) -> bool:
+    """Whether it is a function of the positions and the direction alone."""
+    return effect_by_id(finding.judged.candidate.effect).of_position
 
 
 def _may_be_a_wave(finding: Finding) -> bool:

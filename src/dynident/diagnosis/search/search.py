@@ -16,7 +16,7 @@ from dynident.diagnosis.candidates.scoring import held_out_errors
 from dynident.diagnosis.search.choosing import choose
 from dynident.diagnosis.search.contest import settled
 from dynident.diagnosis.search.pruning import pruned
-from dynident.diagnosis.search.reconsidering import Rows, reconsidered
+from dynident.diagnosis.search.reconsidering import Rows, is_of_position, reconsidered
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.effects import effect_by_id
 from dynident.progress import Progress
@@ -67,7 +67,10 @@ def search(
             return state.picks
         state = replace(state, base=base, noise=noise_left(data, base), picks=(*state.picks, finding))
         reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
-        awake = [one for one in pool.candidates if one in asleep and set(one.joints) <= set(reached)]
+        # What the constants of a function of the position are off by looks like a wave, too: that is no trace of one.
+        known = {name for pick in state.picks if is_of_position(pick) for name in pick.judged.candidate.joints}
+        hidden = set(reached) - known
+        awake = [one for one in pool.candidates if one in asleep and set(one.joints) <= hidden]
         remaining, asleep = remaining + awake, asleep.difference(awake)
         remaining = [c for c in remaining if not _superseded(c, chosen.candidate, reached)]
         if not remaining:
