@@ -12,8 +12,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from common import show
-from compared import compared
+from common import FloatArray, show
 
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products, ProductStack, RowStack
@@ -39,8 +38,6 @@ def main() -> None:
         mine, rival = ROUNDS * reading, making + ROUNDS * other
         difference = float(np.abs(ours / theirs - 1.0).max())
         rows.append((f"{count}", f"{mine:.2f} s", f"{rival:.2f} s", f"{rival / mine:.2f}", f"{difference:.0e}"))
-        what = f"{ROUNDS} rounds of scores, {CANDIDATES} candidates, {count} rows a stretch, from rows"
-        compared(what, mine, "from products of every stretch", rival)
     show(f"{JOINTS} joints, {STRETCHES} stretches, {ROUNDS} rounds of {CANDIDATES} candidates of two columns", rows)
 
 
@@ -52,12 +49,12 @@ def stacks_of(count: int) -> tuple[list[RowStack], list[RowStack]]:
     return tuple([RowStack(each.copy(), stretch, STRETCHES) for each in values] for _ in range(2))
 
 
-def made(stack: RowStack) -> np.ndarray:
+def made(stack: RowStack) -> FloatArray:
     """(s, p + 1, p + 1): products of every stretch."""
     return np.array([part.T @ part for part in np.split(stack.values, STRETCHES)])
 
 
-def scores(stacks: list[RowStack] | list[ProductStack]) -> np.ndarray:
+def scores(stacks: list[RowStack] | list[ProductStack]) -> FloatArray:
     """(candidates,): squared error that is left with each."""
     width = BASE + 2 * CANDIDATES
     position = tuple(np.arange(width) for _ in range(JOINTS))

@@ -17,15 +17,11 @@ def serve(settings: Settings | None = None) -> None:
     settings = settings or Settings()
     configure(settings.log_level, settings.log_format)
     app = create_app(settings)
-    DrainingServer(_configuration(app, settings), lambda: app.state.services.engine, settings.drain_seconds).run()
+    DrainingServer(configuration(app, settings), lambda: app.state.services.engine, settings.drain_seconds).run()
 
 
-def configuration(settings: Settings) -> uvicorn.Config:
+def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
     """Configure a server that answers with the application."""
-    return _configuration(create_app(settings), settings)
-
-
-def _configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
     return uvicorn.Config(
         app,
         host=settings.host,

@@ -14,7 +14,7 @@ from scipy import stats
 from dynident.diagnosis.candidates.family import family_wise_p
 from dynident.diagnosis.candidates.gate import JudgedCandidate, indistinguishable, judge, simplest
 from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import folds, folds_of, products
+from dynident.diagnosis.candidates.products import RowStack, folds, folds_of, products
 from dynident.diagnosis.candidates.resampling import share_found_again
 from dynident.diagnosis.candidates.scoring import Score, contributions, held_out_errors, score_candidates
 from dynident.diagnosis.residuals.stretches import t_of
@@ -54,6 +54,16 @@ class Rows:
         )
         return products(accumulator.finish())
 
+    def kept(self):
+        """The same with the rows themselves."""
+        stretch = np.arange(len(self.t)) // PER_STRETCH
+        made = self.products()
+        stacks = tuple(
+            (RowStack(np.column_stack([w[:, c], y]), stretch, STRETCHES),)
+            for w, c, y in zip(self.wide, CONTAINS, self.y, strict=True)
+        )
+        return replace(made, stacks=stacks)
+
     def held_out(self, columns, kind: str) -> np.ndarray:
         """(stretches, 2): squared errors of numpy's weighted fit on the other folds' rows."""
         out = np.zeros((STRETCHES, 2))
@@ -70,21 +80,23 @@ class Rows:
 
 @pytest.mark.parametrize("kind", ["interleaved", "contiguous"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_scores_are_those_of_refitting_every_candidate_on_every_fold(kind, seed):
+@pytest.mark.parametrize("form", [Rows.products, Rows.kept])
+def test_scores_are_those_of_refitting_every_candidate_on_every_fold(kind, seed, form):
     data = Rows(seed)
-    before, scores = score_candidates(data.products(), BASE, CANDIDATES, NOISE, kind)
+    before, scores = score_candidates(form(data), BASE, CANDIDATES, NOISE, kind)
     expected = data.held_out(BASE, kind)
     np.testing.assert_allclose(before, expected, rtol=1e-7)
-    np.testing.assert_allclose(held_out_errors(data.products(), BASE, NOISE, kind), expected, rtol=1e-7)
+    np.testing.assert_allclose(held_out_errors(form(data), BASE, NOISE, kind), expected, rtol=1e-7)
     for score in scores:
         columns = np.array([*BASE, *score.candidate.columns])
         np.testing.assert_allclose(score.after, data.held_out(columns, kind), rtol=1e-6)
         np.testing.assert_allclose(score.measured, [y @ y for y in data.y], rtol=1e-10)
 
 
-def test_amplitudes_and_separability_are_those_of_projecting_on_all_rows():
+@pytest.mark.parametrize("form", [Rows.products, Rows.kept])
+def test_amplitudes_and_separability_are_those_of_projecting_on_all_rows(form):
     data = Rows(3)
-    _, scores = score_candidates(data.products(), BASE, CANDIDATES, NOISE, "interleaved")
+    _, scores = score_candidates(form(data), BASE, CANDIDATES, NOISE, "interleaved")
     w = np.concatenate([w / s for w, s in zip(data.wide, NOISE, strict=True)])
     y = np.concatenate([y / s for y, s in zip(data.y, NOISE, strict=True)])
     for score in scores:

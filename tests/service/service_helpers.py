@@ -11,6 +11,7 @@ from typing import Any
 
 import uvicorn
 
+from dynident_service.app import create_app
 from dynident_service.serve import configuration
 from dynident_service.settings import Settings
 
@@ -40,7 +41,7 @@ def free_port() -> int:
 @contextmanager
 def serving(settings: Settings) -> Iterator[str]:
     """A service that listens on a port of its own; gives its address."""
-    server = uvicorn.Server(configuration(settings))
+    server = uvicorn.Server(configuration(create_app(settings), settings))
     thread = threading.Thread(target=server.run)
     thread.start()
     try:

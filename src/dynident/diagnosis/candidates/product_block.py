@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.batches import Batch
 from dynident.diagnosis.candidates.fit import JointSums, StretchesFit
-from dynident.diagnosis.candidates.products import Products, present
+from dynident.diagnosis.candidates.products import Products, present, standing
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +39,7 @@ class ProductBlock:
         """Take what is needed out of a joint's products."""
         where = data.position[joint]
         have, wp = present(where, base)
-        xi, xp = present(where, extra)
-        place = np.full(len(extra), len(xi), dtype=np.intp)
-        place[xi] = np.arange(len(xi))
+        place, xp = standing(where, extra)
         y = np.full(1, int((where >= 0).sum()), dtype=np.intp)
         # Whatever stands at the end for the columns that the joint lacks is set to zero.
         padded = np.append(xp, 0)

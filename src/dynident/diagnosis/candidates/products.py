@@ -218,6 +218,14 @@ def _takes_all(data: Products, base: IndexArray, part: IndexArray) -> bool:
     return bool((inside > _NEARLY_ALL * whole).any())
 
 
+def standing(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """(c,): where each of `columns` stands among the x that a joint has, x where it lacks it; (x,): their places."""
+    have, places = present(where, columns)
+    place = np.full(len(columns), len(have), dtype=np.intp)
+    place[have] = np.arange(len(have))
+    return place, places
+
+
 def present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Which of `columns` a joint has, and where in its products they stand."""
     places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.batches import Batch
 from dynident.diagnosis.candidates.fit import JointSums, StretchesFit
-from dynident.diagnosis.candidates.products import RowStack, adding, present
+from dynident.diagnosis.candidates.products import RowStack, adding, present, standing
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,7 @@ class RowBlock:
         """
         base, extra = columns
         have, wp = present(where, base)
-        xi, xp = present(where, extra)
-        place = np.full(len(extra), len(xi), dtype=np.intp)
-        place[xi] = np.arange(len(xi))
+        place, xp = standing(where, extra)
         needed = np.concatenate([wp, xp, [-1, -1]])
         rows = np.concatenate([stack.values.take(needed, axis=1) for stack in stacks])
         rows[:, -2] = 0.0
