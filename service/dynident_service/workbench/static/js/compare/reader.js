@@ -6,7 +6,10 @@ import { timeline } from "../timeline.js";
 const POINTS = 1200;
 const SIGNALS = ["measured", "predicted", "lower", "upper", "standing", "residual", "band", "q", "dq", "ddq", "load"];
 
-/** Tells `onLine(joint, line)` as each joint's signals come; of several stretches only the last is read to its end. */
+/**
+ * Tells `onLine(joint, line)` as each joint's signals come, `line.stretch` being what was read (null: all); of several
+ * stretches only the last is read to its end.
+ */
 export class Reader {
   constructor(comparison, joints, onLine, signal) {
     Object.assign(this, { comparison, joints, onLine, signal, full: {}, filling: null });
@@ -52,7 +55,7 @@ export class Reader {
       const series = await get(`/comparisons/${this.comparison.id}/series`, query, until);
       if (until.aborted) return null;
       const line = timeline(series, SIGNALS.filter((name) => series[name]?.length));
-      return Object.assign(line, { unit: series.effort_unit, samples: series.n_samples });
+      return Object.assign(line, { unit: series.effort_unit, samples: series.n_samples, stretch });
     } catch (error) {
       if (until.aborted) return null;
       throw error;

@@ -148,7 +148,8 @@ export class CompareStack {
     const line = this.lines[joint];
     if (!line) return;
     const { residual, standing, band } = line.values;
-    const { from, to } = this.view.range;
+    // Of the stretch that was counted: what is on the screen may have moved on while the next is read.
+    const { from, to } = line.stretch ?? this.view.whole;
     const isMoving = (index) => residual[index] !== null && standing?.[index] !== true;
     const moving = residual.map((_, index) => index).filter(isMoving);
     const outside = moving.filter((index) => Math.abs(residual[index]) > band[index]).length;
