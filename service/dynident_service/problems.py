@@ -45,7 +45,6 @@ class Problem(BaseModel):
     dependents: list[Dependent] | None = Field(default=None, description="On 409: what has to be deleted first.")
     dependents_count: int | None = Field(default=None, description="On 409: how many there are; not all are listed.")
     checks: list[dict[str, Any]] | None = Field(default=None, description="All that was found in a file.")
-    available: list[str] | None = Field(default=None, description="On 501: what there is instead.")
     request_id: str | None = Field(default=None, description="Under which the service's log tells of the request.")
 
 

@@ -25,6 +25,7 @@ SCIENCE = (
     "scipy",
     "threadpoolctl",
     "typer",
+    "typst",
 )
 # These rooms of the library need none of them.
 _LIGHT = ("errors", "extras", "version")

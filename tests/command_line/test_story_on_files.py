@@ -244,6 +244,10 @@ def test_report_is_one_file_about_the_extended_model(desk: Path, diagnosed: dict
     assert "An &lt;arm&gt;" in content
     assert "run2 (held out)" in content
     assert "What it recommends is in this model" in content
+    paper = desk / "report.pdf"
+    printed = dynident("report", desk / "better.npz", desk / "run1.csv", "--out", paper, "--json")
+    assert (printed.document["media_type"], printed.document["size"]) == ("application/pdf", paper.stat().st_size)
+    assert paper.read_bytes().startswith(b"%PDF")
 
 
 def test_a_design_is_a_trajectory_that_the_virtual_robot_follows(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from small_arm import write_run
 import dynident as dy
 from dynident import diagnosis, identification
 from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
 
 EIGHT_LINES = """
 import dynident as dy
@@ -181,6 +182,10 @@ def test_a_report_is_one_page_with_the_diagnosis_in_it(
     assert text.count("My arm") >= 1
     assert "Stribeck friction" in text
     assert "cross: on data that no parameter saw" in text
+    page.save(tmp_path / "report.pdf")
+    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(DynidentError, match=r"report\.txt; the file's ending has to be \.html or \.pdf"):
+        page.save(tmp_path / "report.txt")
 
 
 def test_a_design_is_the_one_asked_for_and_goes_to_a_file(robot: dy.Robot, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import shutil
@@ -9,11 +10,12 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from pypdf import PdfReader
 
 from dynident.desk.reading import read_recordings
 from dynident.diagnosis import compare, diagnose
 from dynident.identification import extend, identify
-from dynident.reports import ReportedRun, html_report
+from dynident.reports import ReportedRun, html_report, pdf_of
 from dynident.robot import robot_from_urdf
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ur10e"
@@ -49,3 +51,8 @@ def test_the_report_of_six_joints_is_one_small_file_and_ten_numbered_pages_at_mo
     subprocess.run([CHROMIUM, *flags, f"--print-to-pdf={paper}", page.as_uri()], check=True, timeout=120)
     pages = re.findall(rb"/Type\s*/Page\b", paper.read_bytes())
     assert 5 <= len(pages) <= 10
+    without_browser = PdfReader(io.BytesIO(pdf_of(page.read_text(encoding="utf-8")))).pages
+    assert 5 <= len(without_browser) <= 10
+    first = without_browser[0].extract_text()
+    assert "Fit for" in first
+    assert f"1 / {len(without_browser)}" in first

@@ -127,15 +127,14 @@ def test_a_hidden_effect_is_found_added_and_reported(live: Client, tmp_path: Pat
     assert model.id in {one["id"] for one in needed.value.problem["dependents"]}
 
 
-def test_what_is_not_there_yet_is_said_with_what_there_is(live: Client) -> None:
+def test_a_report_is_printed_and_what_cannot_be_asked_for_is_said_with_its_place(live: Client) -> None:
     robot = live.robots.create("scara", modified_dh=library_table("scara"))
     simulation = live.simulations.create(robot, trajectory={"duration": 8.0, "sampling_rate": 100.0}).wait()
     run = live.measurements.get(simulation.result["measurement_id"])
     model = live.identifications.create(robot, [run]).wait()
-    with pytest.raises(ProblemError) as caught:
-        live.reports.create(model, format="pdf")
-    assert caught.value.status == 501
-    assert "html" in caught.value.problem["available"]
+    printed = live.reports.create(model, format="pdf").wait()
+    assert printed.result["media_type"] == "application/pdf"
+    assert live.reports.content(printed).startswith(b"%PDF")
     for choice, pointer in (
         ({"estimator": "magic"}, "/estimator"),
         ({"effects": ["magic"]}, "/effects/0"),

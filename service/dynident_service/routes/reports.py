@@ -7,7 +7,7 @@ from fastapi.responses import StreamingResponse
 
 from dynident_service.models.common import plain
 from dynident_service.models.reports import ReportRequest, ReportView
-from dynident_service.problems import ProblemError, unusable
+from dynident_service.problems import unusable
 from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed, needed_measurements, needed_model
@@ -17,7 +17,6 @@ from dynident_service.storage.records import NewJob, NewResource, Resource, Rest
 router = APIRouter(prefix="/v1/reports", tags=["reports"])
 
 JOB = NewJob("report", "dynident_service.work.reports:write_report")
-AVAILABLE = ("html", "json")
 keep(
     router,
     Kept(
@@ -36,9 +35,6 @@ keep(
 @router.post("", status_code=202)
 def create_report(body: ReportRequest, services: ServicesDep, retry: RetryKeyDep, response: Response) -> ReportView:
     """Write a report of an identified model, with its ladder and a diagnosis if asked."""
-    if body.format not in AVAILABLE:
-        detail = f"Reports as {body.format} are not available in this version; choose from: {', '.join(AVAILABLE)}."
-        raise ProblemError(501, detail, title="Format not available", available=list(AVAILABLE))
     model = needed_model(services, body.identification_id)
     robot = services.resources.get("robot", model.one("robot"))
     needs = [
@@ -57,7 +53,7 @@ def create_report(body: ReportRequest, services: ServicesDep, retry: RetryKeyDep
 @router.get(
     "/{report_id}/content",
     response_class=StreamingResponse,
-    responses={200: {"content": {"text/html": {}, "application/json": {}}}},
+    responses={200: {"content": {"text/html": {}, "application/pdf": {}, "application/json": {}}}},
 )
 def get_report_content(report_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the document."""

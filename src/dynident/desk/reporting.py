@@ -1,4 +1,4 @@
-"""One HTML file about a model."""
+"""One file about a model, HTML or PDF."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynident.errors import DynidentError
 from dynident.progress import Progress, part, silent
 from dynident.reports import ReportedRun, ReportedValidation
 
-_ENDINGS = (".html", ".htm")
+_ENDINGS = (".html", ".htm", ".pdf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,21 +27,27 @@ class Report:
     html: str
 
     def save(self, path: str | Path) -> None:
-        """Write the page.
+        """Write the page, or where the file's ending is .pdf, print it on A4.
 
         Raises
         ------
         DynidentError
-            For an ending other than .html, or a folder that is not there.
+            For another ending than .html or .pdf, or a folder that is not there.
         """
         path = Path(path)
         if path.suffix not in _ENDINGS:
-            raise DynidentError(f"cannot write {path.name}; the file's ending has to be .html", pointer=str(path))
+            detail = f"cannot write {path.name}; the file's ending has to be .html or .pdf"
+            raise DynidentError(detail, pointer=str(path))
         check_folder(path)
-        path.write_text(self.html, encoding="utf-8")
+        if path.suffix == ".pdf":
+            from dynident.reports import pdf_of
+
+            path.write_bytes(pdf_of(self.html))
+        else:
+            path.write_text(self.html, encoding="utf-8")
 
     def __repr__(self) -> str:
-        return f"Report({self.title}, {len(self.html) // 1000} kB; save(…) writes it as HTML)"
+        return f"Report({self.title}, {len(self.html) // 1000} kB; save(…) writes it as HTML or PDF)"
 
     def _repr_html_(self) -> str:
         style = "width:100%;height:700px;border:1px solid #ccc"
@@ -58,7 +64,7 @@ def report(
     title: str = "",
     progress: Progress = silent,
 ) -> Report:
-    """Tell everything about a model in one HTML page: errors, figures, parameters, data.
+    """Tell everything about a model on one page: errors, figures, parameters, data.
 
     Parameters
     ----------

@@ -6,11 +6,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dynident.reports.printing.pdf import pdf_of
     from dynident.reports.report import html_report
     from dynident.reports.run import ReportedRun
     from dynident.reports.validated import ReportedTable, ReportedValidation
 
-__all__ = ["ReportedRun", "ReportedTable", "ReportedValidation", "html_report"]
+__all__ = ["ReportedRun", "ReportedTable", "ReportedValidation", "html_report", "pdf_of"]
 
 
 _HOMES = {
@@ -18,6 +19,7 @@ _HOMES = {
     "ReportedTable": "dynident.reports.validated",
     "ReportedValidation": "dynident.reports.validated",
     "html_report": "dynident.reports.report",
+    "pdf_of": "dynident.reports.printing.pdf",
 }
 
 

@@ -35,17 +35,21 @@ def report(
     reading: Reading,
     shown: _Shown,
     title: Annotated[str, typer.Option("--title", help="The heading; the robot's name by default.")] = "",
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file.")] = Path("report.html"),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file, or with this ending the PDF: .pdf.")
+    ] = Path("report.html"),
     as_json: Json = False,
 ) -> None:
-    """Write one self-contained HTML file about a model."""
+    """Write one self-contained HTML file, or a PDF, about a model."""
     from dynident.progress import part
-    from dynident.reports import html_report
+    from dynident.reports import html_report, pdf_of
     from dynident_service.adapters.validation_tables import reported
     from dynident_service.cli import inputs, terminal
     from dynident_service.cli.reporting import reported_runs
     from dynident_service.cli.validating import stored_validation
 
+    prints = out.suffix.lower() == ".pdf"
+    media_type = "application/pdf" if prints else "text/html"
     identification = inputs.model_of(model)
     found = inputs.stored_diagnosis(shown.diagnosis) if shown.diagnosis is not None else None
     joints = identification.model.robot.joint_names
@@ -60,9 +64,10 @@ def report(
     ):
         runs = reported_runs(identification, training, held_out, part(progress, 0.4, 0.7))
         progress(0.7, "drawing")
-        content = html_report(identification, runs, diagnosis=found, validations=validations, title=title).encode()
+        page = html_report(identification, runs, diagnosis=found, validations=validations, title=title)
+        content = pdf_of(page) if prints else page.encode()
     inputs.write_whole(out, content)
     if as_json:
-        terminal.print_json({"path": str(out), "size": len(content), "media_type": "text/html"})
+        terminal.print_json({"path": str(out), "size": len(content), "media_type": media_type})
         return
     terminal.out().print(f"report written to {out} ({len(content) / 1e6:.2f} MB)", markup=False)

@@ -1,0 +1,237 @@
+"""What does it take to name an effect on equal terms? The constants of `diagnosis/search/contest.py`.
+
+    python benchmarks/equal_terms.py [--seed 1 | --seed new] [--cases 48] [--processes 2]
+
+Arms of another engine (`engine/`) with something hidden in them that other effects look like. Every time that a name
+is weighed again, more rivals take part, from more values of their grids, than in the program; of these contests those
+count in which a hidden effect is among the rivals or was chosen.
+
+Of `rivals` that gain less than a share on the grid of what was chosen there: how many right names lag behind it and win
+on equal terms, and how many of them a threshold would lose; `taking part` is how many names there are in the mean,
+which is what a contest costs. `starts`: of the names that come to 0.9 of the best, in how many the best is reached (to
+0.5 %) from so many values of the grid. `as much`: right names with fewer constants than a wrong one that gains more by
+a larger part than this (they lose), and right ones with more constants that gain more by no larger part (they lose,
+too).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import secrets
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from unittest.mock import patch
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+import numpy as np
+from common import show
+from engine.robots import arm_by_name, as_described
+from hiding.case import Case
+from hiding.drawing import Wanted, draw_cases
+from hiding.recorded import recorded
+
+from dynident.diagnosis import diagnose
+from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.search import contest, search
+from dynident.diagnosis.search.state import State, judge_all
+from dynident.identification import identify
+from dynident.identification.shapes import between
+from dynident.regressors.model import Model
+
+RIVALS, STARTS = 0.3, 12
+FAMILIES = (
+    "joint_spring", "gravity_compensator", "torque_ripple", "cable_force", "stribeck", "viscous_nonlinear",
+    "load_dependent_friction", "presliding", "position_dependent_friction", "stribeck+torque_ripple",
+    "load_dependent_friction+joint_spring", "load_dependent_friction+torque_ripple",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A name in a contest: its gain on the grid, and what it gains at best from each of its values there."""
+
+    name: str
+    right: bool
+    on_grid: float
+    gains: tuple[float, ...]
+    """From the best value of the grid to the worst; shares of what was chosen on the grid."""
+    constants: int
+
+    @property
+    def best(self) -> float:
+        """What it gains on equal terms."""
+        return max(self.gains)
+
+
+@dataclass(frozen=True)
+class Contest:
+    """One weighing, on the rows that all rivals have in common."""
+
+    case: str
+    rivals: tuple[Rival, ...]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--seed", default="1", help='a number, or "new"')
+    parser.add_argument("--cases", type=int, default=48)
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "hidden-effects")
+    arguments = parser.parse_args()
+    seed = secrets.randbelow(10**6) if arguments.seed == "new" else int(arguments.seed)
+    cases = draw_cases(Wanted(seed, arguments.cases, FAMILIES))
+    start = time.perf_counter()
+    contests = [one for some in run(cases, arguments.cache, arguments.processes) for one in some]
+    show(f"Rivals, seed {seed}, {len(cases)} cases, {time.perf_counter() - start:.0f} s", rivals_table(contests))
+    show("Starts", starts_table(contests))
+    show("Fewer constants", constants_table(contests))
+
+
+def run(cases: Sequence[Case], folder: Path, processes: int) -> Iterator[list[Contest]]:
+    """The contests of every case, as they come."""
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        for job in as_completed([pool.submit(contests_of, case, folder) for case in cases]):
+            found = job.result()
+            print(*found, sep="\n", flush=True)
+            yield found
+
+
+def contests_of(case: Case, folder: Path) -> list[Contest]:
+    """Identify and diagnose a case, and write down its contests."""
+    data = recorded(case, folder)
+    robot = as_described(arm_by_name(case.arm), case.noise)
+    training = data.recordings(held_out=False)
+    with listening(case) as heard:
+        diagnose(identify(robot, training), training)
+    return heard
+
+
+@contextmanager
+def listening(case: Case) -> Iterator[list[Contest]]:
+    """Contests as they are fought, and once more with more rivals and starts."""
+    heard: list[Contest] = []
+    fight = contest.settled
+
+    def settled(
+        model: Model,
+        pool: Pool,
+        state: State,
+        choice: contest.Choice,
+        judged: Sequence[JudgedCandidate],
+        products: Callable[[Pool], PhasedProducts],
+    ) -> contest.Choice:
+        with patch.object(contest, "_CONTENDS", RIVALS), patch.object(contest, "_STARTS", STARTS):
+            found = weighed(case, model, pool, state, choice[0], judged, products)
+        if found is not None:
+            heard.append(found)
+        return fight(model, pool, state, choice, judged, products)
+
+    with patch.object(search, "settled", settled):
+        yield heard
+
+
+def weighed(
+    case: Case,
+    model: Model,
+    pool: Pool,
+    state: State,
+    chosen: JudgedCandidate,
+    judged: Sequence[JudgedCandidate],
+    products: Callable[[Pool], PhasedProducts],
+) -> Contest | None:
+    """All that take part, or None where none of them is hidden on the joint."""
+    own = [item for item in judged if item.candidate == chosen.candidate]
+    contenders = list(dict.fromkeys([*own, *contest._contenders(chosen, judged)]))
+    names = dict.fromkeys(item.candidate.effect for item in contenders)
+    if len(names) < 2 or not any(is_right(case, item.candidate, pool) for item in contenders):
+        return None
+    parents = {finer: item for item in contenders for finer in between(item.candidate.choice)}
+    finer = contest._finer_pool(model, pool, state, list(parents))
+    data = products(finer)
+    kinds = [data.kinds(one.columns) for one in finer.candidates]
+    common = all(turns for turns, _ in kinds), all(starts for _, starts in kinds)
+    again = judge_all(data, finer, tuple(range(finer.n_base)), finer.candidates, state.noise, kinds=common)
+    rivals = []
+    for name in names:
+        grid = [item for item in contenders if item.candidate.effect == name]
+        gains = [
+            max((item.total_gain for item in again if parents[item.candidate.choice] is start), default=0.0)
+            for start in grid
+        ]
+        on_grid = max(item.total_gain for item in grid) / chosen.total_gain
+        shares = tuple(round(gain / chosen.total_gain, 6) for gain in gains)
+        right = is_right(case, grid[0].candidate, pool)
+        rivals.append(Rival(name, right, on_grid, shares, grid[0].freedom))
+    return Contest(case.name, tuple(rivals))
+
+
+def is_right(case: Case, candidate: Candidate, pool: Pool) -> bool:
+    """Whether a candidate is something hidden, on a joint where it is."""
+    joints = pool.observation.robot.joint_names
+    return any(
+        candidate.effect in placed.names
+        and (not placed.joints or not candidate.joints or {joints[j] for j in placed.joints} & set(candidate.joints))
+        for placed in case.hidden
+    )
+
+
+def pairs(contests: Sequence[Contest]) -> Iterator[tuple[Rival, Rival]]:
+    """The best right and the best wrong name of every contest that has both."""
+    for one in contests:
+        right = [rival for rival in one.rivals if rival.right]
+        wrong = [rival for rival in one.rivals if not rival.right]
+        if right and wrong:
+            yield max(right, key=lambda rival: rival.best), max(wrong, key=lambda rival: rival.best)
+
+
+def rivals_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:
+    """What is lost by leaving out names that gain little on the grid, and what is saved."""
+    lagging = [right.on_grid for right, wrong in pairs(contests) if right.best > wrong.best and right.on_grid < 1.0]
+    rows = [("share on the grid", "right names that lag", "lost", "taking part")]
+    for share in (RIVALS, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95):
+        part = np.mean([sum(rival.on_grid >= share for rival in one.rivals) for one in contests])
+        rows.append((f"{share:.2f}", str(len(lagging)), str(sum(value < share for value in lagging)), f"{part:.1f}"))
+    return rows
+
+
+def starts_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:
+    """In how many names the best constants are reached from the first values of the grid."""
+    near = [
+        rival
+        for one in contests
+        for rival in one.rivals
+        if len(rival.gains) > 1 and rival.best >= 0.9 * max(other.best for other in one.rivals)
+    ]
+    rows = [("starts", "names", "reached")]
+    for count in (1, 2, 3, 4, 6, 8, STARTS):
+        reached = sum(max(rival.gains[:count]) >= 0.995 * rival.best for rival in near)
+        rows.append((str(count), str(len(near)), str(reached)))
+    return rows
+
+
+def constants_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:
+    """Whom a rule that prefers fewer constants costs the name, and whom its absence."""
+    # A gain that is smaller by a tenth is no question of constants.
+    fewer = [1.0 - right.best / wrong.best for right, wrong in pairs(contests) if right.constants < wrong.constants]
+    more = [1.0 - wrong.best / right.best for right, wrong in pairs(contests) if right.constants > wrong.constants]
+    fewer, more = [part for part in fewer if 0.0 < part < 0.1], [part for part in more if part > 0.0]
+    rows = [("as much", "fewer constants, gains less", "lost", "more constants, gains more", "lost")]
+    for part in (0.0, 0.0025, 0.005, 0.01, 0.02, 0.05):
+        lost = sum(value > part for value in fewer), sum(value <= part for value in more)
+        rows.append((f"{part:.2%}", str(len(fewer)), str(lost[0]), str(len(more)), str(lost[1])))
+    return rows
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,211 @@
+"""From the elements of a report's page to Typst's code. Every text is a string there: no character of it is markup."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+
+from dynident.reports.printing.elements import Element
+
+_MARKS = ("ok", "warning", "error", "plain")
+_ROWS = ("pick", "poor", "total", "group")
+_SHORT = 22
+"""Characters that are never broken into lines."""
+_LEFT_OUT = frozenset({"head", "nav", "style", "script"})
+
+
+def typeset(page: Element) -> str:
+    """What stands in Typst's code for a whole page."""
+    body = page.first("body") or page
+    return _blocks(body.children)
+
+
+def _text(text: str) -> str:
+    """A string of Typst; white space counts once, as on the page."""
+    plain = re.sub(r"\s+", " ", text).replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{plain}"'
+
+
+def _joined(parts: Iterable[str]) -> str:
+    return "{" + "; ".join(part for part in parts if part) + "}"
+
+
+def _blocks(children: Iterable[Element | str]) -> str:
+    """What stands one beneath another: white space between is nothing."""
+    return _joined(_one(child) for child in children if isinstance(child, Element) or child.strip())
+
+
+def _line(children: Iterable[Element | str]) -> str:
+    """What runs on in lines."""
+    return _joined(_one(child) for child in children)
+
+
+def _one(item: Element | str) -> str:
+    if isinstance(item, str):
+        return _text(item)
+    if item.name in _LEFT_OUT:
+        return ""
+    write = _WRITTEN.get(item.name)
+    return write(item) if write is not None else _line(item.children)
+
+
+def _call(name: str) -> Callable[[Element], str]:
+    return lambda element: f"{name}({_line(element.children)})"
+
+
+def _container(element: Element) -> str:
+    if "box" in element.classes:
+        return f"report-box({_flag('warning' in element.classes)}, {_blocks(element.children)})"
+    return _blocks(element.children)
+
+
+def _paragraph(element: Element) -> str:
+    return f"{'report-note' if 'note' in element.classes else 'par'}({_line(element.children)})"
+
+
+def _list(name: str) -> Callable[[Element], str]:
+    def written(element: Element) -> str:
+        items = ", ".join(_line(item.children) for item in element.all("li"))
+        small = f"report-note({name}({items}))"
+        return small if "note" in element.classes else f"{name}({items})"
+
+    return written
+
+
+def _span(element: Element) -> str:
+    content = _line(element.children)
+    mark = next((one for one in _MARKS if one in element.classes), None) if "mark" in element.classes else None
+    if mark is not None:
+        return f'report-mark("{mark}", {content})'
+    return f"report-small({content})" if "note" in element.classes else content
+
+
+def _code(element: Element) -> str:
+    return f"raw({_text(_words(element))})"
+
+
+def _words(element: Element) -> str:
+    return "".join(child if isinstance(child, str) else _words(child) for child in element.children)
+
+
+def _definitions(element: Element) -> str:
+    """Terms beside what they are; the figures of the summary as cards."""
+    if "figures" in element.classes:
+        cards = [
+            f"({', '.join(_line(part.children) for part in card.all('dt', 'dd'))},)" for card in element.all("div")
+        ]
+        return f"report-cards({', '.join(cards)})"
+    facts = ", ".join(_line(part.children) for part in element.all("dt", "dd"))
+    return f"report-facts({facts})"
+
+
+def _drawing(element: Element) -> str:
+    source = element.source.replace("\\", "\\\\").replace('"', '\\"')
+    if "formula" not in element.classes:
+        return f'image(bytes("{source}"), format: "svg", width: 100%)'
+    size = re.search(r'style="width:([\d.]+)pt;height:([\d.]+)pt"', element.source)
+    width, height = (size[1], size[2]) if size else ("60", "14")
+    # Written for lines of 11 points.
+    return f'report-formula(bytes("{source}"), {width}pt, {height}pt)'
+
+
+def _figure(element: Element) -> str:
+    caption = element.first("figcaption")
+    drawn = [child for child in element.children if child is not caption]
+    below = _line(caption.children) if caption is not None else "none"
+    return f"report-figure({_blocks(drawn)}, {below})"
+
+
+def _folded(element: Element) -> str:
+    """What is folded on the page is not on paper; its line says that it is there."""
+    line = element.first("summary")
+    return f"report-folded({_line(line.children) if line is not None else 'none'})"
+
+
+def _table(element: Element) -> str:
+    caption, head = element.first("caption"), element.first("thead")
+    heads = list(head.all("tr")) if head is not None else []
+    within = {id(row) for row in heads}
+    rows = [row for row in element.all("tr", "thead") if row.name == "tr" and id(row) not in within]
+    columns = max((sum(_span_of(cell) for cell in row.all("th", "td")) for row in [*heads, *rows]), default=1)
+    top = ", ".join(_cell(cell, "", is_head=True) for row in heads for cell in row.all("th", "td"))
+    header = f"table.header({top}), " if top else ""
+    body = ", ".join(_row(row, columns) for row in rows)
+    widths = ", ".join(_widths(rows, columns))
+    above = _line(caption.children) if caption is not None else "none"
+    return f"report-table({above}, ({widths},), {header}{body})"
+
+
+def _widths(rows: list[Element], columns: int) -> list[str]:
+    """Short columns take what they need; those of sentences share what is left, by how long these are."""
+    longest = [0.0] * columns
+    for row in rows:
+        cells = list(row.all("th", "td"))
+        if all(_span_of(cell) == 1 for cell in cells):
+            for number, cell in enumerate(cells):
+                longest[number] = max(longest[number], _length(cell))
+    return ["auto" if length <= _SHORT else f"{length**0.7:.1f}fr" for length in longest]
+
+
+def _length(element: Element) -> float:
+    """Of what is told in it, in characters."""
+    if element.name == "svg":
+        # What may not be broken, so that its column is never squeezed.
+        return 0.0
+    return sum(len(" ".join(child.split())) if isinstance(child, str) else _length(child) for child in element.children)
+
+
+def _row(row: Element, columns: int) -> str:
+    kind = next((one for one in _ROWS if one in row.classes), "")
+    cells = list(row.all("th", "td"))
+    missing = columns - sum(map(_span_of, cells))
+    return ", ".join([*(_cell(cell, kind, is_head=False) for cell in cells), *(["[]"] * missing)])
+
+
+def _cell(cell: Element, row: str, *, is_head: bool) -> str:
+    options = [f"colspan: {_span_of(cell)}"] if _span_of(cell) > 1 else []
+    if "n" in cell.classes:
+        options.append("align: right")
+    if row:
+        options.append(f'fill: report-row("{row}")')
+    content = _span(cell)
+    if is_head or row in ("total", "group"):
+        content = f"strong({content})"
+    # Numbers and units are told in one line.
+    if not is_head and {"n", "unit"} & cell.classes and _length(cell) <= _SHORT:
+        content = f"box({content})"
+    return f"table.cell({''.join(option + ', ' for option in options)}{content})"
+
+
+def _span_of(cell: Element) -> int:
+    return int(cell.attributes.get("colspan", "1"))
+
+
+def _flag(value: bool) -> str:
+    return "true" if value else "false"
+
+
+_WRITTEN: dict[str, Callable[[Element], str]] = {
+    "h1": _call("report-title"),
+    "h2": _call("heading.with(level: 1)"),
+    "h3": _call("heading.with(level: 2)"),
+    "header": _container,
+    "main": _container,
+    "section": _container,
+    "div": _container,
+    "p": _paragraph,
+    "ul": _list("list"),
+    "ol": _list("enum"),
+    "strong": _call("strong"),
+    "em": _call("emph"),
+    "sub": _call("sub"),
+    "sup": _call("super"),
+    "span": _span,
+    "code": _code,
+    "br": lambda _: "linebreak()",
+    "dl": _definitions,
+    "svg": _drawing,
+    "figure": _figure,
+    "details": _folded,
+    "table": _table,
+}
