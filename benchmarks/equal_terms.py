@@ -191,8 +191,9 @@ def pairs(contests: Sequence[Contest]) -> Iterator[tuple[Rival, Rival]]:
     for one in contests:
         right = [rival for rival in one.rivals if rival.right]
         wrong = [rival for rival in one.rivals if not rival.right]
-        if right and wrong:
-            yield max(right, key=lambda rival: rival.best), max(wrong, key=lambda rival: rival.best)
+        best = [max(some, key=lambda rival: rival.best) for some in (right, wrong) if some]
+        if len(best) == 2 and min(rival.best for rival in best) > 0.0:
+            yield best[0], best[1]
 
 
 def rivals_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:

@@ -26,7 +26,7 @@ def test_a_load_that_was_mounted_since_is_told_with_its_interval_and_is_no_part_
     page.goto(f"/?view=new&robot={robot}")
     page.locator("#recordings").wait_for()
     upload(page, write_recording(tmp_path / "today.csv", seed=5, load=2.0), "identification")
-    page.goto(f"/?identification={model}")
+    page.goto(f"/?identification={model}&tab=missing")
     page.locator("#changes-form > summary").click()
     page.locator("#days select").first.wait_for()
     for select in page.locator("#days select").all():

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_workbench import ask, identifier, the_robot, upload
+from test_workbench import ask, identifier, open_tab, the_robot, upload
 from two_link_arm import write_recording
 
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
@@ -23,6 +23,7 @@ def test_a_load_is_told_with_its_day_and_later_days_join_those_that_are_kept(
     page.click("#run")
     page.locator("#error-table").wait_for()
     model = identifier(page)
+    open_tab(page, "Trust")
     page.locator("#days-form > summary").click()
     days = page.locator("#days-of-series input")
     expect(days).to_have_count(3)
@@ -50,7 +51,7 @@ def test_a_load_is_told_with_its_day_and_later_days_join_those_that_are_kept(
     page.goto(f"/?view=new&robot={robot}")
     page.locator("#recordings").wait_for()
     upload(page, write_recording(tmp_path / "night_8.csv", seed=8, load=2.0), "validation")
-    page.goto(f"/?identification={model}")
+    page.goto(f"/?identification={model}&tab=trust")
     expect(page.locator("#series-summary")).to_be_visible()
     page.locator("#days-form > summary").click()
     expect(page.locator("#days-of-series input")).to_have_count(1)

@@ -55,10 +55,13 @@ def test_rest_is_drawn_as_what_friction_may_hold_and_every_effect_has_its_rung(
 ) -> None:
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
-        page.goto(f"/?identification={models[1]}")
+        page.goto(f"/?identification={models[1]}&tab=compare")
         expect(page.locator("#zoom-state")).to_contain_text("On the grey ground the joint stands")
         page.locator("#torque-chart canvas").wait_for()
         page.screenshot(path=tmp_path / f"rest_{scheme}.png", full_page=True)
+    moving = page.locator("#torque-title ~ *").last
+    expect(moving).to_contain_text("where they move")
+    page.get_by_role("tab", name="Missing").click()
     ladder = page.locator("#ladder-table tbody tr")
     expect(ladder).to_have_count(3)
     expect(ladder.nth(1)).to_contain_text("Torque offset")
@@ -68,7 +71,6 @@ def test_rest_is_drawn_as_what_friction_may_hold_and_every_effect_has_its_rung(
     expect(page.locator("#ladder-table")).to_contain_text("✓ best")
     expect(page.locator("#best-rung")).to_contain_text("predicts held-out data best")
     expect(page.locator("#step")).to_contain_text("Added Torque offset on every joint; Stribeck friction on elbow")
-    expect(page.locator("#torque-title ~ *").last).to_contain_text("where they move")
     page.locator("#ladder-table").get_by_role("link", name="1", exact=True).click()
     page.wait_for_url(f"**identification={models[0]}*")
     assert heard.complaints == []

@@ -194,7 +194,7 @@ def model(page: Any, short: Path) -> str:
 def test_the_wheel_zooms_all_joints_and_the_zoom_survives_a_reload(
     page: Any, model: str, heard: Any, tmp_path: Path
 ) -> None:
-    page.goto(f"/?identification={model}&joint=elbow")
+    page.goto(f"/?identification={model}&tab=compare&joint=elbow")
     expect(page.locator(".joint-row canvas")).to_have_count(3)
     said = page.locator("#zoom-state")
     expect(said).to_contain_text("elbow, 0")

@@ -47,4 +47,4 @@ def test_the_best_model_of_a_ladder_is_gone_back_to_by_the_keyboard(page: Any) -
     page.route("**/v1/identifications/a", lambda route: route.fulfill(status=404, body=json.dumps({"title": "none"})))
     page.locator("#keep-best").focus()
     page.keyboard.press("Enter")
-    page.wait_for_url("**/?identification=a&joint=elbow")
+    page.wait_for_url("**/?identification=a&tab=missing&joint=elbow")

@@ -40,6 +40,10 @@ def upload(page: Any, path: Path, role: str) -> None:
     expect(page.locator(STORED).get_by_text(path.stem, exact=True)).to_be_visible()
 
 
+def open_tab(page: Any, name: str) -> None:
+    page.get_by_role("tab", name=name, exact=True).click()
+
+
 def value_in(page: Any, table: str, row: str, column: int) -> float:
     """The exact value behind a figure of a table: the `column`-th figure of the row that so begins."""
     found = page.locator(f"{table} tbody tr", has=page.locator("th", has_text=row)).first
@@ -95,11 +99,13 @@ def test_the_whole_story_can_be_done_in_the_browser(
     assert value_in(page, "#error-table", "all joints", 3) == validation["relative_total"]
     for warning in result["warnings"]:
         expect(page.locator("#warnings")).to_contain_text(warning)
+    open_tab(page, "Compare")
     # Measured, predicted and residual are drawn: not one colour only.
     page.locator("#torque-chart canvas").wait_for()
     expect(page.locator("#zoom-state")).to_contain_text("samples")
     assert page.evaluate(COLOURS_IN_CHART) > 20
 
+    open_tab(page, "Missing")
     page.click("#diagnose")
     page.locator("#verdict").wait_for()
     assert page.locator("#verdict").get_attribute("data-verdict") == "missing_effect"
@@ -124,20 +130,26 @@ def test_the_whole_story_can_be_done_in_the_browser(
     assert shown == [[one["residual"]["relative_total"], one["validation"]["relative_total"]] for one in rungs]
     assert shown[1][1] < 0.2 * shown[0][1]
     assert value_in(page, "#ladder-joints", "elbow", 1) < 0.2 * value_in(page, "#ladder-joints", "elbow", 0)
+    expect(page.locator("#step")).to_contain_text("Joint spring on elbow")
+    open_tab(page, "Verdict")
     rms = value_in(page, "#error-table", "elbow", 3)
     assert rms < 2 * NOISE
-    expect(page.locator("#step")).to_contain_text("Joint spring on elbow")
+    open_tab(page, "Compare")
     page.locator(".profiles canvas").nth(2).wait_for()
     page.screenshot(path=tmp_path / "4_ladder.png", full_page=True)
 
-    page.get_by_role("button", name="Report").click()
-    href = page.get_by_role("link", name="Open the report").get_attribute("href")
-    assert "<svg" in page.request.get(href).text()
+    page.get_by_role("button", name="Report", exact=True).click()
+    opened = page.get_by_role("link", name="Open the report")
+    assert "<svg" in page.request.get(opened.get_attribute("href")).text()
+    page.get_by_role("button", name="Report as PDF").click()
+    expect(page.get_by_text("one PDF")).to_be_visible()
+    assert page.request.get(opened.get_attribute("href")).body().startswith(b"%PDF")
     assert heard.complaints == []
     assert heard.hosts == {page.url.split("/")[2]}
 
 
 def test_spectra_and_memory_of_the_residual_follow_the_joint(page: Any, model: str, tmp_path: Path) -> None:
+    open_tab(page, "Compare")
     spectra = page.locator("#spectra")
     expect(spectra.locator("canvas")).to_have_count(3)
     page.locator(".choices").get_by_role("button", name="shoulder").first.click()
@@ -161,6 +173,7 @@ def test_what_was_added_is_removed_again_and_two_ladders_stand_beside_each_other
         )
     page.goto(f"/?identification={made['shoulder']}")
     expect(page.locator("#warnings")).to_contain_text("survive")
+    open_tab(page, "Missing")
     page.locator("#ladder-table").get_by_role("button", name="Remove").click()
     expect(page.locator("#step")).to_contain_text("Removed Joint spring on shoulder")
     back = ask(page, f"/identifications/{identifier(page)}")
@@ -187,18 +200,20 @@ def test_what_was_added_is_removed_again_and_two_ladders_stand_beside_each_other
 def test_what_is_shown_is_in_the_address(page: Any, model: str) -> None:
     page.locator("#error-table").get_by_role("button", name="shoulder").click()
     assert "joint=shoulder" in page.url
+    open_tab(page, "Compare")
     expect(page.locator("#zoom-state")).to_contain_text("shoulder")
     page.reload()
     expect(page.locator("#zoom-state")).to_contain_text("shoulder")
     page.get_by_role("link", name="New model").click()
     page.locator("#recordings").wait_for()
     page.go_back()
-    page.locator("#error-table").wait_for()
+    page.locator("#zoom-state").wait_for()
     assert identifier(page) == model
     assert "joint=shoulder" in page.url
 
 
 def test_a_zoom_fetches_every_sample_of_the_stretch(page: Any, model: str) -> None:
+    open_tab(page, "Compare")
     expect(page.locator("#zoom-state")).to_contain_text("samples")
     chart = page.locator("#torque-chart .u-over")
     chart.scroll_into_view_if_needed()
@@ -223,6 +238,7 @@ def test_a_zoom_fetches_every_sample_of_the_stretch(page: Any, model: str) -> No
 
 
 def test_an_effect_by_hand_that_does_not_help_is_added_with_a_warning(page: Any, model: str) -> None:
+    open_tab(page, "Missing")
     page.locator("#by-hand > summary").click()
     page.select_option("#effect-by-hand", "torque_ripple")
     page.locator("#by-hand input[value=shoulder]").check()
@@ -318,15 +334,28 @@ def test_a_running_job_is_shown_with_its_progress_and_can_be_cancelled(page: Any
     assert ask(page, f"/jobs/{job}")["state"] == "cancelled"
 
 
+READY = {
+    "Verdict": "#fitness-summary",
+    "Compare": ".profiles canvas",
+    "Missing": "#diagnose",
+    "Parameters": "#parameters table",
+    "Trust": "li[data-kind=direct]",
+    "Data": "#data-table",
+}
+"""The tabs of a model, and what is there when one is shown."""
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 800])
+@pytest.mark.parametrize("width", [1440, 800, 390])
 def test_the_page_fits_and_is_readable(page: Any, model: str, width: int, scheme: str, tmp_path: Path) -> None:
     page.emulate_media(color_scheme=scheme)
     page.set_viewport_size({"width": width, "height": 900})
-    page.locator(".profiles canvas").nth(2).wait_for()
-    page.screenshot(path=tmp_path / f"model_{width}_{scheme}.png", full_page=True)
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert page.evaluate(CONTRASTS) == []
+    for name, ready in READY.items():
+        open_tab(page, name)
+        page.locator(ready).first.wait_for()
+        page.screenshot(path=tmp_path / f"{name.lower()}_{width}_{scheme}.png", full_page=True)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, name
+        assert page.evaluate(CONTRASTS) == [], name
     page.goto(f"/?view=new&robot={ask(page, f'/identifications/{model}')['robot_id']}")
     page.locator("#identify").wait_for()
     page.screenshot(path=tmp_path / f"new_{width}_{scheme}.png", full_page=True)
@@ -337,6 +366,8 @@ def test_the_page_fits_and_is_readable(page: Any, model: str, width: int, scheme
 def test_every_control_has_a_name_and_is_reached_by_the_keyboard(page: Any, model: str) -> None:
     nameless = """[...document.querySelectorAll('button, input, select, textarea, a[href]')].filter((one) =>
         !(one.textContent.trim() || one.ariaLabel || one.labels?.length)).map((one) => one.outerHTML)"""
+    open_tab(page, "Compare")
+    page.locator("#torque-chart canvas").wait_for()
     assert page.evaluate(nameless) == []
     assert page.evaluate('document.querySelectorAll(\'[tabindex]:not([tabindex="0"], [tabindex="-1"])\').length') == 0
     shoulder = page.locator(".choices").get_by_role("button", name="shoulder")

@@ -31,7 +31,9 @@ export function failureSection(model, signal) {
   };
   model.addEventListener("comparison", draw);
   model.addEventListener("joint", draw);
-  model.addEventListener("diagnosis", () => put(spots, failureMap(model)));
+  const showSpots = () => put(spots, failureMap(model));
+  model.addEventListener("diagnosis", showSpots);
+  showSpots();
   return h(
     "section",
     { "aria-labelledby": "fails-title" },

@@ -70,7 +70,7 @@ function rungTable(model, rungs, heldOut, signal) {
   head.push("");
   const rows = rungs.map((one, index) => {
     const here = one.id === model.id;
-    const link = here ? h("strong", {}, `${index + 1}`) : one.part_of ? `${index + 1}` : h("a", { href: address({ identification: one.id }) }, `${index + 1}`);
+    const link = here ? h("strong", {}, `${index + 1}`) : one.part_of ? `${index + 1}` : h("a", { href: address({ identification: one.id, tab: "missing" }) }, `${index + 1}`);
     const cells = [link, changeOf(model, one), numeric(String(one.n_parameters)), error(one.residual.relative_total)];
     if (heldOut) cells.push(error(one.validation.relative_total), error(one.validation.moving?.relative_total ?? null), markOf(one));
     cells.push(removeButton(model, one, signal));
@@ -96,7 +96,7 @@ function bestInWords(rungs) {
 function keepBest(model, rungs) {
   const best = rungs.findIndex((one) => one.best);
   if (best < 0 || rungs[best].id === model.id || rungs[best].part_of) return null;
-  return [" ", h("a", { class: "button", id: "keep-best", href: address({ identification: rungs[best].id, joint: model.joint }) }, `Keep the best: model ${best + 1}`)];
+  return [" ", h("a", { class: "button", id: "keep-best", href: address({ identification: rungs[best].id, tab: "missing", joint: model.joint }) }, `Keep the best: model ${best + 1}`)];
 }
 
 /** Takes what a rung added out of the model that is looked at; the other rungs stay. */
@@ -114,7 +114,7 @@ function removeButton(model, rung, signal) {
       put(said, bar.element);
       await computed("/identifications", made, bar.update, signal).finally(() => put(said));
       dispatchEvent(new Event("models-changed"));
-      go({ identification: made.id, joint: model.joint, measurement: model.measurement }, { arrived: true });
+      go({ identification: made.id, tab: "missing", joint: model.joint, measurement: model.measurement }, { arrived: true });
     } catch (error) {
       if (!signal.aborted) put(said, problemBox(error));
       button.disabled = false;

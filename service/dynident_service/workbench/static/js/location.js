@@ -1,10 +1,10 @@
 // What the page shows is in its address: it can be shared, reloaded, and gone back to.
 
 const NAMES = [
-  "view", "identification", "joint", "measurement", "robot", "design", "diagnosis", "pair", "sort", "filter", "archived", "from", "to",
+  "view", "identification", "tab", "joint", "measurement", "robot", "design", "diagnosis", "pair", "sort", "filter", "archived", "from", "to",
 ];
 
-/** What the address asks for: { view, identification, joint, measurement, robot, from, to }, "" where it says nothing. */
+/** What the address asks for: { view, identification, tab, joint, measurement, robot, from, to }, "" where it says nothing. */
 export function asked() {
   const query = new URLSearchParams(location.search);
   return Object.fromEntries(NAMES.map((name) => [name, query.get(name) ?? ""]));

@@ -49,12 +49,14 @@ export function missingSection(model, signal) {
     }
   }
 
-  model.addEventListener("diagnosis", () => {
+  const follow = () => {
     const { diagnosis } = model;
     if (!diagnosis) return;
     if (diagnosis.status === "succeeded") put(body, whole(model, add, signal));
     else run(diagnosis);
-  });
+  };
+  model.addEventListener("diagnosis", follow);
+  follow();
   return h(
     "section",
     { "aria-labelledby": "missing-title" },
@@ -75,7 +77,7 @@ async function extend(model, effects, said, signal) {
     put(said, bar.element);
     await computed("/identifications", made, bar.update, signal).finally(() => put(said));
     dispatchEvent(new Event("models-changed"));
-    go({ identification: made.id, joint: model.joint, measurement: model.measurement }, { arrived: true });
+    go({ identification: made.id, tab: "missing", joint: model.joint, measurement: model.measurement }, { arrived: true });
   } catch (error) {
     const form = said.closest("form");
     if (signal.aborted) return;

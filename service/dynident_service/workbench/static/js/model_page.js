@@ -3,6 +3,7 @@
 import { content, get, post, apiKey } from "./api.js";
 import { choiceInWords, placeOf, titleOf } from "./catalogue.js";
 import { announce, h, put } from "./dom.js";
+import { dataSection } from "./data.js";
 import { daysSection } from "./days.js";
 import { errorsSection } from "./errors.js";
 import { exportLinks } from "./exports.js";
@@ -17,8 +18,10 @@ import { Model, newestDiagnosis } from "./model.js";
 import { parametersSection } from "./parameters.js";
 import { problemBox } from "./problem.js";
 import { spectraSection } from "./spectra.js";
+import { tabs } from "./tabs.js";
 import { torqueSection } from "./torque.js";
 import { newestValidations, validationsSection } from "./validations.js";
+import { verdictSection } from "./verdict.js";
 
 const ENDED = new Set(["succeeded", "failed", "cancelled"]);
 
@@ -30,19 +33,7 @@ export async function modelPage(target, wanted, signal) {
   const [model, ways] = await Promise.all([Model.of(identification, wanted, signal), methods()]);
   signal.throwIfAborted();
   document.title = `${nameOf(model)}: dynident`;
-  const sections = [
-    header(model, ways),
-    errorsSection(model),
-    ladderSection(model, signal),
-    missingSection(model, signal),
-    daysSection(model, signal),
-    validationsSection(model, signal),
-    torqueSection(model, signal),
-    failureSection(model, signal),
-    spectraSection(model, signal),
-    parametersSection(model, signal),
-  ];
-  put(target, sections);
+  put(target, header(model, ways), tabs("Parts of the model", parts(model, signal), tabOf, signal));
   if (takeNote()?.arrived) {
     const ladder = document.getElementById("ladder-title");
     ladder?.scrollIntoView({ block: "start" });
@@ -50,6 +41,23 @@ export async function modelPage(target, wanted, signal) {
     announce(stepInWords(model));
   }
   model.setDiagnosis(await newestDiagnosis(model, signal));
+}
+
+/** What is made of the model when its tab is opened. */
+function parts(model, signal) {
+  return [
+    { id: "verdict", title: "Verdict", sections: () => [verdictSection(model, signal), figures(model), warnings(model.result), errorsSection(model)] },
+    { id: "compare", title: "Compare", sections: () => [torqueSection(model, signal), failureSection(model, signal), spectraSection(model, signal)] },
+    { id: "missing", title: "Missing", sections: () => [ladderSection(model, signal), missingSection(model, signal)] },
+    { id: "parameters", title: "Parameters", sections: () => [parametersSection(model, signal)] },
+    { id: "trust", title: "Trust", sections: () => [validationsSection(model, signal), daysSection(model, signal)] },
+    { id: "data", title: "Data", sections: () => [dataSection(model)] },
+  ];
+}
+
+/** The tab of an address from before there were tabs: a stretch or a measurement was looked at in the comparison. */
+function tabOf(wanted) {
+  return wanted.from || wanted.measurement ? "compare" : "verdict";
 }
 
 async function wait(target, identification, signal) {
@@ -77,6 +85,19 @@ function nameOf(model) {
 
 function header(model, ways) {
   const { identification: found, result } = model;
+  return h(
+    "section",
+    { "aria-label": "Model" },
+    h("h1", {}, nameOf(model)),
+    h("p", { class: "note" }, `${model.robot.name}, ${counted(model.joints.length, "joint")}; ${moment(found.created_at)}; `,
+      `${methodInWords(ways, found.request)}; ${filters(result.preprocessing)}`),
+    h("p", { class: "chips" }, h("span", {}, "In the model:"), result.effects.map((one) => h("span", { class: "chip", title: choiceInWords(model.effects, one, model.joints) }, titleOf(model.effects, one.effect),
+      one.joints.length && one.joints.length < model.joints.length ? h("small", {}, ` ${placeOf(model.effects, one)}`) : null))),
+    actions(model),
+  );
+}
+
+function figures({ result }) {
   const { residual, validation } = result;
   const tiles = [
     ["held-out error", percent(validation?.relative_total), validation ? "all joints" : "no validation data", "held_out"],
@@ -84,19 +105,8 @@ function header(model, ways) {
     ["base parameters", String(result.parameters.length), `${result.parameters.filter((one) => one.well_identified).length} determined by the data`],
     ["condition number of W", number(result.condition_number), counted(result.n_equations, "equation")],
   ];
-  return h(
-    "section",
-    { "aria-label": "Model" },
-    h("h1", {}, nameOf(model)),
-    h("p", { class: "note" }, `${model.robot.name}, ${counted(model.joints.length, "joint")}; ${moment(found.created_at)}; `,
-      `${methodInWords(ways, found.request)}; ${filters(result.preprocessing)}`),
-    warnings(result),
-    h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) =>
-      h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ? `tile-${id}` : null }, value), h("dd", { class: "note" }, more)))),
-    h("p", { class: "chips" }, h("span", {}, "In the model:"), result.effects.map((one) => h("span", { class: "chip", title: choiceInWords(model.effects, one, model.joints) }, titleOf(model.effects, one.effect),
-      one.joints.length && one.joints.length < model.joints.length ? h("small", {}, ` ${placeOf(model.effects, one)}`) : null))),
-    actions(model),
-  );
+  return h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) =>
+      h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ? `tile-${id}` : null }, value), h("dd", { class: "note" }, more))));
 }
 
 function filters(used) {
@@ -113,23 +123,23 @@ function warnings(result) {
 
 function actions(model) {
   const said = h("div");
-  const report = h("button", { type: "button", onclick: () => makeReport(model, report, said) }, "Report");
-  return [h("p", { class: "actions" }, report, h("span", { class: "note" }, "Take the model along:"), exportLinks(model, said)), said];
+  const reports = [["html", "Report"], ["pdf", "Report as PDF"]].map(([format, words]) => h("button", { type: "button", onclick: (event) => makeReport(model, format, event.target, said) }, words));
+  return [h("p", { class: "actions" }, reports, h("span", { class: "note" }, "Take the model along:"), exportLinks(model, said)), said];
 }
 
-async function makeReport(model, button, said) {
+async function makeReport(model, format, button, said) {
   button.disabled = true;
   try {
     const diagnosis = model.diagnosis?.status === "succeeded" ? model.diagnosis.id : null;
     const validations = await newestValidations(model);
-    const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, validation_ids: validations, name: nameOf(model) });
+    const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, validation_ids: validations, format, name: nameOf(model) });
     const bar = progressBar(made.job_id, "Writing the report");
     put(said, bar.element);
     const { result } = await computed("/reports", made, bar.update);
     const open = apiKey.get()
-      ? h("button", { type: "button", onclick: () => save(result.href, `${model.id}.html`) }, "Save the report")
+      ? h("button", { type: "button", onclick: () => save(result.href, `${model.id}.${format}`) }, "Save the report")
       : h("a", { href: result.href, target: "_blank", rel: "noopener" }, "Open the report");
-    put(said, h("p", {}, open, ` (${number(result.size / 1e6, 2)} MB, one HTML file)`));
+    put(said, h("p", {}, open, ` (${number(result.size / 1e6, 2)} MB, one ${format === "pdf" ? "PDF" : "HTML file"})`));
     announce("The report is written");
   } catch (error) {
     put(said, problemBox(error));

@@ -6,30 +6,26 @@ import { h, numeric, put, row, table } from "./dom.js";
 import { number, percent } from "./format.js";
 import { problemBox } from "./problem.js";
 
-/** All parameters, folded away until somebody wants them. */
+/** All parameters, by effect. */
 export function parametersSection(model, signal) {
   const { parameters, dependence } = model.result;
   return h(
     "section",
-    {},
-    h(
-      "details",
-      { id: "parameters" },
-      h("summary", {}, h("h2", {}, `Base parameters (${parameters.length})`)),
-      together(dependence),
-      parametersTable(model, "Base parameters", parameters),
-      shapesTable(model),
-      essentialPart(model, signal),
-    ),
+    { id: "parameters", "aria-labelledby": "parameters-title" },
+    h("h2", { id: "parameters-title" }, `Base parameters (${parameters.length})`),
+    parametersTable(model, "Base parameters", parameters),
+    shapesTable(model),
+    together(dependence),
+    essentialPart(model, signal),
   );
 }
 
 function parametersTable(model, caption, parameters) {
-  const head = ["parameter", "effect", right("value"), right("standard deviation"), right("95 % interval"), "unit", right("relative"), "determined", "in standard parameters"];
-  const rows = parameters.map((one) =>
+  const head = ["parameter", "link or joint", right("value"), right("standard deviation"), right("95 % interval"), "unit", right("relative"), "determined", "in standard parameters"];
+  const rowOf = (one) =>
     row([
       h("code", {}, one.name),
-      titleOf(model.effects, one.effect),
+      one.link || "–",
       numeric(kindInWords(model.effects, one.effect, one.name, one.value) ?? number(one.value, 4), one.value),
       numeric(number(one.standard_deviation, 2), one.standard_deviation),
       { class: "n", text: one.interval[0] === null ? "–" : `${number(one.interval[0])} to ${number(one.interval[1])}` },
@@ -37,9 +33,19 @@ function parametersTable(model, caption, parameters) {
       numeric(percent(one.relative_standard_deviation, 2)),
       judged(one),
       h("code", {}, one.grouping),
-    ]),
-  );
+    ]);
+  const rows = byEffect(parameters).map(([effect, own]) => [
+    h("tr", { class: "group" }, h("th", { scope: "rowgroup", colspan: head.length }, titleOf(model.effects, effect))),
+    own.map(rowOf),
+  ]);
   return table(caption, head, rows);
+}
+
+/** [effect, its parameters] in the order in which effects are first met. */
+function byEffect(parameters) {
+  const found = new Map();
+  for (const one of parameters) found.set(one.effect, [...(found.get(one.effect) ?? []), one]);
+  return [...found];
 }
 
 const SHAPES_JUDGED = {
@@ -88,7 +94,7 @@ function judged(one) {
 
 function together(sentences) {
   if (!sentences.length) return null;
-  return h("div", { class: "box" }, h("p", {}, h("strong", {}, "Determined only together")), h("ul", { id: "together" }, sentences.map((one) => h("li", {}, one))));
+  return h("details", {}, h("summary", {}, `Determined only together: ${sentences.length}`), h("ul", { id: "together" }, sentences.map((one) => h("li", {}, one))));
 }
 
 /** Backward elimination on demand: it takes no data, so no job. */

@@ -98,7 +98,7 @@ function both(own, other, heldOut) {
 function differences(model, found, kind) {
   const head = ["model", "this ladder", "the other", { text: "difference (points)", class: "n" }, ...model.joints.map((joint) => ({ text: joint, class: "n" }))];
   const rows = found.differences.map((one, k) => {
-    const link = (rung) => (rung ? (rung.part_of ? changeOf(model, rung) : h("a", { href: address({ identification: rung.id }) }, changeOf(model, rung))) : "–");
+    const link = (rung) => (rung ? (rung.part_of ? changeOf(model, rung) : h("a", { href: address({ identification: rung.id, tab: "missing" }) }, changeOf(model, rung))) : "–");
     const total = one[`${kind}_total`];
     const joints = one[kind] ?? model.joints.map(() => null);
     return row([`${one.rung}`, link(found.items[k]), link(found.against[k]), points(total), ...joints.map(points)], { class: one.id === found.common_ancestor && one.id === one.against_id ? "total" : null });

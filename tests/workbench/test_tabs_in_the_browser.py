@@ -1,0 +1,100 @@
+"""The tabs of a model and their addresses, in a real Chromium against a live service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_workbench import ask, identifier, open_tab, the_robot, upload
+
+expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
+pytestmark = pytest.mark.slow
+
+ELSEWHERE = ("comparisons", "validations", "series", "measurements?")
+"""What only tabs other than the verdict ask for."""
+
+
+@pytest.fixture
+def model(page: Any, recordings: tuple[Path, Path]) -> str:
+    """The page at a model; gives its id."""
+    known = ask(page, "/identifications")["items"]
+    if known:
+        page.goto(f"/?identification={known[-1]['id']}")
+    else:
+        the_robot(page)
+        upload(page, recordings[0], "identification")
+        upload(page, recordings[1], "validation")
+        page.click("#run")
+    page.locator("#error-table").wait_for()
+    return identifier(page)
+
+
+def chosen(page: Any, name: str) -> None:
+    """Exactly this tab is chosen, and its panel alone is shown."""
+    tab = page.get_by_role("tab", selected=True)
+    expect(tab).to_have_text(name)
+    expect(page.locator("[role=tabpanel]:visible")).to_have_attribute("aria-labelledby", tab.get_attribute("id"))
+
+
+def test_a_tab_is_in_the_address_and_back_and_reload_keep_to_it(page: Any, model: str, heard: Any) -> None:
+    chosen(page, "Verdict")
+    open_tab(page, "Data")
+    page.wait_for_url("**tab=data*")
+    expect(page.locator("#data-table tbody tr")).to_have_count(2)
+    open_tab(page, "Parameters")
+    page.go_back()
+    chosen(page, "Data")
+    page.reload()
+    chosen(page, "Data")
+    page.go_back()
+    chosen(page, "Verdict")
+    assert heard.complaints == []
+
+
+def test_tabs_are_walked_along_with_the_arrow_keys(page: Any, model: str) -> None:
+    page.get_by_role("tab", name="Verdict").focus()
+    for key, name in (("ArrowRight", "Compare"), ("End", "Data"), ("ArrowRight", "Verdict"), ("ArrowLeft", "Data")):
+        page.keyboard.press(key)
+        chosen(page, name)
+        expect(page.get_by_role("tab", name=name)).to_be_focused()
+    expect(page.locator("[role=tab][tabindex='0']")).to_have_count(1)
+
+
+def test_only_what_the_open_tab_needs_is_asked_for(page: Any, model: str) -> None:
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.reload()
+    page.locator("#fitness-summary").wait_for()
+    assert not [one for one in asked if "/v1/" in one and one.split("/v1/")[1].startswith(ELSEWHERE)]
+    open_tab(page, "Compare")
+    page.locator("#torque-chart canvas").wait_for()
+    assert [one for one in asked if "/v1/comparisons" in one]
+
+
+def test_an_address_of_a_stretch_without_a_tab_still_shows_the_stretch(page: Any, model: str) -> None:
+    page.goto(f"/?identification={model}&joint=elbow&from=2&to=4")
+    chosen(page, "Compare")
+    expect(page.locator("#zoom-state")).to_contain_text("elbow, 2.000 s to 4.000 s")
+
+
+def test_the_verdict_is_the_services_and_leads_to_the_next_click(page: Any, model: str) -> None:
+    found = ask(page, f"/identifications/{model}/verdict")
+    expect(page.locator("#fitness-summary")).to_have_text(found["summary"])
+    for use in found["uses"]:
+        line = page.locator(f"#uses li[data-use={use['use']}]")
+        expect(line).to_contain_text(use["reason"])
+        expect(line.locator(".chip")).to_have_text("✓ fit" if use["fit"] else "✕ not fit")
+    page.click("#next-click")
+    chosen(page, "Data" if found["stop"] else "Missing")
+
+
+def test_a_diagnosis_on_its_way_is_found_again_after_a_reload(page: Any, model: str) -> None:
+    open_tab(page, "Missing")
+    with page.expect_response(lambda answer: answer.url.endswith("/v1/diagnoses") and answer.request.method == "POST"):
+        page.click("#diagnose")
+    page.reload()
+    chosen(page, "Missing")
+    expect(page.locator("#verdict")).to_be_visible()
+    open_tab(page, "Verdict")
+    expect(page.locator("#error-table")).to_contain_text("noise floor")
