@@ -16,13 +16,15 @@ SHOW = """async ([rungs, shown]) => {
     id: shown, joints: ['shoulder', 'elbow'], joint: 'elbow', rungs, measurement: null, robot: { id: 'none' },
     identification: { id: shown, parent_id: rungs.at(-2).id, robot_id: 'none' },
     effects: { items: [], byId: new Map() }, contains: () => false, addEventListener: () => {},
+    floorOf: (joint) => (joint === 'elbow' ? 0.2 : null),
   };
   document.getElementById('main').replaceChildren(ladderSection(model, new AbortController().signal));
 }"""
 
 
 def rung(name: str, held_out: list[float], total: float, **more: Any) -> dict[str, Any]:
-    errors = {"relative": held_out, "relative_total": total, "moving": None}
+    rms = [10 * one for one in held_out]
+    errors = {"relative": held_out, "relative_total": total, "rms": rms, "moving": None}
     made: dict[str, Any] = {"id": name, "added": [], "removed": [], "n_parameters": 10, "part_of": None}
     return {**made, "best": False, "rises": False, "residual": errors, "validation": errors, **more}
 
@@ -37,6 +39,29 @@ def test_a_joint_that_got_worse_is_warned_of_though_the_whole_error_fell(page: A
 
     page.evaluate(SHOW, [[rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.05], 0.09, best=True)], "b"])
     expect(page.locator("#step")).to_contain_class("good")
+
+
+def told(panel: Any) -> str:
+    """What who does not see a figure hears of it, with plain spaces."""
+    return " ".join(panel.get_by_role("img").get_attribute("aria-label").split())
+
+
+def test_a_waterfall_tells_of_every_joint_what_each_model_took_and_how_far_the_noise_is(page: Any) -> None:
+    page.goto("/?view=new")
+    page.locator("#new-robot").wait_for()
+    page.evaluate(SHOW, [[rung("a", [0.20, 0.05], 0.16), rung("b", [0.10, 0.07], 0.09, best=True)], "b"])
+    shoulder, elbow = (page.locator(f"#waterfall .panel[data-joint={joint}]") for joint in ("shoulder", "elbow"))
+    assert told(shoulder) == "shoulder: 20.0 %, then 10.0 %"
+    expect(shoulder.locator("rect.falls")).to_have_count(1)
+    expect(shoulder.locator("line.floor")).to_have_count(0)
+    # A floor of 0.2 N m beside an error of 0.7 N m, which is 7 %.
+    assert told(elbow) == "elbow: 5.00 %, then 7.00 %; the noise floor is 2.00 %"
+    expect(elbow.locator("rect.rises")).to_have_count(1)
+    tops = [float(elbow.locator(one).get_attribute("y")) for one in ("rect.first", "rect.rises")]
+    floor = float(elbow.locator("line.floor").get_attribute("y1"))
+    bottom = tops[0] + float(elbow.locator("rect.first").get_attribute("height"))
+    assert tops[1] < tops[0] < floor < bottom
+    assert (bottom - floor) / (bottom - tops[0]) == pytest.approx(0.02 / 0.05, abs=0.01)
 
 
 def test_the_best_model_of_a_ladder_is_gone_back_to_by_the_keyboard(page: Any) -> None:

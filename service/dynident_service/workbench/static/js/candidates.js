@@ -45,7 +45,8 @@ function candidateRows(model, one, most, add, signal) {
   return [row(cells, { "data-effect": one.effect, class: one.significant ? "pick" : null }), evidence];
 }
 
-function addButton(model, one, title, add) {
+/** Adds the effect, or says why it cannot be added. */
+export function addButton(model, one, title, add) {
   if (one.runs.length && model.diagnosis.result.changes?.some((change) => change.effect === one.effect)) return h("span", { class: "note" }, "since the baseline");
   if (model.contains(one)) return h("span", { class: "note" }, "in the model");
   const choice = { effect: one.effect, joints: one.joints, shape_parameters: one.shape_parameters, runs: one.runs };

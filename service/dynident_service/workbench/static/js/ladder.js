@@ -5,11 +5,12 @@ import { choiceInWords } from "./catalogue.js";
 import { h, numeric, put, row, table } from "./dom.js";
 import { number, percent } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
-import { jointsFigure, totalsFigure } from "./ladder_figures.js";
+import { totalsFigure } from "./ladder_figures.js";
 import { address, go } from "./location.js";
 import { problemBox } from "./problem.js";
 import { worsened } from "./step.js";
 import { changeOf, twoLadders } from "./two_ladders.js";
+import { waterfallFigure } from "./waterfall.js";
 
 /** Of a model that came from another; of a first model only the comparison with others. */
 export function ladderSection(model, signal) {
@@ -23,7 +24,7 @@ export function ladderSection(model, signal) {
     { "aria-labelledby": "ladder-title" },
     h("h2", { id: "ladder-title", tabindex: "-1" }, "Ladder"),
     h("p", { class: isBetter(worseIn(model)) ? "box good" : "box warning", id: "step" }, stepInWords(model)),
-    h("div", { class: "two" }, totalsFigure(rungs, heldOut), jointsFigure(errors, model.joints, kind)),
+    h("div", { class: "two wide-right" }, totalsFigure(rungs, heldOut), waterfall(model, errors, kind)),
     rungTable(model, rungs, heldOut, signal),
     jointTable(model, errors, kind),
     twoLadders(model, signal),
@@ -77,6 +78,15 @@ function rungTable(model, rungs, heldOut, signal) {
     return row(cells, { class: here ? "chosen" : null });
   });
   return [table("Models, first to last, all joints", head, rows, { id: "ladder-table" }), h("p", { id: "best-rung" }, bestInWords(rungs), keepBest(model, rungs))];
+}
+
+/** Drawn anew when a diagnosis tells what the noise is. */
+function waterfall(model, errors, kind) {
+  const body = h("div");
+  const draw = () => put(body, waterfallFigure(errors, model.joints, model.joints.map((joint) => model.floorOf(joint) ?? null), kind));
+  model.addEventListener("diagnosis", draw);
+  draw();
+  return body;
 }
 
 /** What a rung is on held-out data. */

@@ -1,9 +1,7 @@
-// The ladder as figures: totals rung by rung, and every joint's error from the first model to the last.
+// The ladder as a figure: the errors of all joints together, rung by rung.
 
 import { h, svg } from "./dom.js";
 import { number, percent } from "./format.js";
-
-const COLOURS = ["rung-0", "rung-1", "rung-2", "rung-3"];
 
 /** Relative error of all joints at each rung, of the fit and held out. */
 export function totalsFigure(rungs, heldOut) {
@@ -34,41 +32,6 @@ export function totalsFigure(rungs, heldOut) {
   );
 }
 
-/** Relative error of every joint at each rung. */
-export function jointsFigure(errors, joints, kind) {
-  const width = 560;
-  const step = 26;
-  const names = joints.map((name) => (name.length > 22 ? `${name.slice(0, 20)}…` : name));
-  const room = { left: 20 + 7 * Math.max(...names.map((name) => name.length)), right: 20, top: 40, bottom: 40 };
-  const height = room.top + room.bottom + step * joints.length;
-  const most = 1.05 * Math.max(...errors.flatMap((one) => one.relative.map((value) => value ?? 0)));
-  const x = (value) => room.left + (value / most) * (width - room.left - room.right);
-  const y = (index) => room.top + step * (index + 0.5);
-  const rows = joints.map((_, index) => {
-    const values = errors.map((one) => one.relative[index]).filter((value) => value !== null);
-    return [
-      svg("line", { class: "reach", x1: x(Math.min(...values)), x2: x(Math.max(...values)), y1: y(index), y2: y(index) }),
-      values.map((value, k) => svg("circle", { class: rungClass(k, errors.length), cx: x(value), cy: y(index), r: k === errors.length - 1 ? 6 : 5 }, svg("title", {}, `model ${k + 1}: ${percent(value)}`))),
-      svg("text", { x: room.left - 8, y: y(index) + 4, "text-anchor": "end" }, names[index]),
-    ];
-  });
-  const marks = ticksUpTo(100 * most);
-  const apart = Math.min(90, (width - room.left - room.right) / errors.length);
-  return figure(
-    `Relative error per joint, ${kind} (%)`,
-    svg("svg", { viewBox: `0 0 ${width} ${height}`, style: { "max-width": `${width}px` }, role: "img", "aria-label": "Relative error of every joint at each model; the table below has the figures." },
-      marks.map((value) => [
-        svg("line", { class: "grid", x1: x(value / 100), x2: x(value / 100), y1: room.top, y2: height - room.bottom }),
-        svg("text", { x: x(value / 100), y: height - room.bottom + 18, "text-anchor": "middle" }, number(value, 2)),
-      ]),
-      rows,
-      errors.map((_, k) => [
-        svg("circle", { class: rungClass(k, errors.length), cx: room.left + 8 + apart * k, cy: 14, r: 5 }),
-        svg("text", { x: room.left + 18 + apart * k, y: 18 }, nameOf(k, errors.length)),
-      ])),
-  );
-}
-
 /** What a rung is called: of many only its number has room. */
 function nameOf(k, count) {
   return count > 6 ? `${k + 1}` : `model ${k + 1}`;
@@ -91,10 +54,6 @@ export function marker(kind, x, y, css) {
   return kind === "circle"
     ? svg("circle", { class: `mark-of ${css}`, cx: x, cy: y, r: 5 })
     : svg("rect", { class: `mark-of ${css}`, x: x - 4.5, y: y - 4.5, width: 9, height: 9 });
-}
-
-function rungClass(k, count) {
-  return `mark-of ${k === count - 1 ? "held-out" : COLOURS[k % COLOURS.length]}`;
 }
 
 /** Round values from zero up. */

@@ -7,6 +7,7 @@ import { changesForm, changesTable } from "./changes.js";
 import { choiceInWords, placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { announce, h, put, row, table } from "./dom.js";
 import { percent } from "./format.js";
+import { effectCards } from "./effect_cards.js";
 import { computed, progressBar } from "./jobs.js";
 import { go } from "./location.js";
 import { problemBox, showInForm } from "./problem.js";
@@ -100,6 +101,7 @@ function shown(model, add, signal) {
   return [
     verdict(model, result, add),
     changesTable(model, result),
+    effectCards(model, result, add, signal),
     candidatesTable(model, result, add, signal),
     unknown(result),
     nextExperiment(model, result),
