@@ -7,15 +7,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from oracles import arm, record
-from resting import resting_motion, resting_torque
+from oracles import arm, pinocchio_torque, record
+from resting import COULOMB, MOVES, NOISE, PERIOD, resting_motion, resting_torque
 from test_scoring_and_gate import judged
 
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.search import choosing
 from dynident.diagnosis.search.acceptance import shadowed
 from dynident.diagnosis.search.state import State
-from dynident.identification import identify
+from dynident.identification import extend, identify
 from dynident.recordings import Recording
 
 SCARA = arm("scara")
@@ -44,6 +44,42 @@ def test_friction_that_peaks_at_low_speed_is_named_on_a_joint_that_stops_at_ever
 def test_nothing_is_named_on_an_arm_that_only_rests_between_its_moves():
     run = resting(1, 0.0, 0.06)
     assert diagnose(identify(SCARA, [run], [resting(2, 0.0, 0.06)]), [run]).recommended == ()
+
+
+def breaking_away(seed: int, held: float, spread: float, excess: float) -> Recording:
+    """The first joint is held by up to `held` at every rest; `excess` of it is friction that falls off at low speed."""
+    motion = resting_motion(SCARA, 60.0, 200.0, seed)
+    tau = resting_torque(SCARA, motion, seed)
+    rests = motion.t % PERIOD >= MOVES
+    random = np.random.default_rng(200 + seed)
+    sizes = held * random.uniform(1.0 - spread, 1.0, 100) * random.choice([-1.0, 1.0], 100)
+    rest = pinocchio_torque(SCARA, motion.q, 0 * motion.q, 0 * motion.q)[:, 0] + random.normal(0, NOISE, len(rests))
+    tau[rests, 0] = (rest + sizes[np.floor(motion.t / PERIOD).astype(int)])[rests]
+    speed = motion.dq[:, 0]
+    tau[:, 0] += excess * np.exp(-((speed / 0.012) ** 2)) * np.sign(speed) * (np.abs(speed) > 1e-6) * ~rests
+    return record(SCARA, motion, tau, f"run{seed}")
+
+
+def test_static_friction_that_shows_at_rest_alone_is_named_by_what_holds_the_joint():
+    # 0.012 rad/s is passed within a filter's width: hardly any row of the moving joint shows it.
+    runs = [breaking_away(seed, COULOMB + EXCESS, 0.1, EXCESS) for seed in (1, 2)]
+    found = diagnose(identify(SCARA, runs), runs)
+    assert [(choice.effect, choice.joints) for choice in found.recommended] == [("stribeck", SCARA.joint_names[:1])]
+    first = found.candidates[0]
+    assert first.significant
+    assert "These are halts" in first.evidence
+    assert first.p_value <= 0.01
+    grown = extend(identify(SCARA, runs), found.recommended, runs)
+    (excess,) = (p.value for p in grown.parameters if p.effect == "stribeck")
+    assert excess == pytest.approx(EXCESS, rel=0.6)
+
+
+@pytest.mark.parametrize(("held", "spread"), [(0.95 * COULOMB, 0.1), (4 * COULOMB, 1.0)])
+def test_neither_coulomb_friction_at_its_limit_nor_a_brake_is_static_friction(held: float, spread: float):
+    runs = [breaking_away(seed, held, spread, 0.0) for seed in (1, 2)]
+    # A brake holds whatever there is to hold: nothing like that is in the friction of the moving joint.
+    found = diagnose(identify(SCARA, runs), runs)
+    assert "stribeck" not in {choice.effect for choice in found.recommended}
 
 
 def rows_of(*, turns: bool) -> SimpleNamespace:

@@ -25,6 +25,7 @@ from dynident.diagnosis.search.refine import refined
 from dynident.diagnosis.search.search import search
 from dynident.diagnosis.search.source import Source
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
+from dynident.diagnosis.search.sticking import held_at_rest
 from dynident.diagnosis.search.transients import find_contacts
 from dynident.diagnosis.words import rank_all, summary, verdict_of
 from dynident.diagnosis.wrong_names import misnamed
@@ -99,6 +100,12 @@ def diagnose(
         grown, _ = _grown(identification, recommended, recordings, silent)
         final = _compared(identification, grown, recordings, comparisons)
         unknown = unknown_patterns(final)
+    invisible = tuple(undetermined.values()) + _invisible(first)
+    doubts = doubts_of(picks, recommended, invisible, model.robot, first, candidates or ())
+    if not baseline:
+        grown, final, held = held_at_rest(grown, recordings, final, candidates)
+        picks, recommended = (*picks, *held), (*recommended, *(one.judged.candidate.choice for one in held))
+        unknown = unknown_patterns(final) if held else unknown
     residual = _rms(final)
     ranked = rank_all(picks, first, recommended)
     changes = None
@@ -112,7 +119,6 @@ def diagnose(
     sentences = [summary(verdict, told, unknown, residual, floor, model)]
     if changes is not None:
         sentences.insert(0, summary_of(changes))
-    invisible = tuple(undetermined.values()) + _invisible(first)
     progress(1.0, "diagnosed")
     return Diagnosis(
         verdict=verdict,
@@ -124,12 +130,7 @@ def diagnose(
         unknown=unknown,
         not_visible=invisible,
         failure_map=failure_map(comparisons),
-        next_experiment=next_experiment(
-            identification,
-            comparisons,
-            doubts_of(picks, recommended, invisible, model.robot, first, candidates or ()),
-            recordings,
-        ),
+        next_experiment=next_experiment(identification, comparisons, doubts, recordings),
         changes=changes,
     )
 

@@ -23,7 +23,7 @@ def rank_all(
     for finding, choice in zip(picks, recommended, strict=True):
         others = {item.candidate.effect for item in finding.equal} - {choice.effect}
         twins = tuple(sorted(others | set(effect_by_id(choice.effect).same_function)))
-        why = f"Its mark in a residual: {effect_by_id(choice.effect).signature}."
+        why = finding.why or f"Its mark in a residual: {effect_by_id(choice.effect).signature}."
         if twins:
             why += f" This data cannot tell it from: {', '.join(twins)}."
         places = [item.candidate.joints for item in finding.equal if item.candidate.effect == choice.effect]

@@ -198,7 +198,8 @@ class Effect(ABC):
     direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of
     the session. `is_rough`: its formula only resembles what it stands for. `sits_on`: where some joints follow others,
     links hang on all joints of the tree, motors on the driven ones alone. `in_some_runs`: it is the same function as
-    the model itself unless it is in some of the runs only. `may_change`: a robot gets it, or more or less of it, from
+    the model itself unless it is in some of the runs only. `holds_at_rest`: all of its one parameter holds a joint that
+    stands, whatever its shape constants. `may_change`: a robot gets it, or more or less of it, from
     one day to the next, `changes_with` names effects that then change, too, as a rule; `seldom_changes`: what is more
     usual and says as much takes the name. `shown_by` names parameters of which one at least has to act for the effect
     to be told by. `confused_with` names effects that
@@ -229,6 +230,7 @@ class Effect(ABC):
     needs_temperature: ClassVar[bool] = False
     needs_session: ClassVar[bool] = False
     in_some_runs: ClassVar[bool] = False
+    holds_at_rest: ClassVar[bool] = False
     may_change: ClassVar[bool] = False
     changes_with: ClassVar[tuple[str, ...]] = ()
     seldom_changes: ClassVar[bool] = False

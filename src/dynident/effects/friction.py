@@ -163,6 +163,7 @@ class Stribeck(_OneColumnFriction):
     confused_with = ("viscous_nonlinear", "presliding")
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
     experiment = "constant_speeds"
+    holds_at_rest = True
     told_from = MappingProxyType({"constant_speeds": ("viscous_nonlinear", "coulomb", "break_away", "viscous")})
     often_missed = 3
 

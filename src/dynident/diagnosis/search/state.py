@@ -26,13 +26,15 @@ class Finding:
     """An effect that was picked, what the data cannot tell it from, and its corrected p.
 
     `around` are columns of the same effect with neighbouring shape constants: until the constants are refined they
-    say what the coarse ones cannot, so that it is not taken for something else.
+    say what the coarse ones cannot, so that it is not taken for something else. `why`: what speaks for it, in words,
+    where it is not its mark in the residual of a moving joint.
     """
 
     judged: JudgedCandidate
     equal: tuple[JudgedCandidate, ...]
     p: float
     around: tuple[int, ...] = ()
+    why: str = ""
 
     @property
     def columns(self) -> tuple[int, ...]:
