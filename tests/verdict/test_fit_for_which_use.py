@@ -53,6 +53,19 @@ def test_without_held_out_data_nothing_is_promised() -> None:
     assert found.next_steps == ("Record another motion, and hold it out.",)
 
 
+def test_a_model_that_was_extended_is_not_told_to_be_until_its_error_is_unusual(model: Identification) -> None:
+    def steps(error: float, parent: Identification | None) -> str:
+        held_out, fit = (
+            replace(one, squares=one.squares * (error / one.relative_total) ** 2) for one in (model.held_out, model.fit)
+        )
+        return " ".join(verdict(replace(model, held_out=held_out, fit=fit, parent=parent)).next_steps)
+
+    assert "Diagnose what is missing" in steps(0.05, None)
+    assert steps(0.05, model) == ""
+    assert "Diagnose this model, too" in steps(0.08, model)
+    assert steps(0.01, None) == ""
+
+
 def test_an_error_between_the_limits_is_fit_for_some_uses_alone(model: Identification) -> None:
     held_out = model.held_out
     scale = (0.12 / held_out.relative_total) ** 2

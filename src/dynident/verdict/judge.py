@@ -99,9 +99,15 @@ def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Commo
             f"The held-out error is {error / max(found.fit.relative_total, 1e-12):.1f} times that of the fit: record a "
             "designed motion."
         )
-    if error > USUAL_IN_FULL[0]:
-        alone, full = (f"{low:.0%} to {high:.0%}" for low, high in (USUAL, USUAL_IN_FULL))
-        steps.append(
-            f"Diagnose what is missing and add it: {alone} are usual with friction alone, {full} with all effects."
-        )
-    return steps
+    return [*steps, *_what_is_missing(error, was_extended=found.parent is not None)]
+
+
+def _what_is_missing(error: float, *, was_extended: bool) -> list[str]:
+    """Whether to look for effects: in a model that has some already only where its error is still unusual."""
+    alone, full = (f"{low:.0%} to {high:.0%}" for low, high in (USUAL, USUAL_IN_FULL))
+    if was_extended:
+        still = f"Diagnose this model, too: with all effects {full} are usual, and it was extended already."
+        return [still] if error > USUAL_IN_FULL[1] else []
+    if error <= USUAL_IN_FULL[0]:
+        return []
+    return [f"Diagnose what is missing and add it: {alone} are usual with friction alone, {full} with all effects."]
