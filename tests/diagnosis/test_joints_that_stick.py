@@ -69,6 +69,8 @@ def test_static_friction_that_shows_at_rest_alone_is_named_by_what_holds_the_joi
     assert first.significant
     assert "These are halts" in first.evidence
     assert first.p_value <= 0.01
+    # Whether it falls off with speed or with distance, halts do not tell.
+    assert first.equivalent == ("break_away",)
     grown = extend(identify(SCARA, runs), found.recommended, runs)
     (excess,) = (p.value for p in grown.parameters if p.effect == "stribeck")
     assert excess == pytest.approx(EXCESS, rel=0.6)

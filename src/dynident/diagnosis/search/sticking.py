@@ -144,7 +144,7 @@ def held_at_rest(
             f"model's friction does, {np.median(halts.share):.0%} in the middle one. At which speed that falls off is "
             "hardly resolved."
         )
-        found.append(Finding(judged, (), p, why=why))
+        found.append(Finding(judged, tuple(_alike(judged)), p, why=why))
         grown, final = larger, after
     return grown, final, tuple(found)
 
@@ -179,6 +179,17 @@ def _best(
         if best is None or abs(np.log(size)) < best[0]:
             best = abs(float(np.log(size))), candidate, separability, own
     return None if best is None else best[1:]
+
+
+def _alike(judged: JudgedCandidate) -> list[JudgedCandidate]:
+    """Other friction at the start of a motion that halts alone do not tell from it."""
+    mine = judged.candidate.effect
+    others = [
+        one
+        for one in CATALOGUE.values()
+        if mine in one.confused_with and one.is_friction and one.at_starts(one.shape_with_defaults({}))
+    ]
+    return [replace(judged, candidate=replace(judged.candidate, effect=one.id, shape=())) for one in others]
 
 
 def _narrow(effect: Effect, robot: Robot, joint: int) -> list[dict[str, float]]:

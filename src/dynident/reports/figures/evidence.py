@@ -13,7 +13,7 @@ from dynident.reports.figures.svg import BAND, PREDICTED, RESIDUAL, panel_title,
 from dynident.reports.numbers import percent
 from dynident.robot import Robot
 
-_ROW = 2.1
+_ROW, _LABELLED = 2.1, 0.44
 _ACROSS = 2
 
 
@@ -21,7 +21,7 @@ def evidence_figure(shown: Sequence[Evidence], robot: Robot) -> Markup:
     """One panel an effect and joint, two in a row; at least one has to be given."""
     columns = min(_ACROSS, len(shown))
     rows = -(-len(shown) // columns)
-    figure, grid = panels(rows, columns, _ROW + (0.25 if rows > 1 else 0.0))
+    figure, grid = panels(rows, columns, _ROW + (0.25 if rows > 1 else 0.0), below=_LABELLED)
     for axes, one in zip(grid.flat, shown, strict=False):
         _panel(axes, one, robot.joints[robot.joint_names.index(one.joint)].effort_unit)
     for axes in grid.flat[len(shown) :]:

@@ -54,8 +54,11 @@ def panels(
     widths: Sequence[float] | None = None,
     margins: Margins | None = None,
     gap: float = 0.55,
+    below: float = _TICKS_HEIGHT,
 ) -> tuple[Figure, AxesGrid]:
     """A figure over the page's width with a grid of axes: rows `height` inches with their titles, columns `gap` apart.
+
+    Where there are several rows, `below` each panel is what its ticks, and its label if it has one, take.
 
     Placed by inches rather than by matplotlib's layout engine, which takes several times as long as the drawing.
     """
@@ -66,7 +69,7 @@ def panels(
     free = WIDTH - room.left - room.right - (columns - 1) * gap
     spans = free * ratios / ratios.sum()
     starts = room.left + np.concatenate([[0.0], np.cumsum(spans + gap)[:-1]])
-    panel = height - _TITLE_HEIGHT - (_TICKS_HEIGHT if rows > 1 else 0.0)
+    panel = height - _TITLE_HEIGHT - (below if rows > 1 else 0.0)
     grid = np.empty((rows, columns), dtype=object)
     for row in range(rows):
         low = total - room.top - row * height - _TITLE_HEIGHT - panel
