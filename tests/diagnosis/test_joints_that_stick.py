@@ -15,7 +15,8 @@ from dynident.diagnosis import diagnose
 from dynident.diagnosis.search import choosing
 from dynident.diagnosis.search.acceptance import shadowed
 from dynident.diagnosis.search.state import State
-from dynident.identification import extend, identify
+from dynident.effects import EffectChoice
+from dynident.identification import IdentificationChoices, extend, identify
 from dynident.recordings import Recording
 
 SCARA = arm("scara")
@@ -82,6 +83,13 @@ def test_neither_coulomb_friction_at_its_limit_nor_a_brake_is_static_friction(he
     # A brake holds whatever there is to hold: nothing like that is in the friction of the moving joint.
     found = diagnose(identify(SCARA, runs), runs)
     assert "stribeck" not in {choice.effect for choice in found.recommended}
+
+
+def test_a_model_without_friction_is_not_told_of_static_friction_by_its_halts():
+    runs = [resting(seed, 0.0, 0.06) for seed in (1, 2)]
+    bare = identify(SCARA, runs, choices=IdentificationChoices((EffectChoice("rigid_body"), EffectChoice("viscous"))))
+    found = diagnose(bare, runs, candidates=["stribeck", "offset"])
+    assert all("These are halts" not in one.evidence for one in found.candidates)
 
 
 def rows_of(*, turns: bool) -> SimpleNamespace:

@@ -121,7 +121,7 @@ def held_at_rest(
     for joint in range(len(names)):
         halts = halts_of(final, joint)
         p = halts.p * len(names)
-        if p > ALPHA or not halts.are_alike or np.median(halts.beyond) < _OVER_NOISE * final[0].noise[joint]:
+        if p > ALPHA or not _much_is_held(halts, final[0].noise[joint]):
             continue
         tried = _best(grown, recordings, joint, halts, asked)
         if tried is None:
@@ -147,6 +147,12 @@ def held_at_rest(
         found.append(Finding(judged, tuple(_alike(judged)), p, why=why))
         grown, final = larger, after
     return grown, final, tuple(found)
+
+
+def _much_is_held(halts: Halts, noise: float) -> bool:
+    """Whether joints are held alike, by clearly more than a friction that the model has."""
+    has_friction = np.median(halts.friction) > noise
+    return bool(has_friction and halts.are_alike and np.median(halts.beyond) >= _OVER_NOISE * noise)
 
 
 def _best(
