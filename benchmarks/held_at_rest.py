@@ -6,9 +6,9 @@ Arms of another engine (`engine/`) with friction, gears, springs or nothing hidd
 without their halts, and grown by what was recommended. Then the halts of every joint with a dozen or more of them are
 looked at, of the joints that have Stribeck friction which the diagnosis did not name apart from all others.
 
-`share`: what is held beyond the model's friction at most, over that friction, in the middle halt; `above 0.2` (0.3,
-0.4): share of the halts in which it is more; `apart`: how far half of the halts lie apart, over the middle one; `over
-noise`: the middle one over the residual where the joint moves.
+`share`: what is held beyond the model's friction at most, over that friction, in the middle halt; `over noise`: the
+middle one over the residual where the joint moves; `above 0.2, 5`: share of the halts in which it is more than 0.2 of
+the friction and 5 times that residual; `apart`: how far half of the halts lie apart, over the middle one.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ from dynident.identification import extend, identify
 # The package shows the function of that name, not the module.
 DIAGNOSIS = import_module("dynident.diagnosis.diagnose")
 HALTS = 12
-ABOVE = (0.2, 0.3, 0.4)
+LIMITS = ((0.2, 3.0), (0.2, 5.0), (0.3, 3.0), (0.3, 5.0))
+"""Of the friction, and of the residual where the joint moves: both have to be exceeded."""
 FAMILIES = (
     "stribeck", "clean", "stribeck+base_tilt", "presliding", "stribeck", "load_dependent_friction", "joint_elasticity",
     "stribeck+torque_ripple", "backlash", "joint_spring", "transmission_coupling", "torque_delay",
@@ -106,10 +107,14 @@ def joints_of(case: Case, folder: Path) -> list[Joint]:
         if len(halts.beyond) < HALTS or joint in there & named:
             continue
         low, middle, high = np.quantile(halts.beyond, (0.25, 0.5, 0.75))
-        above = tuple(round(float((halts.share >= limit).mean()), 3) for limit in ABOVE)
+        residual = comparisons[0].noise[j]
+        above = tuple(
+            round(float(((halts.share >= share) & (halts.beyond >= times * residual)).mean()), 3)
+            for share, times in LIMITS
+        )
         apart = float((high - low) / middle) if middle > 0 else np.inf
-        noise = float(middle / comparisons[0].noise[j])
-        found.append(Joint(case.name, joint, joint in there, float(np.median(halts.share)), above, apart, noise))
+        share, noise = float(np.median(halts.share)), float(middle / residual)
+        found.append(Joint(case.name, joint, joint in there, share, above, apart, noise))
     return found
 
 
@@ -120,7 +125,7 @@ def table(joints: Sequence[Joint]) -> list[tuple[str, ...]]:
         own = [one for one in joints if one.hidden == hidden]
         columns = {
             "share": [one.share for one in own],
-            **{f"above {limit:g}": [one.above[k] for one in own] for k, limit in enumerate(ABOVE)},
+            **{f"above {share:g}, {times:g}": [one.above[k] for one in own] for k, (share, times) in enumerate(LIMITS)},
             "apart": [one.apart for one in own],
             "over noise": [one.over_noise for one in own],
         }

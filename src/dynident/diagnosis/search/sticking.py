@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy import stats
@@ -28,8 +29,13 @@ from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
 from dynident.robot import Robot
 
-_MUCH = 0.3
-"""Share of what the model's friction holds from which on more is held: what moves beside a halt leaves 0.1 to 0.2."""
+# `benchmarks/held_at_rest.py` calibrates the first four.
+
+_MUCH = 0.2
+"""Share of what the model's friction holds that a halt has to hold beyond it: what moves beside a halt leaves half."""
+
+_OVER_NOISE = 5.0
+"""And times the residual where the joint moves."""
 
 _USUAL = 0.25
 """Share of the halts of a joint without static friction above its Coulomb friction that hold so much more, at most."""
@@ -38,11 +44,8 @@ _ALIKE = 0.5
 """Half of the halts lie at most so far apart, over the middle one: a joint breaks away at the same torque each time, a
 brake holds whatever there is."""
 
-_OVER_NOISE = 3.0
-"""Times the residual where the joint moves that is held beyond the model's friction in the middle halt, at least."""
-
-_LIKE = (0.5, 3.0)
-"""What friction at low speed the moving rows ask for, over what is held: the filter takes some of the latter."""
+_LIKE = 2.0
+"""Times what is held, or its part, that the friction is at its width: between widths it is interpolated."""
 
 _LEFT = 0.5
 """Share of what is held beyond the friction that may be left once the effect is in the model."""
@@ -77,11 +80,14 @@ class Halts:
         low, middle, high = np.quantile(self.beyond, (0.25, 0.5, 0.75))
         return bool(high - low <= _ALIKE * middle)
 
-    @property
-    def p(self) -> float:
-        """How likely as many halts hold `_MUCH` more where static friction is not above Coulomb friction."""
-        n, many = len(self.beyond), int((self.share >= _MUCH).sum())
-        return float(stats.binom.sf(many - 1, n, _USUAL)) if n else 1.0
+    def many(self, noise: float) -> int:
+        """The number of halts that hold much more than a friction that the model has, and than its residual."""
+        much = (self.share >= _MUCH) & (self.beyond >= _OVER_NOISE * noise) & (self.friction > noise)
+        return int(much.sum())
+
+    def p(self, noise: float) -> float:
+        """How likely as many halts are where static friction is not above Coulomb friction."""
+        return float(stats.binom.sf(self.many(noise) - 1, len(self.beyond), _USUAL)) if len(self.beyond) else 1.0
 
 
 def halts_of(comparisons: Sequence[Comparison], joint: int) -> Halts:
@@ -120,13 +126,14 @@ def held_at_rest(
     names = final[0].joint_names
     for joint in range(len(names)):
         halts = halts_of(final, joint)
-        p = halts.p * len(names)
-        if p > ALPHA or not _much_is_held(halts, final[0].noise[joint]):
+        noise = float(final[0].noise[joint])
+        p = halts.p(noise) * len(names)
+        if p > ALPHA or not halts.are_alike:
             continue
         tried = _best(grown, recordings, joint, halts, asked)
         if tried is None:
             continue
-        candidate, separability, amplitudes = tried
+        candidate = tried.candidate
         try:
             larger = extend(grown, [candidate.choice], recordings)
         except DynidentError:
@@ -137,54 +144,81 @@ def held_at_rest(
         if worse or len(held.beyond) != len(halts.beyond) or held.beyond.sum() > _LEFT * halts.beyond.sum():
             continue
         judged = _judged(candidate, joint, halts, held, final[0].noise)
-        judged = replace(judged, p=p, separability=separability, amplitudes=amplitudes)
-        many = int((halts.share >= _MUCH).sum())
+        judged = replace(judged, p=p, separability=tried.separability, amplitudes=tried.amplitudes)
         why = (
-            f"These are halts: in {many} of {len(halts.beyond)} the joint held {_MUCH:.0%} or more beyond what the "
-            f"model's friction does, {np.median(halts.share):.0%} in the middle one. At which speed that falls off is "
-            "hardly resolved."
+            f"These are halts: in {halts.many(noise)} of {len(halts.beyond)} the joint held {_MUCH:.0%} or more beyond "
+            f"what the model's friction does, {np.median(halts.share):.0%} in the middle one. At which speed that "
+            "falls off is hardly resolved."
         )
         found.append(Finding(judged, tuple(_alike(judged)), p, why=why))
         grown, final = larger, after
     return grown, final, tuple(found)
 
 
-def _much_is_held(halts: Halts, noise: float) -> bool:
-    """Whether joints are held alike, by clearly more than a friction that the model has."""
-    has_friction = np.median(halts.friction) > noise
-    return bool(has_friction and halts.are_alike and np.median(halts.beyond) >= _OVER_NOISE * noise)
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A candidate beside the model: what of its column is left, its amplitudes, whether it makes nothing worse."""
+
+    candidate: Candidate
+    separability: float
+    amplitudes: FloatArray
+    helps: bool
+
+    @property
+    def width(self) -> float:
+        """The constant that a filtered position has to resolve."""
+        shape = dict(self.candidate.shape)
+        return next(shape[one.name] for one in CATALOGUE[self.candidate.effect].shapes if one.resolved_by is not None)
 
 
 def _best(
     grown: Identification, recordings: Sequence[Recording], joint: int, halts: Halts, asked: Sequence[str] | None
-) -> tuple[Candidate, float, FloatArray] | None:
-    """The candidate whose size, from where the joint moves, is nearest to what is held; separability, amplitudes."""
-    model, name = grown.model, grown.model.robot.joint_names[joint]
+) -> _Fitted | None:
+    """The friction whose size, from where the joint moves, is what is held: the narrower, the larger it has to be."""
+    robot, name = grown.model.robot, grown.model.robot.joint_names[joint]
     known = {one.effect for one in grown.choices.effects if not one.joints or name in one.joints}
-    holding = [one for one in CATALOGUE.values() if one.holds_at_rest and one.id not in known]
-    choices = [
-        EffectChoice(one.id, (name,), tuple(sorted(shape.items())))
-        for one in holding
-        if asked is None or one.id in asked
-        for shape in _narrow(one, model.robot, joint)
-    ]
+    needed = float(np.quantile(halts.beyond, 0.9))
+    for effect in CATALOGUE.values():
+        if not effect.holds_at_rest or effect.id in known or (asked is not None and effect.id not in asked):
+            continue
+        shapes = [tuple(sorted(shape.items())) for shape in _narrow(effect, robot, joint)]
+        tried = _fitted(grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes])
+        shape = _as_large(sorted(tried, key=lambda one: one.width), needed)
+        if shape is None:
+            continue
+        found = _fitted(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
+        if found and found[0].helps and 1 / _LIKE <= float(found[0].amplitudes[0]) / needed <= _LIKE:
+            return found[0]
+    return None
+
+
+def _fitted(grown: Identification, recordings: Sequence[Recording], choices: Sequence[EffectChoice]) -> list[_Fitted]:
+    """Every choice beside the model, on the rows that are equations for it."""
+    model, reference = grown.model, grown.next_reference()
     pool = pool_of(model, choices)
     if not pool.candidates:
-        return None
-    reference = grown.next_reference()
+        return []
     data = gather(pool.observation, model.signals, recordings, grown.preprocessing, reference, model.n_parameters)
     base = tuple(range(pool.n_base))
-    needed = float(np.quantile(halts.beyond, 0.9))
-    best: tuple[float, Candidate, float, FloatArray] | None = None
+    found = []
     for candidate in pool.candidates:
         rows = data.beside(base, np.array(data.kinds(candidate.columns)))
         *_, separability, own = fitted_errors(rows, np.array(base, dtype=np.intp), candidate, grown.noise)
-        size = float(own[0]) / needed
-        if not _LIKE[0] <= size <= _LIKE[1] or not helpful(data, base, [candidate.columns], grown.noise):
-            continue
-        if best is None or abs(np.log(size)) < best[0]:
-            best = abs(float(np.log(size))), candidate, separability, own
-    return None if best is None else best[1:]
+        helps = len(choices) > 1 or bool(helpful(data, base, [candidate.columns], grown.noise))
+        found.append(_Fitted(candidate, separability, own, helps))
+    return found
+
+
+def _as_large(tried: Sequence[_Fitted], needed: float) -> tuple[tuple[str, float], ...] | None:
+    """Shape constants with which the friction has a size, from those `tried` in the order of their widths."""
+    for narrow, wide in reversed(list(pairwise(tried))):
+        large, small = float(narrow.amplitudes[0]) / needed, float(wide.amplitudes[0]) / needed
+        if large >= 1.0 > small > 0.0:
+            share = np.log(large) / (np.log(large) - np.log(small))
+            width = narrow.width * (wide.width / narrow.width) ** float(share)
+            changed = {one.name for one in CATALOGUE[wide.candidate.effect].shapes if one.resolved_by is not None}
+            return tuple((name, width if name in changed else value) for name, value in wide.candidate.shape)
+    return None
 
 
 def _alike(judged: JudgedCandidate) -> list[JudgedCandidate]:
