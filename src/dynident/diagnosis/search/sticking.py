@@ -35,7 +35,7 @@ _MUCH = 0.2
 """Share of what the model's friction holds that a halt has to hold beyond it."""
 
 _OVER_NOISE = 3.0
-"""And times the residual where the joint moves. What moves beside a halt leaves 0.15 and 2.3 times in the middle one."""
+"""And times the residual where the joint moves. What moves beside a halt leaves 0.15 and 2.3 times in the median."""
 
 _USUAL = 0.25
 """Share of the halts of a joint without static friction above its Coulomb friction that hold so much more, as a rule at
