@@ -37,9 +37,9 @@ _MUCH = 0.2
 _OVER_NOISE = 3.0
 """And times the residual where the joint moves. What moves beside a halt leaves 0.15 and 2.3 times in the median."""
 
-_USUAL = 0.25
-"""Share of the halts of a joint without static friction above its Coulomb friction that hold so much more, as a rule at
-most (0.1 in the middle one of 269 such joints, 0.4 in one of twenty; these are seldom alike)."""
+_USUAL = 0.4
+"""Share of the halts of a joint without static friction above its Coulomb friction that hold so much more, at most: it
+is more on one such joint in twenty."""
 
 _ALIKE = 0.5
 """Half of the halts lie at most so far apart, over the middle one: a joint breaks away at the same torque each time, a
