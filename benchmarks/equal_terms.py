@@ -16,16 +16,12 @@ too).
 
 from __future__ import annotations
 
-import argparse
 import os
-import secrets
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
@@ -35,6 +31,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 from common import show
 from engine.robots import arm_by_name, as_described
+from hiding.asking import asked, each
 from hiding.case import Case
 from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
@@ -83,28 +80,13 @@ class Contest:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--seed", default="1", help='a number, or "new"')
-    parser.add_argument("--cases", type=int, default=48)
-    parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "hidden-effects")
-    arguments = parser.parse_args()
-    seed = secrets.randbelow(10**6) if arguments.seed == "new" else int(arguments.seed)
-    cases = draw_cases(Wanted(seed, arguments.cases, FAMILIES))
+    given = asked(__doc__ or "", 48)
+    cases = draw_cases(Wanted(given.seed, given.cases, FAMILIES))
     start = time.perf_counter()
-    contests = [one for some in run(cases, arguments.cache, arguments.processes) for one in some]
-    show(f"Rivals, seed {seed}, {len(cases)} cases, {time.perf_counter() - start:.0f} s", rivals_table(contests))
+    contests = [one for some in each(partial(contests_of, folder=given.cache), cases, given.processes) for one in some]
+    show(f"Rivals, seed {given.seed}, {len(cases)} cases, {time.perf_counter() - start:.0f} s", rivals_table(contests))
     show("Starts", starts_table(contests))
     show("Fewer constants", constants_table(contests))
-
-
-def run(cases: Sequence[Case], folder: Path, processes: int) -> Iterator[list[Contest]]:
-    """The contests of every case, as they come."""
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        for job in as_completed([pool.submit(contests_of, case, folder) for case in cases]):
-            found = job.result()
-            print(*found, sep="\n", flush=True)
-            yield found
 
 
 def contests_of(case: Case, folder: Path) -> list[Contest]:
@@ -114,6 +96,7 @@ def contests_of(case: Case, folder: Path) -> list[Contest]:
     training = data.recordings(held_out=False)
     with listening(case) as heard:
         diagnose(identify(robot, training), training)
+    print(*heard, sep="\n", flush=True)
     return heard
 
 

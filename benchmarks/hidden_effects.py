@@ -25,12 +25,9 @@ import json
 import os
 import secrets
 import sys
-import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -38,7 +35,8 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 from common import show
-from hiding.case import Case, Firmness, MotionKind, Size
+from hiding.asking import each, kept
+from hiding.case import Firmness, MotionKind, Size
 from hiding.drawing import Wanted, draw_cases
 from hiding.families import FAMILIES
 from hiding.judging import judge_safely
@@ -68,7 +66,8 @@ def main() -> None:
     print(f"seed {seed}: {len(cases)} cases on {', '.join(dict.fromkeys(case.arm for case in cases))}", flush=True)
     start = time.perf_counter()
     outcomes = []
-    for outcome in judged(cases, arguments.cache, arguments.shows, arguments.processes):
+    judging = partial(judge_safely, folder=arguments.cache, shows=arguments.shows)
+    for outcome in each(judging, cases, arguments.processes):
         outcomes.append(outcome)
         print(f"  {len(outcomes):3d}/{len(cases)} {_line(outcome)}", flush=True)
     order = {case.name: k for k, case in enumerate(cases)}
@@ -81,16 +80,6 @@ def main() -> None:
     print("\n".join(describe(outcome) for outcome in failures))
     show(f"Hidden effects, seed {seed}, {time.perf_counter() - start:.0f} s", table(outcomes))
     show("In total", [(what, f"{value:.3g}") for what, value in totals(outcomes).items()])
-
-
-def judged(cases: Sequence[Case], folder: Path | None, shows: float, processes: int) -> Iterator[Outcome]:
-    """Outcomes as they come."""
-    if processes == 1:
-        yield from (judge_safely(case, folder, shows) for case in cases)
-        return
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        for job in as_completed([pool.submit(judge_safely, case, folder, shows) for case in cases]):
-            yield job.result()
 
 
 def _manners(arguments: argparse.Namespace) -> Manners:
@@ -125,7 +114,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--shows", type=float, default=SHOWS, help="excess from which on an effect counts as shown")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--json", type=Path, default=None, help="write every outcome here")
-    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "hidden-effects")
+    parser.add_argument("--cache", type=Path, default=kept())
     arguments = parser.parse_args()
     unknown = {part for name in _listed(arguments.families) for part in name.split("+")} - {
         *FAMILIES,

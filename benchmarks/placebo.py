@@ -27,6 +27,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 from common import show
+from hiding.asking import kept
 from hiding.case import Case
 from hiding.drawing import PAIRS, Wanted, draw_cases
 from hiding.families import FAMILIES
@@ -127,7 +128,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--arms", type=int, default=8, help="simulated ones")
     parser.add_argument("--only", choices=("simulated", "real"))
     parser.add_argument("--json", type=Path, default=None, help="write every trial here")
-    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "hidden-effects")
+    parser.add_argument("--cache", type=Path, default=kept())
     return parser.parse_args()
 
 

@@ -11,12 +11,12 @@ from oracles import arm, pinocchio_torque, record
 from resting import COULOMB, MOVES, NOISE, PERIOD, resting_motion, resting_torque
 from test_scoring_and_gate import judged
 
-from dynident.diagnosis import diagnose
+from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.search import choosing
 from dynident.diagnosis.search.acceptance import shadowed
 from dynident.diagnosis.search.state import State
-from dynident.effects import EffectChoice
-from dynident.identification import IdentificationChoices, extend, identify
+from dynident.diagnosis.search.sticking import Halts, halts_of
+from dynident.identification import extend, identify
 from dynident.recordings import Recording
 
 SCARA = arm("scara")
@@ -85,11 +85,37 @@ def test_neither_coulomb_friction_at_its_limit_nor_a_brake_is_static_friction(he
     assert "stribeck" not in {choice.effect for choice in found.recommended}
 
 
-def test_a_model_without_friction_is_not_told_of_static_friction_by_its_halts():
-    runs = [resting(seed, 0.0, 0.06) for seed in (1, 2)]
-    bare = identify(SCARA, runs, choices=IdentificationChoices((EffectChoice("rigid_body"), EffectChoice("viscous"))))
-    found = diagnose(bare, runs, candidates=["stribeck", "offset"])
-    assert all("These are halts" not in one.evidence for one in found.candidates)
+def halts(beyond: np.ndarray, friction: float) -> Halts:
+    each = np.full(len(beyond), friction)
+    return Halts(beyond, each, beyond**2, np.ones(len(beyond)))
+
+
+def test_halts_speak_for_static_friction_where_nearly_all_hold_much_more_than_the_friction_and_the_noise() -> None:
+    most, noise = np.full(20, 0.5), 0.05
+    assert halts(most, 1.0).many(noise) == 20
+    assert halts(most, 1.0).p(noise) < 1e-6
+    # Little beside the friction, little beside the noise, or a model that has no friction that could be exceeded.
+    assert halts(0.3 * most, 1.0).many(noise) == 0
+    assert halts(most, 1.0).many(0.2) == 0
+    assert halts(most, 0.0).many(noise) == 0
+    half = np.where(np.arange(20) < 10, 0.5, 0.1)
+    assert halts(half, 1.0).p(noise) > 0.1
+    assert halts(np.zeros(0), 1.0).p(noise) == 1.0
+
+
+def test_what_a_brake_holds_is_not_alike_from_halt_to_halt() -> None:
+    assert halts(np.linspace(0.45, 0.55, 20), 1.0).are_alike
+    assert not halts(np.linspace(0.2, 3.0, 20), 1.0).are_alike
+
+
+def test_each_rest_of_a_joint_is_a_halt_and_what_is_held_beyond_its_friction_is_its_distance_from_the_band() -> None:
+    run = breaking_away(1, COULOMB + EXCESS, 0.1, 0.0)
+    compared = compare(identify(SCARA, [run]), run)
+    found = halts_of([compared], 0)
+    rests = round(60.0 / PERIOD)
+    assert rests - 1 <= len(found.beyond) <= rests + 1
+    assert np.median(found.friction) == pytest.approx(COULOMB, rel=0.1)
+    assert np.median(found.beyond) == pytest.approx(0.95 * (COULOMB + EXCESS) - COULOMB, rel=0.25)
 
 
 def rows_of(*, turns: bool) -> SimpleNamespace:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-from datetime import UTC, datetime
 from html import escape
 
 import pytest
@@ -91,8 +90,12 @@ def test_long_tables_repeat_their_head_on_the_next_page() -> None:
 
 
 def test_the_same_report_is_the_same_file() -> None:
-    moment = datetime(2026, 5, 1, tzinfo=UTC)
-    assert pdf_of(page(TABLE), moment) == pdf_of(page(TABLE), moment)
+    assert pdf_of(page(TABLE)) == pdf_of(page(TABLE))
+
+
+def test_a_viewer_shows_the_reports_title() -> None:
+    named = page(TABLE).replace("<title>t</title>", "<title>My &quot;arm&quot; #1</title>")
+    assert PdfReader(io.BytesIO(pdf_of(named))).metadata.title == 'My "arm" #1'
 
 
 @pytest.mark.parametrize(

@@ -78,6 +78,37 @@ def test_an_address_of_a_stretch_without_a_tab_still_shows_the_stretch(page: Any
     expect(page.locator("#zoom-state")).to_contain_text("elbow, 2.000 s to 4.000 s")
 
 
+def test_the_line_under_the_charts_names_the_stretch_that_it_counts_while_the_next_is_read(
+    page: Any, model: str
+) -> None:
+    page.goto(f"/?identification={model}&tab=compare&joint=elbow&from=2&to=4")
+    said = page.locator("#zoom-state")
+    expect(said).to_contain_text("elbow, 2.000 s to 4.000 s")
+    held: list[Any] = []
+    page.route("**/series?*", lambda route: held.append(route))
+    page.locator(".charts").focus()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_url("**from=2.5*")
+    # What is known of the other joint is still of the stretch before.
+    page.keyboard.press("ArrowUp")
+    expect(said).to_contain_text("shoulder, 2.000 s to 4.000 s")
+    for one in held:
+        one.continue_()
+    page.unroute("**/series?*")
+    expect(said).to_contain_text("shoulder, 2.500 s to 4.500 s")
+
+
+def test_parameters_stand_by_effect_with_their_links(page: Any, model: str) -> None:
+    open_tab(page, "Parameters")
+    parameters = ask(page, f"/identifications/{model}")["result"]["parameters"]
+    rows = page.locator("#parameters table").first.locator("tbody tr")
+    expect(rows).to_have_count(len(parameters) + len({one["effect"] for one in parameters}))
+    first = rows.nth(1)
+    assert rows.first.get_attribute("class") == "group"
+    expect(first).to_contain_text(parameters[0]["name"])
+    expect(first.locator("td").first).to_have_text(parameters[0]["link"])
+
+
 def test_the_verdict_is_the_services_and_leads_to_the_next_click(page: Any, model: str) -> None:
     found = ask(page, f"/identifications/{model}/verdict")
     expect(page.locator("#fitness-summary")).to_have_text(found["summary"])

@@ -100,8 +100,7 @@ def diagnose(
         grown, _ = _grown(identification, recommended, recordings, silent)
         final = _compared(identification, grown, recordings, comparisons)
         unknown = unknown_patterns(final)
-    invisible = tuple(undetermined.values()) + _invisible(first)
-    doubts = doubts_of(picks, recommended, invisible, model.robot, first, candidates or ())
+    # Of two days, halts would have to be asked apart.
     if not baseline:
         grown, final, held = held_at_rest(grown, recordings, final, candidates)
         picks, recommended = (*picks, *held), (*recommended, *(one.judged.candidate.choice for one in held))
@@ -116,6 +115,7 @@ def diagnose(
     missing = tuple(choice for choice in recommended if not is_change(choice, since))
     verdict = verdict_of(missing, unknown)
     told = [one for one in ranked if not is_change(one.choice, since)]
+    invisible = tuple(undetermined.values()) + _invisible(first)
     sentences = [summary(verdict, told, unknown, residual, floor, model)]
     if changes is not None:
         sentences.insert(0, summary_of(changes))
@@ -130,7 +130,12 @@ def diagnose(
         unknown=unknown,
         not_visible=invisible,
         failure_map=failure_map(comparisons),
-        next_experiment=next_experiment(identification, comparisons, doubts, recordings),
+        next_experiment=next_experiment(
+            identification,
+            comparisons,
+            doubts_of(picks, recommended, invisible, model.robot, first, candidates or ()),
+            recordings,
+        ),
         changes=changes,
     )
 

@@ -195,18 +195,18 @@ class Effect(ABC):
     """A physical cause of joint torque, linear in its parameters once its shape constants stand.
 
     `is_inertia`: the links' and rotors' own, which are the robot itself. `of_position`: a function of positions and the
-    direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of
-    the session. `is_rough`: its formula only resembles what it stands for. `sits_on`: where some joints follow others,
+    direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of the
+    session. `is_rough`: its formula only resembles what it stands for. `sits_on`: where some joints follow others,
     links hang on all joints of the tree, motors on the driven ones alone. `in_some_runs`: it is the same function as
     the model itself unless it is in some of the runs only. `holds_at_rest`: all of its one parameter holds a joint that
-    stands, whatever its shape constants. `may_change`: a robot gets it, or more or less of it, from
-    one day to the next, `changes_with` names effects that then change, too, as a rule; `seldom_changes`: what is more
-    usual and says as much takes the name. `shown_by` names parameters of which one at least has to act for the effect
-    to be told by. `confused_with` names effects that
-    leave much the same residual, `same_function` those that are the same function of the motion, so that no data
-    can tell them apart, `covers` those that it is general enough to say as well. `experiment` shows the effect,
-    `place_experiment` where it is, and `told_from` gives, by experiment, the effects that it tells this one from: a
-    pair stands with one of the two. `often_missed`: its place among what most arms have and models lack, 1 first.
+    stands, whatever its shape constants, of which one says how fast it falls off. `may_change`: a robot gets it, or
+    more or less of it, from one day to the next, `changes_with` names effects that then change, too, as a rule;
+    `seldom_changes`: what is more usual and says as much takes the name. `shown_by` names parameters of which one at
+    least has to act for the effect to be told by. `confused_with` names effects that leave much the same residual,
+    `same_function` those that are the same function of the motion, so that no data can tell them apart, `covers` those
+    that it is general enough to say as well. `experiment` shows the effect, `place_experiment` where it is, and
+    `told_from` gives, by experiment, the effects that it tells this one from: a pair stands with one of the two.
+    `often_missed`: its place among what most arms have and models lack, 1 first.
     """
 
     id: ClassVar[str]

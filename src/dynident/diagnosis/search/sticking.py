@@ -14,12 +14,12 @@ import numpy as np
 from scipy import stats
 
 from dynident.arrays import FloatArray
+from dynident.diagnosis.candidates.family import evenness
 from dynident.diagnosis.candidates.gate import ALPHA, JudgedCandidate
-from dynident.diagnosis.candidates.gathering import gather
-from dynident.diagnosis.candidates.pool import Candidate, pool_of
+from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
+from dynident.diagnosis.candidates.pool import Candidate, Pool, pool_of
 from dynident.diagnosis.candidates.scoring import fitted_errors
 from dynident.diagnosis.comparing.compare import Comparison, compare
-from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.search.rungs import helpful
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import CATALOGUE, Effect, EffectChoice
@@ -134,9 +134,8 @@ def held_at_rest(
         tried = _best(grown, recordings, joint, halts, asked)
         if tried is None:
             continue
-        candidate = tried.candidate
         try:
-            larger = extend(grown, [candidate.choice], recordings)
+            larger = extend(grown, [tried.candidate.choice], recordings)
         except DynidentError:
             continue
         after = [compare(larger, recording) for recording in recordings]
@@ -144,8 +143,7 @@ def held_at_rest(
         worse = larger.fit_moving.rms[joint] > _NOTICED * grown.fit_moving.rms[joint]
         if worse or len(held.beyond) != len(halts.beyond) or held.beyond.sum() > _LEFT * halts.beyond.sum():
             continue
-        judged = _judged(candidate, joint, halts, held, final[0].noise)
-        judged = replace(judged, p=p, separability=tried.separability, amplitudes=tried.amplitudes)
+        judged = replace(_judged(tried, joint, halts, held, final[0].noise), p=p)
         why = (
             f"These are halts: in {halts.many(noise)} of {len(halts.beyond)} the joint held {_MUCH:.0%} or more beyond "
             f"what the model's friction does, {np.median(halts.share):.0%} in the middle one. At which speed that "
@@ -158,18 +156,58 @@ def held_at_rest(
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """A candidate beside the model: what of its column is left, its amplitudes, whether it makes nothing worse."""
+    """A candidate beside the model: what of its column is left, and its amplitudes."""
 
     candidate: Candidate
     separability: float
     amplitudes: FloatArray
-    helps: bool
+
+    @property
+    def size(self) -> float:
+        """What it holds at rest."""
+        return float(self.amplitudes[0])
 
     @property
     def width(self) -> float:
         """The constant that a filtered position has to resolve."""
         shape = dict(self.candidate.shape)
         return next(shape[one.name] for one in CATALOGUE[self.candidate.effect].shapes if one.resolved_by is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """The model and candidates beside it, on the rows that are equations for each."""
+
+    grown: Identification
+    pool: Pool
+    data: PhasedProducts
+
+    @classmethod
+    def of(cls, grown: Identification, recordings: Sequence[Recording], choices: Sequence[EffectChoice]) -> _Beside:
+        """Gather the products of the model's columns and of the choices'."""
+        model, reference = grown.model, grown.next_reference()
+        pool = pool_of(model, choices)
+        data = gather(pool.observation, model.signals, recordings, grown.preprocessing, reference, model.n_parameters)
+        return cls(grown, pool, data)
+
+    @property
+    def fitted(self) -> list[_Fitted]:
+        """Every candidate that has a column of its own, by its width."""
+        found = []
+        for candidate in self.pool.candidates:
+            rows = self.data.beside(self._base, np.array(self.data.kinds(candidate.columns)))
+            columns = np.array(self._base, dtype=np.intp)
+            *_, separability, own = fitted_errors(rows, columns, candidate, self.grown.noise)
+            found.append(_Fitted(candidate, separability, own))
+        return sorted(found, key=lambda one: one.width)
+
+    def helps(self, one: _Fitted) -> bool:
+        """Whether it makes nothing worse where joints move."""
+        return bool(helpful(self.data, self._base, [one.candidate.columns], self.grown.noise))
+
+    @property
+    def _base(self) -> tuple[int, ...]:
+        return tuple(range(self.pool.n_base))
 
 
 def _best(
@@ -183,37 +221,21 @@ def _best(
         if not effect.holds_at_rest or effect.id in known or (asked is not None and effect.id not in asked):
             continue
         shapes = [tuple(sorted(shape.items())) for shape in _narrow(effect, robot, joint)]
-        tried = _fitted(grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes])
-        shape = _as_large(sorted(tried, key=lambda one: one.width), needed)
+        tried = _Beside.of(grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes])
+        shape = _as_large(tried.fitted, needed)
         if shape is None:
             continue
-        found = _fitted(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
-        if found and found[0].helps and 1 / _LIKE <= float(found[0].amplitudes[0]) / needed <= _LIKE:
-            return found[0]
+        beside = _Beside.of(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
+        found = next(iter(beside.fitted), None)
+        if found is not None and 1 / _LIKE <= found.size / needed <= _LIKE and beside.helps(found):
+            return found
     return None
-
-
-def _fitted(grown: Identification, recordings: Sequence[Recording], choices: Sequence[EffectChoice]) -> list[_Fitted]:
-    """Every choice beside the model, on the rows that are equations for it."""
-    model, reference = grown.model, grown.next_reference()
-    pool = pool_of(model, choices)
-    if not pool.candidates:
-        return []
-    data = gather(pool.observation, model.signals, recordings, grown.preprocessing, reference, model.n_parameters)
-    base = tuple(range(pool.n_base))
-    found = []
-    for candidate in pool.candidates:
-        rows = data.beside(base, np.array(data.kinds(candidate.columns)))
-        *_, separability, own = fitted_errors(rows, np.array(base, dtype=np.intp), candidate, grown.noise)
-        helps = len(choices) > 1 or bool(helpful(data, base, [candidate.columns], grown.noise))
-        found.append(_Fitted(candidate, separability, own, helps))
-    return found
 
 
 def _as_large(tried: Sequence[_Fitted], needed: float) -> tuple[tuple[str, float], ...] | None:
     """Shape constants with which the friction has a size, from those `tried` in the order of their widths."""
     for narrow, wide in reversed(list(pairwise(tried))):
-        large, small = float(narrow.amplitudes[0]) / needed, float(wide.amplitudes[0]) / needed
+        large, small = narrow.size / needed, wide.size / needed
         if large >= 1.0 > small > 0.0:
             share = np.log(large) / (np.log(large) - np.log(small))
             width = narrow.width * (wide.width / narrow.width) ** float(share)
@@ -246,8 +268,8 @@ def _narrow(effect: Effect, robot: Robot, joint: int) -> list[dict[str, float]]:
     return found
 
 
-def _judged(candidate: Candidate, joint: int, halts: Halts, held: Halts, noise: FloatArray) -> JudgedCandidate:
-    """The candidate with its halts as the stretches that were left out of the fit."""
+def _judged(tried: _Fitted, joint: int, halts: Halts, held: Halts, noise: FloatArray) -> JudgedCandidate:
+    """The candidate with the joint's halts as the stretches that were left out of the fit."""
     before, after = (np.zeros((len(halts.squares), len(noise))) for _ in range(2))
     before[:, joint], after[:, joint] = halts.squares, held.squares
     measured = np.zeros(len(noise))
@@ -255,16 +277,16 @@ def _judged(candidate: Candidate, joint: int, halts: Halts, held: Halts, noise: 
     gains = (halts.squares - held.squares) / noise[joint] ** 2
     drop = 1.0 - float(held.squares.sum() / halts.squares.sum())
     return JudgedCandidate(
-        candidate=candidate,
+        candidate=tried.candidate,
         joints=(joint,),
         before=before,
         after=after,
         drop=drop,
         total_drop=drop,
-        t=t_of(gains),
+        t=float(evenness(gains[None])[0]),
         gains=gains,
-        separability=1.0,
-        amplitudes=np.zeros(0),
+        separability=tried.separability,
+        amplitudes=tried.amplitudes,
         share_improved=float(np.mean(gains > 0)),
         measured=measured,
         after_weighted=held.squares / noise[joint] ** 2,

@@ -2,43 +2,35 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import matplotlib
+import typst
 
 from dynident.reports.printing.elements import parsed
 from dynident.reports.printing.typesetting import typeset
 
-if TYPE_CHECKING:
-    from typst import Fonts
 
-
-def pdf_of(page: str, created: datetime | None = None) -> bytes:
+def pdf_of(page: str) -> bytes:
     """Set a report that `html_report` wrote on numbered A4 pages, as PDF.
 
-    What the page folds is not on paper. The fonts are those that come with matplotlib, so that the pages are the same
-    on every machine.
+    What the page folds is not on paper. The fonts are those that come with matplotlib, and the page itself says when
+    it was made: the same page is the same file, on every machine.
 
     Parameters
     ----------
     page : str
         The HTML.
-    created : datetime, optional
-        The moment that the file says it was made; now by default.
 
     Returns
     -------
     bytes
         The file.
     """
-    # Loaded by those alone who print: it takes longer than the rest of a report's modules.
-    import typst
-
-    source = f"{_preamble()}\n#{typeset(parsed(page))}\n"
-    moment = None if created is None else int(created.timestamp())
-    return typst.compile(source.encode(), font_paths=_fonts(), format="pdf", timestamp=moment)
+    source = f"{_preamble()}\n{typeset(parsed(page))}\n"
+    return typst.compile(source.encode(), font_paths=_fonts(), format="pdf")
 
 
 @lru_cache(maxsize=1)
@@ -47,8 +39,5 @@ def _preamble() -> str:
 
 
 @lru_cache(maxsize=1)
-def _fonts() -> Fonts:
-    import matplotlib
-    from typst import Fonts
-
-    return Fonts(include_system_fonts=False, font_paths=[Path(matplotlib.get_data_path()) / "fonts" / "ttf"])
+def _fonts() -> typst.Fonts:
+    return typst.Fonts(include_system_fonts=False, font_paths=[Path(matplotlib.get_data_path()) / "fonts" / "ttf"])

@@ -15,9 +15,10 @@ _LEFT_OUT = frozenset({"head", "nav", "style", "script"})
 
 
 def typeset(page: Element) -> str:
-    """What stands in Typst's code for a whole page."""
-    body = page.first("body") or page
-    return _blocks(body.children)
+    """Typst's markup for a whole page."""
+    body, title = page.first("body") or page, page.first("title")
+    named = "none" if title is None else _text(_words(title))
+    return f"#set document(title: {named}, date: none)\n#{_blocks(body.children)}"
 
 
 def _text(text: str) -> str:
