@@ -4,8 +4,8 @@
     python docs/build_site.py [FOLDER]
 
 Builds FOLDER/<version> (`site/` where none is named) beside the versions that are there, and a page that leads to
-them. Ends with an error where the generator warns, a link or an anchor leads nowhere, a page would ask another machine
-for something, or a public name has no entry in the reference.
+them; the pages that are notebooks as well lie in its docs/. Ends with an error where the generator warns, a link or an
+anchor leads nowhere, a page would ask another machine for something, or a public name has no entry in the reference.
 """
 
 from __future__ import annotations
@@ -73,6 +73,7 @@ def build(place: Path) -> None:
     if done.returncode != 0:
         sys.exit(done.returncode)
     (place / "index.html").write_text(redirect(FRONT), encoding="utf-8")
+    subprocess.run([sys.executable, str(ROOT / "docs" / "notebooks.py"), str(place / "docs")], check=True)
 
 
 def redirect(target: str) -> str:

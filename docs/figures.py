@@ -57,9 +57,9 @@ def draw(folder: Path) -> dict[str, str]:
     found = inputs.stored_diagnosis(folder / "diagnosis.json")
     robot = first.model.robot
     joint = robot.joint_names.index(JOINT)
-    windows = inputs.FileOptions(windows=["run1=3.6:27.3", "validation=2.2:17.4"], accept=["joint_motion"])
+    options = inputs.FileOptions(accept=["joint_motion"])
     files = [folder / name for name in ("run1.csv", "run2.csv")]
-    with inputs.loaded(files, robot, windows, silent, [folder / "validation.csv"]) as (given, tried):
+    with inputs.loaded(files, robot, options, silent, [folder / "validation.csv"]) as (given, tried):
         run1, run2 = inputs.recordings_of(given)
         validation = inputs.recordings_of(tried)[0]
         compared = compare(first, validation)

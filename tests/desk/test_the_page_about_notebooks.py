@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import nbformat
 import pytest
+from nbclient import NotebookClient
 
 import dynident as dy
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "notebook.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = (DOCS / "notebook.md").read_text(encoding="utf-8")
 
 
 def test_every_block_of_the_page_runs(desk: Path) -> None:
@@ -31,6 +35,15 @@ def test_every_block_of_the_page_runs(desk: Path) -> None:
     assert "Coulomb friction on elbow" in ended.stdout
     assert "</html>" in (desk / "report.html").read_text(encoding="utf-8")
     assert (desk / "trajectory.csv").is_file()
+
+
+@pytest.mark.slow
+def test_the_page_is_a_notebook_that_shows_tables_and_figures(desk: Path) -> None:
+    written = nbformat.reads(runpy.run_path(str(DOCS / "notebooks.py"))["notebook"]("notebook"), as_version=4)
+    done = NotebookClient(written, timeout=300, resources={"metadata": {"path": str(desk)}}).execute()
+    shown = [one["data"].get("text/html", "") for c in done.cells for one in c.get("outputs", []) if "data" in one]
+    assert sum("<table" in page for page in shown) > 2
+    assert any("<svg" in page for page in shown)
 
 
 def test_what_the_text_says_besides_can_be_done(model: dy.Model, found: dy.DiagnosedModel) -> None:

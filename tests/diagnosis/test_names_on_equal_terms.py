@@ -8,8 +8,9 @@ from hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, on_joint, recorded
 from oracles import fourier_motion
 
 from dynident.diagnosis import diagnose
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import IdentificationChoices, identify
+from dynident.identification.shape_columns import shape_places
 from dynident.identification.shapes import between
 
 
@@ -30,6 +31,32 @@ def test_a_balancer_between_two_values_of_the_grid_is_no_cable_and_no_ripple(see
     found = diagnose(model, [recording])
     assert [(choice.effect, choice.joints) for choice in found.recommended] == [("gravity_compensator", (NAMES[1],))]
     assert found.recommended[0].shape_values == pytest.approx({"phi": -1.57, "r": 0.4}, rel=0.03)
+
+
+@pytest.mark.slow
+def test_a_balancer_that_two_waves_and_a_third_a_turn_would_say_as_well_is_no_ripple():
+    motion = fourier_motion(ROBOT, 24.0, 200.0, 203, base_frequency=0.125, harmonics=3, amplitude=2.2, fastest=2.0)
+
+    def spring(q, v, load):
+        length = np.sqrt(1.0 + 0.3**2 + 0.6 * np.cos(q + 0.3))
+        return 25.0 * np.sin(q + 0.3) * (1.0 - 0.7 / length)
+
+    recording = recorded(motion, on_joint(1, spring), 3, "three harmonics")
+    model = identify(ROBOT, [recording], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    found = diagnose(model, [recording])
+    assert [(choice.effect, choice.joints) for choice in found.recommended] == [("gravity_compensator", (NAMES[1],))]
+
+
+def test_a_wave_that_turns_with_the_joint_closes_after_a_turn():
+    (cycles,) = effect_by_id("torque_ripple").shapes
+    assert [cycles.sensible(k) for k in (2.4, 3.0, 4.9, 5.3)] == [(2.0, 3.0), (3.0,), (4.0, 5.0), (5.3,)]
+    slow, fast = (EffectChoice("torque_ripple", (NAMES[1],), (("k", k),)) for k in (3.0, 20.0))
+    assert between(slow) == [slow]
+    assert len(between(fast)) == 9
+    assert [place.choice for place in shape_places([slow, fast])] == [1]
+    # Other constants may be below zero, and are searched for all the same.
+    spring = EffectChoice("gravity_compensator", (NAMES[1],), (("phi", -0.5), ("r", 0.25)))
+    assert len({choice.shape_values["phi"] for choice in between(spring)}) == 5
 
 
 def test_constants_between_those_of_the_grid_are_tried_together_and_stay_what_nature_allows():

@@ -110,9 +110,9 @@ class ShapeSpec:
     is far above the rest. A constant is above zero unless it is `signed`, and zero only where it
     `may_be_zero`; it is not searched for below `least`. `resolved_by` names what a filtered position must still resolve
     for the constant to show: the displacement around a reversal, the travel since a halt, or the speed.
-    `refined`: how a first value is improved;
-    None: it is not. `natural` values are kept where they are as good. `words`: what the values of a constant mean that
-    is no quantity but a choice between kinds.
+    `refined`: how a first value is improved; None: it is not. `whole_below`: only whole numbers make sense below it.
+    `natural` values are kept where they are as good. `words`: what the values of a constant mean that is no quantity
+    but a choice between kinds.
     """
 
     name: str
@@ -126,6 +126,7 @@ class ShapeSpec:
     least: float = 0.0
     resolved_by: Literal["displacement", "travel", "speed"] | None = None
     refined: Refinement | None = None
+    whole_below: float = -math.inf
     natural: tuple[float, ...] = ()
     words: tuple[tuple[float, str], ...] = ()
 
@@ -139,6 +140,16 @@ class ShapeSpec:
         if word is not None:
             return f"{self.name}: {word}"
         return f"{self.name} = {value:{digits}}{'' if self.unit == '-' else ' ' + self.unit}"
+
+    def sensible(self, value: float) -> tuple[float, ...]:
+        """The value, or the whole numbers on either side of it where there is none between."""
+        if value >= self.whole_below:
+            return (value,)
+        return tuple(dict.fromkeys((float(math.floor(value)), float(math.ceil(value)))))
+
+    def is_refined(self, value: float) -> bool:
+        """Whether better values are searched for around this one."""
+        return self.refined is not None and value >= self.whole_below
 
     def admits(self, value: float) -> bool:
         """Whether a value makes sense for this constant."""

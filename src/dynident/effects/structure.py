@@ -89,7 +89,14 @@ class TorqueRipple(Effect):
     )
     shapes = (
         ShapeSpec(
-            "k", "1/rad", "cycles per radian of the joint", 30.0, proposal="angle_spectrum", refined=Refinement(0.025)
+            "k",
+            "1/rad",
+            "waves per turn of the joint",
+            30.0,
+            proposal="angle_spectrum",
+            refined=Refinement(0.025),
+            # What turns with the joint closes after a turn; what turns faster does so by a stage of gears at least.
+            whole_below=5.0,
         ),
     )
     signature = "a line in the spectrum of the residual over the joint's angle"

@@ -37,9 +37,10 @@ def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
     t = _t_of_gain(parent, grown)
     errors = f"on recordings that no parameter saw the error goes from {before:.2%} to {after:.2%}"
     if t < _CHANCE or after >= before:
+        by_chance = ", no more than chance would do" if t > -_CHANCE else ""
         found.append(
-            f"{what} does not survive held-out data: {errors} (t = {t:.1f}), no more than chance would do. Remove it "
-            "unless you know that it is there."
+            f"{what} does not survive held-out data: {errors} (t = {t:.1f}){by_chance}. Remove it unless you know that "
+            "it is there."
         )
     elif t < _SURE:
         found.append(

@@ -52,7 +52,9 @@ def shape_places(effects: Sequence[EffectChoice]) -> tuple[ShapePlace, ...]:
         ShapePlace(number, spec, spec.refined)
         for number, choice in enumerate(effects)
         for spec in effect_by_id(choice.effect).shapes
-        if spec.refined is not None and spec.name in choice.shape_values
+        if spec.refined is not None
+        and spec.name in choice.shape_values
+        and spec.is_refined(choice.shape_values[spec.name])
     )
 
 

@@ -117,7 +117,7 @@ def _constant(
 
 
 def _unjudged(choice: EffectChoice, spec: ShapeSpec, robot: Robot) -> ShapeConstant:
-    if spec.refined is not None:
+    if spec.is_refined(choice.shape_values[spec.name]):
         told = "only recordings tell how sure it is: identify from these"
         return _constant(choice, spec, robot, "not_looked_at", told)
     told = "one of a few kinds that was chosen: there is nothing between them"

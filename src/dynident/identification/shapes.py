@@ -175,7 +175,8 @@ def _refinable(choice: EffectChoice, kept: Collection[str]) -> list[ShapeSpec]:
     """The shape constants of a choice that are refined."""
     specs = effect_by_id(choice.effect).shapes
     present = choice.shape_values
-    return [spec for spec in specs if spec.refined is not None and spec.name in present and spec.name not in kept]
+    open_ = [spec for spec in specs if spec.name in present and spec.name not in kept]
+    return [spec for spec in open_ if spec.is_refined(present[spec.name])]
 
 
 def _kinds(choice: EffectChoice, kept: Collection[str], robot: Robot) -> list[EffectChoice]:

@@ -45,7 +45,8 @@ class Pool:
     """W of the model and, behind it, the columns of all candidates.
 
     `since`: labels of the later runs, where what changed between them and the others is asked. `faint`: those of the
-    candidates that are asked about once something was found on their joint.
+    candidates that are asked about once something was found on their joint. `short`: waves of which the joint passes
+    less than one: they are but a curve, as others are.
     """
 
     observation: Observation
@@ -53,6 +54,7 @@ class Pool:
     candidates: tuple[Candidate, ...]
     since: tuple[str, ...] = ()
     faint: frozenset[Candidate] = frozenset()
+    short: frozenset[Candidate] = frozenset()
 
     @property
     def at_first(self) -> list[Candidate]:
@@ -103,16 +105,28 @@ def build_pool(
     shown = [choice for choice in choices if resolved is None or shows(choice, model.robot, resolved)]
     changed = [choice for effect in chosen if effect.may_change for choice in changes_in(effect, model, given)]
     pool = pool_of(model, [*shown, *changed])
-    lines = {(model.robot.joint_names[j], k) for j, k in given.angle_lines.faint}
-    faint = (one for one in pool.candidates if one.joints and (one.joints[0], _line_of(one)) in lines)
-    return replace(pool, since=given.since, faint=frozenset(faint))
+    faint = _among(pool, chosen, model, given.angle_lines.faint)
+    clear = _among(pool, chosen, model, given.angle_lines.clear)
+    far = {model.robot.joint_names[j]: span for j, span in given.angle_lines.spans}
+    short = (one for one in faint | clear if one.shape[0][1] * far[one.joints[0]] < 2.0 * np.pi)
+    return replace(pool, since=given.since, faint=faint - clear, short=frozenset(short))
 
 
-def _line_of(candidate: Candidate) -> float | None:
-    """The line that a candidate is about."""
-    if effect_by_id(candidate.effect).proposal != "angle_spectrum":
-        return None
-    return candidate.shape[0][1]
+def _among(
+    pool: Pool, effects: Sequence[Effect], model: Model, lines: Sequence[tuple[int, float]]
+) -> frozenset[Candidate]:
+    """The candidates that are waves over a joint's angle at these lines."""
+    waves = {choice for effect in effects for choice in _waves(effect, model, lines)}
+    return frozenset(one for one in pool.candidates if one.choice in waves)
+
+
+def _waves(effect: Effect, model: Model, lines: Sequence[tuple[int, float]]) -> list[EffectChoice]:
+    """An effect that is a wave over a joint's angle, at these lines: (joint index, waves per turn)."""
+    if effect.proposal != "angle_spectrum":
+        return []
+    spec, joints = effect.shapes[0], model.robot.joint_names
+    waves = dict.fromkeys((j, wave) for j, k in lines for wave in spec.sensible(k))
+    return [EffectChoice(effect.id, (joints[j],), ((spec.name, wave),)) for j, wave in waves]
 
 
 def pool_of(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Column] = ()) -> Pool:
@@ -160,11 +174,8 @@ def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
         return _whole_robot(effect, model, leads)
     free = [j for j in possible if not _taken(effect, model, robot.joint_names[j])]
     if effect.proposal == "angle_spectrum":
-        name = effect.shapes[0].name
-        driven = model.robot.joint_names
-        given = leads.angle_lines.clear + leads.angle_lines.faint
-        lines = [(driven[j], k) for j, k in given if robot.joint_names.index(driven[j]) in free]
-        return [EffectChoice(effect.id, (joint,), ((name, k),)) for joint, k in lines]
+        waves = _waves(effect, model, leads.angle_lines.clear + leads.angle_lines.faint)
+        return [choice for choice in waves if robot.joint_names.index(choice.joints[0]) in free]
     choices = [
         EffectChoice(effect.id, (robot.joint_names[j],), _key(shape)) for j in free for shape in effect.grid(robot, j)
     ]

@@ -29,19 +29,20 @@ _SLOWEST_VIBRATION, _MOST_TIME_LINES, _TIME_LINE_RATIO, _MOTION_LINE_RATIO = 1.0
 
 @dataclass(frozen=True)
 class AngleLines:
-    """Lines in the residual over a joint's own angle: (joint index, cycles per radian).
+    """Lines in the residual over a joint's own angle: (joint index, waves per turn).
 
     `clear` ones stand out of it; `faint` are all of at most two cycles: something else on the joint may hide them, and
-    move what is left of them.
+    move what is left of them. `spans`: (joint index, rad) how far the joints that were looked at go.
     """
 
     clear: tuple[tuple[int, float], ...] = ()
     faint: tuple[tuple[int, float], ...] = ()
+    spans: tuple[tuple[int, float], ...] = ()
 
 
 def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
     """Lines in the spectrum of the residual over each joint's own angle."""
-    clear, faint = [], []
+    clear, faint, spans = [], [], []
     for j, joint in enumerate(robot.joints):
         if joint.kind != "revolute":
             continue
@@ -67,7 +68,8 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
         around = [beside / span for beside in (0.0, -_BESIDE, _BESIDE)]
         clear += [(j, line + beside) for line in found for beside in around]
         faint += [(j, float(k)) for k in np.arange(_LOWEST_LINE, 4 * np.pi / span, 2 * _BESIDE / span)]
-    return AngleLines(tuple(clear), tuple(faint))
+        spans.append((j, span))
+    return AngleLines(tuple(clear), tuple(faint), tuple(spans))
 
 
 def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> tuple[float, float]:

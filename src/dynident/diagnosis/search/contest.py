@@ -7,7 +7,7 @@ Stribeck friction won against the quadratic friction that it was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from dynident.diagnosis.candidates.gate import JudgedCandidate, indistinguishable
@@ -65,7 +65,7 @@ def settled(
     # With those of each kind of rows apart: what is about joints that start has none in common with other friction.
     for rivals in _by_rows(data, finer):
         own = [one for one in finer.candidates if one.effect == choice[0].candidate.effect]
-        choice = _weighed(data, finer, state, choice, list(dict.fromkeys([*own, *rivals])), parents)
+        choice = _weighed(data, finer, state, choice, list(dict.fromkeys([*own, *rivals])), parents, pool.short)
     return choice
 
 
@@ -84,6 +84,7 @@ def _weighed(
     choice: Choice,
     candidates: Sequence[Candidate],
     parents: Mapping[EffectChoice, JudgedCandidate],
+    short: Collection[Candidate],
 ) -> Choice:
     """The choice, or another name that says more of the rows that are equations for all of these candidates."""
     chosen = choice[0]
@@ -96,7 +97,9 @@ def _weighed(
     told = choose(data, finer, beside, again)
     if told is None:
         return choice
-    slim = choose(data, finer, beside, [item for item in again if _as_much(item, told[0])])
+    # What is but a curve here is no plainer a name than that of a curve.
+    plain = [item for item in again if parents[item.candidate.choice].candidate not in short]
+    slim = choose(data, finer, beside, [item for item in plain if _as_much(item, told[0])])
     told = slim or told
     winner = parents.get(told[0].candidate.choice)
     if winner is None:
