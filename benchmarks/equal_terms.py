@@ -40,6 +40,7 @@ from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.search import contest, search
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.identification import identify
@@ -77,6 +78,8 @@ class Contest:
 
     case: str
     rivals: tuple[Rival, ...]
+    t: float
+    """Of what the best wrong name gains more than the best right one, over the stretches; 0 where there is but one."""
 
 
 def main() -> None:
@@ -140,12 +143,13 @@ def weighed(
     if len(names) < 2 or not any(is_right(case, item.candidate, pool) for item in contenders):
         return None
     parents = {finer: item for item in contenders for finer in between(item.candidate.choice)}
-    finer = contest._finer_pool(model, pool, state, list(parents))
+    finer = contest.finer_pool(model, pool, state, list(parents))
     data = products(finer)
     kinds = [data.kinds(one.columns) for one in finer.candidates]
     common = all(turns for turns, _ in kinds), all(starts for _, starts in kinds)
     again = judge_all(data, finer, tuple(range(finer.n_base)), finer.candidates, state.noise, kinds=common)
     rivals = []
+    best: dict[bool, JudgedCandidate] = {}
     for name in names:
         grid = [item for item in contenders if item.candidate.effect == name]
         gains = [
@@ -155,8 +159,11 @@ def weighed(
         on_grid = max(item.total_gain for item in grid) / chosen.total_gain
         shares = tuple(round(gain / chosen.total_gain, 6) for gain in gains)
         right = is_right(case, grid[0].candidate, pool)
+        own = [item for item in again if item.candidate.effect == name]
+        best[right] = max([*own, *([best[right]] if right in best else [])], key=lambda item: item.total_gain)
         rivals.append(Rival(name, right, on_grid, shares, grid[0].freedom))
-    return Contest(case.name, tuple(rivals))
+    t = t_of(best[False].gains - best[True].gains) if len(best) == 2 else 0.0
+    return Contest(case.name, tuple(rivals), round(t, 3))
 
 
 def is_right(case: Case, candidate: Candidate, pool: Pool) -> bool:
@@ -169,19 +176,19 @@ def is_right(case: Case, candidate: Candidate, pool: Pool) -> bool:
     )
 
 
-def pairs(contests: Sequence[Contest]) -> Iterator[tuple[Rival, Rival]]:
-    """The best right and the best wrong name of every contest that has both."""
+def pairs(contests: Sequence[Contest]) -> Iterator[tuple[Rival, Rival, float]]:
+    """The best right and the best wrong name of every contest that has both, and what tells them apart."""
     for one in contests:
         right = [rival for rival in one.rivals if rival.right]
         wrong = [rival for rival in one.rivals if not rival.right]
         best = [max(some, key=lambda rival: rival.best) for some in (right, wrong) if some]
         if len(best) == 2 and min(rival.best for rival in best) > 0.0:
-            yield best[0], best[1]
+            yield best[0], best[1], one.t
 
 
 def rivals_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:
     """What is lost by leaving out names that gain little on the grid, and what is saved."""
-    lagging = [right.on_grid for right, wrong in pairs(contests) if right.best > wrong.best and right.on_grid < 1.0]
+    lagging = [right.on_grid for right, wrong, _ in pairs(contests) if right.best > wrong.best and right.on_grid < 1.0]
     rows = [("share on the grid", "right names that lag", "lost", "taking part")]
     for share in (RIVALS, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95):
         part = np.mean([sum(rival.on_grid >= share for rival in one.rivals) for one in contests])
@@ -207,13 +214,15 @@ def starts_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:
 def constants_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:
     """Whom a rule that prefers fewer constants costs the name, and whom its absence."""
     # A gain that is smaller by a tenth is no question of constants.
-    fewer = [1.0 - right.best / wrong.best for right, wrong in pairs(contests) if right.constants < wrong.constants]
-    more = [1.0 - wrong.best / right.best for right, wrong in pairs(contests) if right.constants > wrong.constants]
-    fewer, more = [part for part in fewer if 0.0 < part < 0.1], [part for part in more if part > 0.0]
-    rows = [("as much", "fewer constants, gains less", "lost", "more constants, gains more", "lost")]
+    fewer = [(1.0 - r.best / w.best, t) for r, w, t in pairs(contests) if r.constants < w.constants]
+    more = [(1.0 - w.best / r.best, -t) for r, w, t in pairs(contests) if r.constants > w.constants]
+    fewer, more = [one for one in fewer if 0.0 < one[0] < 0.1], [one for one in more if one[0] > 0.0]
+    rows = [("as much, and t below", "fewer constants, gains less", "lost", "more constants, gains more", "lost")]
     for part in (0.0, 0.0025, 0.005, 0.01, 0.02, 0.05):
-        lost = sum(value > part for value in fewer), sum(value <= part for value in more)
-        rows.append((f"{part:.2%}", str(len(fewer)), str(lost[0]), str(len(more)), str(lost[1])))
+        for apart in (np.inf, 3.0, 2.0, 1.5):
+            slim = [sum(less <= part and t < apart for less, t in some) for some in (fewer, more)]
+            lost = len(fewer) - slim[0], slim[1]
+            rows.append((f"{part:.2%}, {apart:g}", str(len(fewer)), str(lost[0]), str(len(more)), str(lost[1])))
     return rows
 
 

@@ -45,8 +45,7 @@ class Pool:
     """W of the model and, behind it, the columns of all candidates.
 
     `since`: labels of the later runs, where what changed between them and the others is asked. `faint`: those of the
-    candidates that are asked about once something was found on their joint. `short`: waves of which the joint passes
-    less than one: they are but a curve, as others are.
+    candidates that are asked about once something was found on their joint.
     """
 
     observation: Observation
@@ -54,7 +53,6 @@ class Pool:
     candidates: tuple[Candidate, ...]
     since: tuple[str, ...] = ()
     faint: frozenset[Candidate] = frozenset()
-    short: frozenset[Candidate] = frozenset()
 
     @property
     def at_first(self) -> list[Candidate]:
@@ -107,9 +105,7 @@ def build_pool(
     pool = pool_of(model, [*shown, *changed])
     faint = _among(pool, chosen, model, given.angle_lines.faint)
     clear = _among(pool, chosen, model, given.angle_lines.clear)
-    far = {model.robot.joint_names[j]: span for j, span in given.angle_lines.spans}
-    short = (one for one in faint | clear if one.shape[0][1] * far[one.joints[0]] < 2.0 * np.pi)
-    return replace(pool, since=given.since, faint=faint - clear, short=frozenset(short))
+    return replace(pool, since=given.since, faint=faint - clear)
 
 
 def _among(

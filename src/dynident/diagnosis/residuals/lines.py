@@ -32,17 +32,16 @@ class AngleLines:
     """Lines in the residual over a joint's own angle: (joint index, waves per turn).
 
     `clear` ones stand out of it; `faint` are all of at most two cycles: something else on the joint may hide them, and
-    move what is left of them. `spans`: (joint index, rad) how far the joints that were looked at go.
+    move what is left of them.
     """
 
     clear: tuple[tuple[int, float], ...] = ()
     faint: tuple[tuple[int, float], ...] = ()
-    spans: tuple[tuple[int, float], ...] = ()
 
 
 def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
     """Lines in the spectrum of the residual over each joint's own angle."""
-    clear, faint, spans = [], [], []
+    clear, faint = [], []
     for j, joint in enumerate(robot.joints):
         if joint.kind != "revolute":
             continue
@@ -68,8 +67,7 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
         around = [beside / span for beside in (0.0, -_BESIDE, _BESIDE)]
         clear += [(j, line + beside) for line in found for beside in around]
         faint += [(j, float(k)) for k in np.arange(_LOWEST_LINE, 4 * np.pi / span, 2 * _BESIDE / span)]
-        spans.append((j, span))
-    return AngleLines(tuple(clear), tuple(faint), tuple(spans))
+    return AngleLines(tuple(clear), tuple(faint))
 
 
 def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> tuple[float, float]:

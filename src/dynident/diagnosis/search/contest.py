@@ -7,13 +7,14 @@ Stribeck friction won against the quadratic friction that it was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from dynident.diagnosis.candidates.gate import JudgedCandidate, indistinguishable
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, pool_of
 from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, share_found_again
+from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.search.choosing import choose
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.effects import EffectChoice
@@ -29,6 +30,9 @@ seven right names that lagged behind and won, 0.8 would have lost one."""
 _AS_MUCH = 0.01
 """Of a gain. Constants are tried in steps, and half a step off costs up to half of this; and each is the best of many.
 From 0.5 to 2 % the names that are lost either way are as few as they get."""
+
+_APART = 2.0
+"""t of the difference of two gains from which on stretches tell them apart, as small as the difference may be."""
 
 _STARTS = 6
 """Values of a grid from which constants are searched for: their error has several valleys. The best was reached from
@@ -60,12 +64,12 @@ def settled(
     if all(item.candidate.effect == choice[0].candidate.effect for item in contenders):
         return choice
     parents = {finer: item for item in [*contenders, choice[0]] for finer in between(item.candidate.choice)}
-    finer = _finer_pool(model, pool, state, list(parents))
+    finer = finer_pool(model, pool, state, list(parents))
     data = products(finer)
     # With those of each kind of rows apart: what is about joints that start has none in common with other friction.
     for rivals in _by_rows(data, finer):
         own = [one for one in finer.candidates if one.effect == choice[0].candidate.effect]
-        choice = _weighed(data, finer, state, choice, list(dict.fromkeys([*own, *rivals])), parents, pool.short)
+        choice = _weighed(data, finer, state, choice, list(dict.fromkeys([*own, *rivals])), parents)
     return choice
 
 
@@ -84,7 +88,6 @@ def _weighed(
     choice: Choice,
     candidates: Sequence[Candidate],
     parents: Mapping[EffectChoice, JudgedCandidate],
-    short: Collection[Candidate],
 ) -> Choice:
     """The choice, or another name that says more of the rows that are equations for all of these candidates."""
     chosen = choice[0]
@@ -97,9 +100,7 @@ def _weighed(
     told = choose(data, finer, beside, again)
     if told is None:
         return choice
-    # What is but a curve here is no plainer a name than that of a curve.
-    plain = [item for item in again if parents[item.candidate.choice].candidate not in short]
-    slim = choose(data, finer, beside, [item for item in plain if _as_much(item, told[0])])
+    slim = choose(data, finer, beside, [item for item in again if _slimmer(item, told[0])])
     told = slim or told
     winner = parents.get(told[0].candidate.choice)
     if winner is None:
@@ -115,10 +116,16 @@ def _weighed(
     return replace(winner, p=chosen.p), tuple(others)
 
 
-def _as_much(slim: JudgedCandidate, other: JudgedCandidate) -> bool:
-    """Whether a name with fewer constants says as much: here every constant is the best of many."""
+def _slimmer(slim: JudgedCandidate, other: JudgedCandidate) -> bool:
+    """Whether a name with fewer constants says as much."""
+    return slim.freedom < other.freedom and says_as_much(slim, other)
+
+
+def says_as_much(slim: JudgedCandidate, other: JudgedCandidate) -> bool:
+    """Whether a candidate gains as much as one with more constants, each of which is the best of many."""
     less = other.total_gain - slim.total_gain
-    return slim.freedom < other.freedom and (less <= _AS_MUCH * other.total_gain or indistinguishable(other, slim))
+    told_apart = t_of(other.gains - slim.gains) >= _APART
+    return (less <= _AS_MUCH * other.total_gain and not told_apart) or indistinguishable(other, slim)
 
 
 def _contenders(chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
@@ -140,7 +147,14 @@ def _contenders(chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> l
     return found
 
 
-def _finer_pool(model: Model, pool: Pool, state: State, choices: Sequence[EffectChoice]) -> Pool:
+def starts(judged: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
+    """The candidates from which constants between those of the grid are searched for: the best few of every effect."""
+    best = sorted(judged, key=lambda item: -item.total_gain)
+    effects = dict.fromkeys(item.candidate.effect for item in best)
+    return [item for name in effects for item in [one for one in best if one.candidate.effect == name][:_STARTS]]
+
+
+def finer_pool(model: Model, pool: Pool, state: State, choices: Sequence[EffectChoice]) -> Pool:
     """The columns of the search so far and, behind them, these choices."""
     base = [pool.observation.columns[k] for k in state.base]
     return replace(pool_of(model, choices, base), since=pool.since)

@@ -15,6 +15,7 @@ from dynident.diagnosis.candidates.products import Products, present
 from dynident.diagnosis.candidates.scoring import held_out_errors
 from dynident.diagnosis.search.choosing import choose
 from dynident.diagnosis.search.contest import settled
+from dynident.diagnosis.search.one_name import by_one_name
 from dynident.diagnosis.search.pruning import pruned
 from dynident.diagnosis.search.reconsidering import Rows, is_of_position, reconsidered
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
@@ -43,7 +44,7 @@ def search(
     torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
     Names that take much of the same error are weighed with their shape constants between those of the grid.
     What the residual has but a faint trace of is asked about once something was found on its joint, and what was found
-    before it once more.
+    before it once more. What two findings over the position of a joint say, one that says as much takes the name of.
     Where neither the model nor that with its first finding predicts parts of the motion from the others, nothing is
     found.
     """
@@ -76,7 +77,8 @@ def search(
         if not remaining:
             break
         judged = judge_all(data, pool, state.base, remaining, state.noise)
-    return pruned(data, pool, reconsidered(rows, data, pool, state)).picks
+    state = by_one_name(rows, data, pool, reconsidered(rows, data, pool, state))
+    return pruned(data, pool, state).picks
 
 
 def generalises(rows: Products, state: State) -> bool:

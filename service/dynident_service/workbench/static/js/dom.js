@@ -53,6 +53,7 @@ export function select(options, chosen, onchange, props = {}) {
 
 /** A table from header cells and rows; a cell is text, a node, or { text, class }. */
 export function table(caption, head, rows, props = {}) {
+  const named = head.map((cell) => (cell === "" ? unseen("actions") : cell));
   return h(
     "div",
     { class: "scroll", tabindex: "0", role: "region", "aria-label": caption },
@@ -60,10 +61,15 @@ export function table(caption, head, rows, props = {}) {
       "table",
       props,
       h("caption", {}, caption),
-      h("thead", {}, h("tr", {}, head.map((cell) => cellOf("th", cell, { scope: "col" })))),
+      h("thead", {}, h("tr", {}, named.map((cell) => cellOf("th", cell, { scope: "col" })))),
       h("tbody", {}, rows),
     ),
   );
+}
+
+/** Words for those alone who have the page read to them. */
+export function unseen(words) {
+  return h("span", { class: "unseen" }, words);
 }
 
 /** A row whose first cell names it. */

@@ -2,7 +2,7 @@
 
 import { post } from "./api.js";
 import { choiceInWords } from "./catalogue.js";
-import { h, numeric, put, row, table } from "./dom.js";
+import { h, numeric, put, row, table, unseen } from "./dom.js";
 import { number, percent } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
 import { totalsFigure } from "./ladder_figures.js";
@@ -67,7 +67,7 @@ function isBetter(worse) {
 
 function rungTable(model, rungs, heldOut, signal) {
   const head = ["model", "change", right("base parameters"), right("fit (%)")];
-  if (heldOut) head.push(right("held out (%)"), right("held out, moving (%)"), "");
+  if (heldOut) head.push(right("held out (%)"), right("held out, moving (%)"), unseen("the best"));
   head.push("");
   const rows = rungs.map((one, index) => {
     const here = one.id === model.id;
@@ -137,7 +137,7 @@ function jointTable(model, errors, kind) {
   const head = ["joint", ...errors.map((_, index) => right(`model ${index + 1} (%)`)), right("last over first")];
   const rows = model.joints.map((joint, index) => {
     const values = errors.map((one) => one.relative[index]);
-    const ratio = values[0] && values.at(-1) !== null ? `${number(values.at(-1) / values[0], 2)} ×` : "–";
+    const ratio = values[0] && values.at(-1) !== null ? `${(values.at(-1) / values[0]).toFixed(2)} ×` : "–";
     return row([joint, ...values.map(error), numeric(ratio)]);
   });
   return table(`Relative error per joint, ${kind}`, head, rows, { id: "ladder-joints" });

@@ -32,7 +32,7 @@ function parametersTable(model, caption, parameters) {
       one.unit,
       numeric(percent(one.relative_standard_deviation, 2)),
       judged(one),
-      h("code", {}, one.grouping),
+      { class: "grouping", text: h("code", {}, one.grouping) },
     ]);
   const rows = byEffect(parameters).map(([effect, own]) => [
     h("tr", { class: "group" }, h("th", { scope: "rowgroup", colspan: head.length }, titleOf(model.effects, effect))),

@@ -8,6 +8,8 @@ const [WIDTH, HEIGHT] = [260, 170];
 const ROOM = { left: 40, right: 8, top: 16, bottom: 24 };
 // A step smaller than this is drawn as a line that can be seen.
 const THINNEST = 1.5;
+// Times the error before: less of a rise is none, and what the program warns of is more.
+const RISES = 1.02;
 
 /** `errors` of each rung with { relative, rms }, `floors` in the unit of rms (null where nobody knows). */
 export function waterfallFigure(errors, joints, floors, kind) {
@@ -41,9 +43,9 @@ function panel(joint, values, floor) {
     return svg("rect", { class: css, x: ROOM.left + pitch * (k + 0.14), y: Math.min(y(from), y(to)), width: 0.72 * pitch, height: high }, svg("title", {}, words));
   };
   const steps = values.slice(1).map((value, k) => {
-    const rises = value > values[k];
+    const rises = value > RISES * values[k];
     return [
-      bar(k + 1, values[k], value, rises ? "rises" : "falls", `model ${k + 2}: ${percent(values[k])} → ${percent(value)}`),
+      bar(k + 1, values[k], value, rises ? "rises" : value > values[k] ? "stays" : "falls", `model ${k + 2}: ${percent(values[k])} → ${percent(value)}`),
       // Told by more than its colour.
       rises ? svg("text", { class: "rises", x: ROOM.left + pitch * (k + 1.5), y: y(value) - 4, "text-anchor": "middle" }, "▲") : null,
     ];

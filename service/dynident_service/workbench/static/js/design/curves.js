@@ -18,9 +18,9 @@ export function motionCurves(motion, result, units, onTime, signal) {
 
   function show() {
     for (const { made } of drawn) made.destroy();
-    put(charts, result.joints.map(() => h("div", { class: "chart" })));
+    put(charts, result.joints.map((joint) => h("div", {}, h("p", { class: "panel-title" }, joint), h("div", { class: "chart" }))));
     drawn = result.joints.map((joint, place) => {
-      const made = plot(charts.children[place], options(joint, place), data(joint, place), signal);
+      const made = plot(charts.children[place].lastChild, options(joint, place), data(joint, place), signal);
       const marker = h("div", { class: "time-marker" });
       made.over.append(marker);
       return { made, marker };
@@ -45,7 +45,7 @@ export function motionCurves(motion, result, units, onTime, signal) {
       legend: { show: false },
       cursor: { sync: { key: "motion" }, drag: { x: false, y: false } },
       scales: { x: { time: false } },
-      axes: [axis("time (s)", 2), { ...axis(`${joint} (${units[place]}${quantity[2]})`, 3), space: 20 }],
+      axes: [axis("time (s)", 2), { ...axis(`${units[place]}${quantity[2]}`, 3), space: 20 }],
       series: [{}, { label: joint, stroke: colour("residual"), width: 1.5, points: { show: false } }, { label: "lower limit", ...limit }, { label: "upper limit", ...limit }],
       hooks: { setCursor: [(made) => { if (made.cursor.event && made.cursor.idx !== null) onTime(motion.t[made.cursor.idx]); }] },
     };

@@ -42,7 +42,7 @@ function settings(models, robots, names, effects, ways) {
   const inWords = models.map((one) => one.result.effects.map((choice) => choiceInWords(effects, choice, one.result.joints)));
   const all = [...new Set(inWords.flat())];
   const rows = [...pairs, ...all.map((one) => [one, ...inWords.map((own) => (own.includes(one) ? "in the model" : "–"))])];
-  return part("Settings", table("Settings", ["", ...names], rows.map(([name, one, other]) => row([name, one, other], differs(one !== other))), { id: "pair-settings" }));
+  return part("Settings", table("Settings of both models", ["setting", ...names], rows.map(([name, one, other]) => row([name, one, other], differs(one !== other))), { id: "pair-settings" }));
 }
 
 function listed(model, which) {

@@ -1,6 +1,6 @@
 // A table that is sorted by a click on a column's name and filtered by words; how, stands in the address.
 
-import { field, h, put } from "../dom.js";
+import { field, h, put, unseen } from "../dom.js";
 import { counted } from "../format.js";
 import { asked, remember } from "../location.js";
 
@@ -22,7 +22,7 @@ export function sortable({ caption, noun, columns, usual, empty, id, rowOf = () 
       remember({ sort: state.sort });
       show();
     };
-    const head = column.value ? h("button", { type: "button", class: "plain", onclick: sort }, column.name) : column.name;
+    const head = column.value ? h("button", { type: "button", class: "plain", onclick: sort }, column.name) : column.name || unseen("actions");
     return h("th", { scope: "col", class: column.right ? "n" : null, "data-column": column.id }, head);
   }
 

@@ -1,0 +1,78 @@
+"""One name for what two findings say together: curves over the position of one joint that a single curve says as well.
+
+The simplest name comes first, and what it leaves gets a name of its own: of a balancer's spring, over the range that a
+joint happened to move in, an offset was found and then a ripple.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.plausible import plausible
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.search.contest import finer_pool, says_as_much, starts
+from dynident.diagnosis.search.reconsidering import Rows, is_of_position
+from dynident.diagnosis.search.state import Finding, State, judge_all
+from dynident.effects import effect_by_id
+from dynident.identification.shapes import between
+
+
+def by_one_name(rows: Rows, data: PhasedProducts, pool: Pool, state: State) -> State:
+    """The search with one finding instead of several on a joint, where that one explains as much."""
+    for several in _several(state.picks):
+        state = _joined(rows, data, pool, state, several)
+    return state
+
+
+def _several(picks: Sequence[Finding]) -> list[list[Finding]]:
+    """Findings that are functions of the position of the same joint, in the same runs."""
+    places: dict[object, list[Finding]] = {}
+    for pick in picks:
+        mine = pick.judged.candidate
+        if is_of_position(pick) and len(mine.joints) == 1:
+            places.setdefault((mine.joints, mine.runs), []).append(pick)
+    return [found for found in places.values() if len(found) > 1]
+
+
+def _joined(rows: Rows, data: PhasedProducts, pool: Pool, state: State, several: Sequence[Finding]) -> State:
+    gone = {column for finding in several for column in finding.columns}
+    others = tuple(pick for pick in state.picks if pick not in several)
+    beside = replace(state, base=tuple(k for k in state.base if k not in gone), picks=others)
+    judged = judge_all(data, pool, beside.base, _singles(pool, beside, several), state.noise)
+    parents = {finer: item for item in starts(judged) for finer in between(item.candidate.choice)}
+    theirs = [finding.judged.candidate.choice for finding in several]
+    finer = finer_pool(rows.model, pool, beside, [*theirs, *parents])
+    columns = tuple(k for one in finer.candidates if one.choice in theirs for k in one.columns)
+    first = several[0].judged.candidate
+    together = Candidate(first.effect, first.joints, (), columns, first.runs)
+    singles = [one for one in finer.candidates if one.choice in parents]
+    # The columns of the search without them are the finer pool's first.
+    here = tuple(range(finer.n_base))
+    fine = rows.products(finer)
+    both, *each = judge_all(fine, finer, here, [together, *singles], state.noise)
+    found = [one for one in each if says_as_much(one, both) and plausible(fine, finer, here, state.noise, one)]
+    best = max(found, key=lambda one: one.total_gain, default=None)
+    if best is None:
+        return state
+    p = min(finding.p for finding in several)
+    new = Finding(replace(parents[best.candidate.choice], p=p), (), p)
+    picks = [new if pick is several[0] else pick for pick in state.picks]
+    kept = tuple(pick for pick in picks if pick is new or pick not in several)
+    return replace(state, base=beside.base + new.columns, picks=kept)
+
+
+def _singles(pool: Pool, beside: State, several: Sequence[Finding]) -> list[Candidate]:
+    """Candidates of that joint that say less than all findings on it may: a general curve explains any of them."""
+    mine = several[0].judged.candidate
+    most = sum(finding.judged.freedom for finding in several)
+    names = {finding.judged.candidate.effect for finding in several}
+    found = []
+    for one in pool.candidates:
+        effect = effect_by_id(one.effect)
+        alike = one.joints == mine.joints and one.runs == mine.runs and effect.of_position
+        constants = len(effect.parameters) + sum(spec.refined is not None for spec in effect.shapes)
+        if alike and constants <= most and not names & set(effect.covers) and not set(one.columns) & set(beside.base):
+            found.append(one)
+    return found
