@@ -79,10 +79,11 @@ def file_options(reading: Reading, roles: Mapping[Path, str] | None = None) -> F
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """A checked measurement."""
+    """A checked measurement, and the file that it is from."""
 
     recording: Recording
     checks: tuple[Check, ...]
+    path: Path
 
 
 def robot_of(text: str, gains: str = "") -> Robot:
@@ -161,7 +162,7 @@ def _load(
         # Which of the files: the science knows columns, rows and times alone.
         error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
         raise
-    return Loaded(recording, tuple(replace(one, detail=_reworded(one.detail, metadata.name)) for one in checks))
+    return Loaded(recording, tuple(replace(one, detail=_reworded(one.detail, metadata.name)) for one in checks), path)
 
 
 def _reworded(detail: str, name: str) -> str:

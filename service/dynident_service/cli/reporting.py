@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dynident.diagnosis import compare
 from dynident.identification import Identification
 from dynident.progress import Progress, part
+from dynident.recordings.digest import digest_of
 from dynident.reports import ReportedRun
 from dynident_service.cli.inputs import Loaded
 
@@ -19,5 +20,6 @@ def reported_runs(
     runs = []
     for index, (item, tried) in enumerate(everything):
         share = part(progress, index / len(everything), (index + 1) / len(everything))
-        runs.append(ReportedRun(item.recording, compare(identification, item.recording, share), tried, item.checks))
+        compared = compare(identification, item.recording, share)
+        runs.append(ReportedRun(item.recording, compared, tried, item.checks, sha256=digest_of(item.path)))
     return runs

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects.written import effect_text
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.dependence import parameter_dependence
@@ -151,7 +152,7 @@ def show_diagnosis(console: Console, found: Diagnosis, robot: Robot) -> None:
         if item.significant:
             console.print(f"  {item.rank}. {item.evidence}", markup=False)
     if found.recommended:
-        wanted = ",".join(choice_argument(choice) for choice in found.recommended)
+        wanted = ",".join(effect_text(choice) for choice in found.recommended)
         console.print(f"To add what is missing: dynident extend … --effects '{wanted}'", markup=False, soft_wrap=True)
     for pattern in found.unknown:
         console.print(
@@ -188,14 +189,6 @@ def choice_text(choice: EffectChoice, robot: Robot) -> str:
     """An effect in words: "Stribeck friction on joint2"."""
     title = effect_by_id(choice.effect).title
     return f"{title} on {place_text(choice.joints, robot)}" if choice.joints else title
-
-
-def choice_argument(choice: EffectChoice) -> str:
-    """An effect as `--effects` reads it."""
-    joints = f"@{'+'.join(choice.joints)}" if choice.joints else ""
-    words = {spec.name: spec.word for spec in effect_by_id(choice.effect).shapes}
-    shape = ",".join(f"{name}={words[name](value) or f'{value:.6g}'}" for name, value in choice.shape)
-    return f"{choice.effect}{joints}{':' + shape if shape else ''}"
 
 
 def error_cells(moving: Errors, errors: Errors, joint: int, unit: str) -> list[str]:

@@ -64,7 +64,8 @@ def _runs(task: Task, request: ReportRequest, identification: Resource) -> list[
         held_out = identifier not in asked.measurement_ids
         shown_as = MeasurementResult.model_validate(task.resources.get("measurement", identifier).result)
         checks, edits = checks_of(shown_as.checks), tuple(revision_of(one) for one in shown_as.edits)
-        runs.append(ReportedRun(recording, compare(model, recording, progress), held_out, checks, edits))
+        compared = compare(model, recording, progress)
+        runs.append(ReportedRun(recording, compared, held_out, checks, edits, shown_as.sha256))
     return runs
 
 

@@ -11,6 +11,7 @@ from dynident.desk.figure import Figure, figure_of
 from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
+from dynident.recordings.digest import digest_of
 from dynident.robot import Robot
 
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
@@ -25,6 +26,11 @@ class Source:
     path: Path
     metadata: RecordingMetadata
     edits: tuple[Revision, ...] = ()
+
+    @property
+    def sha256(self) -> str:
+        """The file's, "" where it is not there any more."""
+        return digest_of(self.path) if self.path.is_file() else ""
 
 
 @dataclass(frozen=True, eq=False)

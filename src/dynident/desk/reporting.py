@@ -91,8 +91,8 @@ def report(
     for index, (item, held_out) in enumerate(everything):
         share = part(progress, 0.8 * index / len(everything), 0.8 * (index + 1) / len(everything))
         comparison = compare(model.identification, item.recording, share)
-        edits = () if item.source is None else item.source.edits
-        runs.append(ReportedRun(item.recording, comparison, held_out, item.checks, edits))
+        said = ((), "") if item.source is None else (item.source.edits, item.source.sha256)
+        runs.append(ReportedRun(item.recording, comparison, held_out, item.checks, *said))
     heading = title or f"Identification of {model.robot.name}"
     page = html_report(
         model.identification,

@@ -29,6 +29,14 @@ def written_effects(given: Sequence[str], pointer: str = "/effects") -> tuple[Ef
     return tuple(choices)
 
 
+def effect_text(choice: EffectChoice, digits: str = ".6g") -> str:
+    """An effect as `written_effects` reads it, with so many digits of its shape constants."""
+    joints = f"@{'+'.join(choice.joints)}" if choice.joints else ""
+    words = {spec.name: spec.word for spec in CATALOGUE[choice.effect].shapes}
+    shape = ",".join(f"{name}={words[name](value) or format(value, digits)}" for name, value in choice.shape)
+    return f"{choice.effect}{joints}{':' + shape if shape else ''}"
+
+
 def constant_in_words(effect: str, name: str, value: float) -> str:
     """A shape constant of an effect without its unit: "vs = 0.05", "law: dahl"."""
     word = next((spec.word(value) for spec in CATALOGUE[effect].shapes if spec.name == name), None)

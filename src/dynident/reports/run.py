@@ -12,7 +12,8 @@ from dynident.recordings import Check, Recording, Revision
 class ReportedRun:
     """One recording, the checks it passed, and the model's prediction beside it.
 
-    `held_out` is true where no parameter was fitted to it; `edits` is what was said of its file since it was uploaded.
+    `held_out` is true where no parameter was fitted to it; `edits` is what was said of its file since it was uploaded,
+    `sha256` the file's own, "" where nobody knows it.
     """
 
     recording: Recording
@@ -20,6 +21,7 @@ class ReportedRun:
     held_out: bool
     checks: tuple[Check, ...] = ()
     edits: tuple[Revision, ...] = ()
+    sha256: str = ""
 
     @property
     def name(self) -> str:

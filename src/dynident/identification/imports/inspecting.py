@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from dynident.arrays import FloatArray
 from dynident.identification.imports.facts import Sample
 from dynident.identification.imports.guess import propose
 from dynident.identification.imports.proposal import Proposal
+from dynident.recordings.digest import digest_of
 from dynident.recordings.formats import format_of
 from dynident.recordings.raw import open_source
 from dynident.robot import Robot
@@ -43,7 +43,7 @@ def inspect_file(path: Path, robot: Robot | None) -> Inspection:
     sample = sample_of(path)
     return Inspection(
         format=format_of(path),
-        sha256=_digest(path),
+        sha256=digest_of(path),
         columns=sample.names,
         rows=sample.values[:SHOWN_ROWS],
         n_rows_seen=len(sample.values),
@@ -69,11 +69,3 @@ def sample_of(path: Path) -> Sample:
             break
     values = np.concatenate(parts) if parts else np.empty((0, len(source.names)))
     return Sample(tuple(source.names), values, source.units)
-
-
-def _digest(path: Path) -> str:
-    found = hashlib.sha256()
-    with path.open("rb") as file:
-        while part := file.read(1 << 20):
-            found.update(part)
-    return found.hexdigest()

@@ -10,6 +10,7 @@ from hashlib import sha256
 from importlib.metadata import version
 
 from dynident.identification import Identification
+from dynident.reports.commands import commands
 from dynident.reports.run import ReportedRun
 from dynident.reports.section import Section
 from dynident.version import __version__
@@ -19,9 +20,10 @@ _PACKAGES = ("casadi", "numpy", "scipy", "pin", "pyarrow")
 
 @dataclass(frozen=True)
 class ProvenanceContent:
-    """Names and values."""
+    """Names and values; the commands that make the model again."""
 
     facts: tuple[tuple[str, str], ...]
+    commands: tuple[str, ...]
 
 
 def provenance_section(identification: Identification, runs: Sequence[ReportedRun], created: datetime) -> Section:
@@ -37,7 +39,8 @@ def provenance_section(identification: Identification, runs: Sequence[ReportedRu
         ("identified from", ", ".join(identification.measurement_names)),
         ("tried on", ", ".join(identification.validation_names) or "no held-out data"),
         ("shown", ", ".join(run.name for run in runs)),
+        *((f"file of {run.name}", f"sha256 {run.sha256}") for run in runs if run.sha256),
         *((f"said anew of {run.name}", "; then ".join(map(str, run.edits))) for run in runs if run.edits),
         ("models before this one", str(len(list(identification.ladder())) - 1)),
     )
-    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts))
+    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts, commands(identification)))

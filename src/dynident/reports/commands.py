@@ -1,0 +1,63 @@
+"""The commands that make a model again."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+
+from dynident.asking import default_of, said_of
+from dynident.effects.written import effect_text
+from dynident.identification import Identification, IdentificationChoices
+from dynident.kinds import Kind
+from dynident.recordings import Preprocessing
+
+ROBOT = "ROBOT"
+"""Stands for the robot's description in the commands."""
+_DIGITS = ".9g"
+
+
+def commands(identification: Identification) -> tuple[str, ...]:
+    """One command for the first model of a ladder and one for every rung; recordings go by their names.
+
+    A rung for which something else was changed than the effects is identified anew.
+    """
+    found = []
+    for number, rung in enumerate(identification.ladder(), 1):
+        files = [*rung.measurement_names, *(part for name in rung.validation_names for part in ("-v", name))]
+        before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
+        if rung.parent is not None and rung.added:
+            texts = ",".join(effect_text(choice, _DIGITS) for choice in rung.added)
+            words = ["extend", before, *files, "--effects", texts, *out]
+        elif rung.parent is not None and rung.removed:
+            texts = ",".join(effect_text(choice, _DIGITS) for choice in rung.removed)
+            words = ["remove", before, "--effects", texts, *out]
+        else:
+            words = ["identify", ROBOT, *files, *_options(rung.choices), *_filters(rung.preprocessing), *out]
+        found.append(shlex.join(["dynident", *words]))
+    return tuple(found)
+
+
+def _options(choices: IdentificationChoices) -> Iterator[str]:
+    """What differs from the defaults, as options."""
+    yield from ("--effects", ",".join(effect_text(choice, _DIGITS) for choice in choices.effects))
+    for one in fields(choices):
+        said, value = said_of(one), getattr(choices, one.name)
+        if said.option != "-" and value != default_of(one):
+            yield from (said.option or f"--{one.name.replace('_', '-')}", _text(value))
+
+
+def _text(value: object) -> str:
+    if isinstance(value, Kind):
+        options = [(one.name, getattr(value, one.name)) for one in fields(value)]
+        return f"{value.name}:{','.join(f'{name}={option}' for name, option in options)}" if options else value.name
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ",".join(map(str, value))
+    return format(value, _DIGITS) if isinstance(value, float) else str(value)
+
+
+def _filters(preprocessing: Preprocessing) -> Iterator[str]:
+    names = ("position_cutoff", "torque_cutoff", "decimation", "filter_order")
+    values = [(name, getattr(preprocessing, name)) for name in names]
+    texts = [f"{name}={'none' if value is None else format(value, _DIGITS)}" for name, value in values]
+    yield from ("--preprocessing", ",".join(texts))

@@ -1,0 +1,68 @@
+"""A report says how to get its model again: the files by their hashes, and commands that make the same one."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shlex
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dynident as dy
+from dynident.effects import EffectChoice
+from dynident.effects.written import effect_text, written_effects
+from dynident.identification import IdentificationChoices, identify
+from dynident.recordings import Preprocessing
+from dynident.reports.commands import ROBOT, commands
+
+
+def run_again(lines: tuple[str, ...] | list[str], desk: Path, folder: Path) -> list[dy.Model]:
+    """The models that the commands make, with the files that their names stand for."""
+    files = {ROBOT: str(desk / "arm.urdf"), **{name: str(desk / f"{name}.csv") for name in ("run1", "run2")}}
+    program = Path(sys.executable).with_name("dynident")
+    for line in lines:
+        words = [files.get(word, word) for word in shlex.split(line)]
+        done = subprocess.run([program, *words[1:]], cwd=folder, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+    return [dy.load_model(folder / f"model{number}.npz") for number, _ in enumerate(lines, 1)]
+
+
+@pytest.mark.slow
+def test_the_commands_of_a_report_make_its_ladder_again(desk: Path, better: dy.Model, tmp_path: Path) -> None:
+    shorter = better.remove(better.effects[-1].effect)
+    page = dy.report(shorter).html
+    lines = [unescape(one) for one in re.findall(r"<li><code>(dynident .+?)</code></li>", page)]
+    assert [shlex.split(line)[1] for line in lines] == ["identify", "extend", "remove"]
+    for model, again in zip(shorter.identification.ladder(), run_again(lines, desk, tmp_path), strict=True):
+        np.testing.assert_allclose(again.identification.values, model.values, rtol=1e-6, atol=1e-9)
+        assert again.held_out.relative_total == pytest.approx(model.held_out.relative_total, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_other_choices_are_among_the_commands(desk: Path, runs: dy.Recordings, robot: dy.Robot, tmp_path: Path) -> None:
+    choices = IdentificationChoices(
+        (*written_effects(["default"]), EffectChoice("stribeck", ("elbow",), (("delta", 1.0), ("vs", 0.0987654321)))),
+        strategy="sequential",
+        steps="wrist_then_shoulder",
+        estimator="ols",
+        preprocessing=Preprocessing(7.5, None, 2),
+    )
+    found = identify(robot, [runs["run1"].recording], [], choices)
+    (again,) = run_again(commands(found), desk, tmp_path)
+    np.testing.assert_allclose(again.identification.values, found.values, rtol=1e-6, atol=1e-9)
+
+
+def test_the_report_has_the_hashes_of_the_files(desk: Path, model: dy.Model) -> None:
+    page = dy.report(model).html
+    for name in ("run1", "run2"):
+        assert hashlib.sha256((desk / f"{name}.csv").read_bytes()).hexdigest() in page
+
+
+@pytest.mark.parametrize("text", ["offset", "presliding@a+b:d0=0.001,law=dahl", "stribeck@a:delta=1,vs=0.05"])
+def test_an_effect_is_written_as_it_is_read(text: str) -> None:
+    assert effect_text(written_effects([text])[0]) == text
