@@ -50,7 +50,13 @@ def _sensitivities(comparison: Comparison, signals: Signals, reference: FloatArr
     program = Program([signals.q, signals.reference], torque)
     every = max(1, len(comparison.t) // _MOST_ROWS)
     values = program(comparison.q[::every], reference).reshape(-1, 3, n).transpose(0, 2, 1)
-    return np.asarray(values / np.maximum(comparison.errors.rms, 1e-300)[:, None])
+    return np.asarray(values * _weights(comparison)[:, None])
+
+
+def _weights(comparison: Comparison) -> FloatArray:
+    """(n,): one over every joint's usual residual, zero for one that has none: it stands all the time."""
+    rms = comparison.errors.rms
+    return np.divide(1.0, rms, out=np.zeros_like(rms), where=rms > 0.0)
 
 
 def _gain(comparisons: Sequence[Comparison], columns: Sequence[FloatArray], frequency: float) -> float:
@@ -61,7 +67,7 @@ def _gain(comparisons: Sequence[Comparison], columns: Sequence[FloatArray], freq
         angle = 2 * np.pi * frequency * c.t[::every]
         waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         w = (sensitivity[..., None] * waves[:, None, None, :]).reshape(-1, 6)
-        y = (c.told[::every] / np.maximum(c.errors.rms, 1e-300)).reshape(-1)
+        y = (c.told[::every] * _weights(c)).reshape(-1)
         right = w.T @ y
         total += float(right @ np.linalg.lstsq(w.T @ w, right, rcond=1e-9)[0])
     return total
