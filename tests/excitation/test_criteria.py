@@ -26,9 +26,12 @@ def test_gradients_agree_with_finite_differences(name, seed):
     w = drawn(seed)
     criterion = criterion_of(CriterionChoice(name, weight=0.7), A_PRIORI)
     direction = np.random.default_rng(seed + 1).standard_normal(w.shape)
-    step = 1e-7 if name == "equilibrated" else 1e-5  # far below the smallest entry
+    # One of them divides by the smallest entry: the step stays far below it.
+    step = 1e-4 * float(np.abs(w).min()) if name == "equilibrated" else 1e-5
     slope = (criterion(w + step * direction)[0] - criterion(w - step * direction)[0]) / (2 * step)
-    assert np.sum(criterion(w)[1] * direction) == pytest.approx(slope, rel=1e-5, abs=1e-7)
+    parts = criterion(w)[1] * direction
+    # What nearly cancels is known no better than what it is the sum of.
+    assert np.sum(parts) == pytest.approx(slope, rel=1e-5, abs=1e-7 + 1e-5 * float(np.abs(parts).sum()))
 
 
 @given(seed=seeds)
