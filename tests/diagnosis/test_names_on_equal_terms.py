@@ -30,7 +30,9 @@ def test_a_balancer_between_two_values_of_the_grid_is_no_cable_and_no_ripple(see
     model = identify(ROBOT, [recording], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
     found = diagnose(model, [recording])
     assert [(choice.effect, choice.joints) for choice in found.recommended] == [("gravity_compensator", (NAMES[1],))]
-    assert found.recommended[0].shape_values == pytest.approx({"phi": -1.57, "r": 0.4}, rel=0.03)
+    shape = found.recommended[0].shape_values
+    # A crank of so much of the other one's length and one of so many times it are the same spring.
+    assert (shape["phi"], min(shape["r"], 1.0 / shape["r"])) == pytest.approx((-1.57, 0.4), rel=0.03)
 
 
 @pytest.mark.slow

@@ -254,7 +254,7 @@ def test_an_effect_by_hand_that_does_not_help_is_added_with_a_warning(page: Any,
     page.locator("#by-hand input[value=elbow]").uncheck()
     page.get_by_role("button", name="Add to the model").click()
     # No grid holds the period of a ripple: the field that is wanted says so.
-    expect(page.locator("#by-hand .field .complaint")).to_contain_text("cycles per radian")
+    expect(page.locator("#by-hand .field .complaint")).to_contain_text("waves per turn")
     page.fill("#by-hand input[name=k]", "7")
     page.get_by_role("button", name="Add to the model").click()
     page.locator("#ladder-table").wait_for()
