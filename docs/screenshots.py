@@ -107,15 +107,19 @@ def served(folder: Path) -> Iterator[str]:
     with (folder.parent / "service.log").open("wb") as log:
         process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
         try:
-            while process.poll() is None:
-                with socket.socket() as tried:
-                    if not tried.connect_ex(("127.0.0.1", port)):
-                        break
+            while not _answers(port):
+                if process.poll() is not None:
+                    sys.exit((folder.parent / "service.log").read_text(encoding="utf-8"))
                 time.sleep(0.1)
             yield f"http://127.0.0.1:{port}"
         finally:
             process.terminate()
             process.wait(60)
+
+
+def _answers(port: int) -> bool:
+    with socket.socket() as tried:
+        return tried.connect_ex(("127.0.0.1", port)) == 0
 
 
 def open_view(page: Page, address: str, there: str) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
 from dynident.asking import default_of, said_of
+from dynident.effects import EffectChoice
 from dynident.effects.written import effect_text
 from dynident.identification import Identification, IdentificationChoices
 from dynident.kinds import Kind
@@ -20,7 +21,8 @@ _DIGITS = ".9g"
 def commands(identification: Identification) -> tuple[str, ...]:
     """One command for the first model of a ladder and one for every rung; recordings go by their names.
 
-    A rung for which something else was changed than the effects is identified anew.
+    A rung for which something else was changed than the effects is identified anew. What only some runs have is said
+    behind the command: `--effects` has no words for it.
     """
     found = []
     for number, rung in enumerate(identification.ladder(), 1):
@@ -34,8 +36,14 @@ def commands(identification: Identification) -> tuple[str, ...]:
             words = ["remove", before, "--effects", texts, *out]
         else:
             words = ["identify", ROBOT, *files, *_options(rung.choices), *_filters(rung.preprocessing), *out]
-        found.append(shlex.join(["dynident", *words]))
+        told = rung.added or rung.removed if rung.parent is not None else ()
+        found.append(shlex.join(["dynident", *words]) + _in_some_runs(told or rung.choices.effects))
     return tuple(found)
+
+
+def _in_some_runs(choices: Sequence[EffectChoice]) -> str:
+    found = [f"{choice.effect} in {', '.join(choice.runs)} alone" for choice in choices if choice.runs]
+    return f"  # {'; '.join(found)}: give the diagnosis by --diagnosis, or the runs in Python" if found else ""
 
 
 def _options(choices: IdentificationChoices) -> Iterator[str]:

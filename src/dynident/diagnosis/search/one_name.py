@@ -40,7 +40,9 @@ def _joined(rows: Rows, data: PhasedProducts, pool: Pool, state: State, several:
     gone = {column for finding in several for column in finding.columns}
     others = tuple(pick for pick in state.picks if pick not in several)
     beside = replace(state, base=tuple(k for k in state.base if k not in gone), picks=others)
+    most = sum(finding.judged.freedom for finding in several)
     judged = judge_all(data, pool, beside.base, _singles(pool, beside, several), state.noise)
+    judged = [item for item in judged if item.freedom <= most]
     parents = {finer: item for item in starts(judged) for finer in between(item.candidate.choice)}
     theirs = [finding.judged.candidate.choice for finding in several]
     finer = finer_pool(rows.model, pool, beside, [*theirs, *parents])
@@ -64,15 +66,13 @@ def _joined(rows: Rows, data: PhasedProducts, pool: Pool, state: State, several:
 
 
 def _singles(pool: Pool, beside: State, several: Sequence[Finding]) -> list[Candidate]:
-    """Candidates of that joint that say less than all findings on it may: a general curve explains any of them."""
+    """Curves over the position of that joint; none so general that it explains whatever was found."""
     mine = several[0].judged.candidate
-    most = sum(finding.judged.freedom for finding in several)
     names = {finding.judged.candidate.effect for finding in several}
     found = []
     for one in pool.candidates:
         effect = effect_by_id(one.effect)
         alike = one.joints == mine.joints and one.runs == mine.runs and effect.of_position
-        constants = len(effect.parameters) + sum(spec.refined is not None for spec in effect.shapes)
-        if alike and constants <= most and not names & set(effect.covers) and not set(one.columns) & set(beside.base):
+        if alike and not names & set(effect.covers) and not set(one.columns) & set(beside.base):
             found.append(one)
     return found
