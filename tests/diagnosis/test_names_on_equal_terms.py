@@ -55,6 +55,9 @@ def test_a_wave_that_turns_with_the_joint_closes_after_a_turn():
     slow, fast = (EffectChoice("torque_ripple", (NAMES[1],), (("k", k),)) for k in (3.0, 20.0))
     assert between(slow) == [slow]
     assert len(between(fast)) == 9
+    for k in (5.0, 5.02):
+        near = between(EffectChoice("torque_ripple", (NAMES[1],), (("k", k),)))
+        assert min(choice.shape_values["k"] for choice in near) >= 5.0
     assert [place.choice for place in shape_places([slow, fast])] == [1]
     # Other constants may be below zero, and are searched for all the same.
     spring = EffectChoice("gravity_compensator", (NAMES[1],), (("phi", -0.5), ("r", 0.25)))

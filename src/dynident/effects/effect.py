@@ -110,7 +110,7 @@ class ShapeSpec:
     is far above the rest. A constant is above zero unless it is `signed`, and zero only where it
     `may_be_zero`; it is not searched for below `least`. `resolved_by` names what a filtered position must still resolve
     for the constant to show: the displacement around a reversal, the travel since a halt, or the speed.
-    `refined`: how a first value is improved; None: it is not. `whole_below`: only whole numbers make sense below it.
+    `refined`: how a first value is improved; None: it is not. `is_whole`: up to `least` only whole numbers make sense.
     `natural` values are kept where they are as good. `words`: what the values of a constant mean that is no quantity
     but a choice between kinds.
     """
@@ -126,7 +126,7 @@ class ShapeSpec:
     least: float = 0.0
     resolved_by: Literal["displacement", "travel", "speed"] | None = None
     refined: Refinement | None = None
-    whole_below: float = -math.inf
+    is_whole: bool = False
     natural: tuple[float, ...] = ()
     words: tuple[tuple[float, str], ...] = ()
 
@@ -143,13 +143,13 @@ class ShapeSpec:
 
     def sensible(self, value: float) -> tuple[float, ...]:
         """The value, or the whole numbers on either side of it where there is none between."""
-        if value >= self.whole_below:
+        if not self.is_whole or value > self.least:
             return (value,)
         return tuple(dict.fromkeys((float(math.floor(value)), float(math.ceil(value)))))
 
     def is_refined(self, value: float) -> bool:
         """Whether better values are searched for around this one."""
-        return self.refined is not None and value >= self.whole_below
+        return self.refined is not None and not (self.is_whole and value <= self.least)
 
     def admits(self, value: float) -> bool:
         """Whether a value makes sense for this constant."""

@@ -96,7 +96,8 @@ class TorqueRipple(Effect):
             proposal="angle_spectrum",
             refined=Refinement(0.025),
             # What turns with the joint closes after a turn; what turns faster does so by a stage of gears at least.
-            whole_below=5.0,
+            least=5.0,
+            is_whole=True,
         ),
     )
     signature = "a line in the spectrum of the residual over the joint's angle"
