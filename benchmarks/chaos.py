@@ -31,9 +31,10 @@ from typing import Any
 
 import httpx2
 from common import show
-from many_clients import prepare, wait_until_it_answers
+from many_clients import prepare
 from mischief.databases import Losable, database
 from mischief.services import Service
+from service_beside import wait_until_it_answers
 from sqlalchemy import select
 
 from dynident_service.storage.database import Database

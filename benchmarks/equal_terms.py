@@ -80,6 +80,8 @@ class Contest:
     rivals: tuple[Rival, ...]
     t: float
     """Of what the best wrong name gains more than the best right one, over the stretches; 0 where there is but one."""
+    f: float
+    """The same over what the better of the two leaves, a stretch: the F of one constant more."""
 
 
 def main() -> None:
@@ -162,8 +164,14 @@ def weighed(
         own = [item for item in again if item.candidate.effect == name]
         best[right] = max([*own, *([best[right]] if right in best else [])], key=lambda item: item.total_gain)
         rivals.append(Rival(name, right, on_grid, shares, grid[0].freedom))
-    t = t_of(best[False].gains - best[True].gains) if len(best) == 2 else 0.0
-    return Contest(case.name, tuple(rivals), round(t, 3))
+    t, f = _apart(best[True], best[False]) if len(best) == 2 else (0.0, 0.0)
+    return Contest(case.name, tuple(rivals), round(t, 3), round(f, 3))
+
+
+def _apart(right: JudgedCandidate, wrong: JudgedCandidate) -> tuple[float, float]:
+    more = wrong.gains - right.gains
+    better = wrong if more.sum() > 0 else right
+    return t_of(more), float(more.sum()) * (len(more) - 1) / max(float(better.after_weighted.sum()), 1e-300)
 
 
 def is_right(case: Case, candidate: Candidate, pool: Pool) -> bool:
@@ -176,14 +184,14 @@ def is_right(case: Case, candidate: Candidate, pool: Pool) -> bool:
     )
 
 
-def pairs(contests: Sequence[Contest]) -> Iterator[tuple[Rival, Rival, float]]:
-    """The best right and the best wrong name of every contest that has both, and what tells them apart."""
+def pairs(contests: Sequence[Contest]) -> Iterator[tuple[Rival, Rival, Contest]]:
+    """The best right and the best wrong name of every contest that has both, and that contest."""
     for one in contests:
         right = [rival for rival in one.rivals if rival.right]
         wrong = [rival for rival in one.rivals if not rival.right]
         best = [max(some, key=lambda rival: rival.best) for some in (right, wrong) if some]
         if len(best) == 2 and min(rival.best for rival in best) > 0.0:
-            yield best[0], best[1], one.t
+            yield best[0], best[1], one
 
 
 def rivals_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:
@@ -214,15 +222,18 @@ def starts_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:
 def constants_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:
     """Whom a rule that prefers fewer constants costs the name, and whom its absence."""
     # A gain that is smaller by a tenth is no question of constants.
-    fewer = [(1.0 - r.best / w.best, t) for r, w, t in pairs(contests) if r.constants < w.constants]
-    more = [(1.0 - w.best / r.best, -t) for r, w, t in pairs(contests) if r.constants > w.constants]
+    fewer = [(1.0 - r.best / w.best, one.t, one.f) for r, w, one in pairs(contests) if r.constants < w.constants]
+    more = [(1.0 - w.best / r.best, -one.t, -one.f) for r, w, one in pairs(contests) if r.constants > w.constants]
     fewer, more = [one for one in fewer if 0.0 < one[0] < 0.1], [one for one in more if one[0] > 0.0]
-    rows = [("as much, and t below", "fewer constants, gains less", "lost", "more constants, gains more", "lost")]
+    head = "as much, and t below, or F below"
+    rows = [(head, "fewer constants, gains less", "lost", "more constants, gains more", "lost")]
     for part in (0.0, 0.0025, 0.005, 0.01, 0.02, 0.05):
-        for apart in (np.inf, 3.0, 2.0, 1.5):
-            slim = [sum(less <= part and t < apart for less, t in some) for some in (fewer, more)]
+        for t, f in ((np.inf, 0.0), (3.0, 0.0), (2.0, 0.0), (2.0, 4.0), (2.0, 7.5), (2.0, 13.0), (0.0, 7.5)):
+            slim = [
+                sum(less <= part and (apart < t or gain < f) for less, apart, gain in some) for some in (fewer, more)
+            ]
             lost = len(fewer) - slim[0], slim[1]
-            rows.append((f"{part:.2%}, {apart:g}", str(len(fewer)), str(lost[0]), str(len(more)), str(lost[1])))
+            rows.append((f"{part:.2%}, {t:g}, {f:g}", str(len(fewer)), str(lost[0]), str(len(more)), str(lost[1])))
     return rows
 
 

@@ -13,10 +13,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import os
-import socket
-import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
@@ -26,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from common import show
+from service_beside import served
 
 BUSY = frozenset({429, 503})
 SLOWEST = 60.0
@@ -197,18 +194,8 @@ def main() -> None:
     parser.add_argument("--clients", type=int, default=50)
     parser.add_argument("--seconds", type=float, default=60.0)
     asked = parser.parse_args()
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = int(probe.getsockname()[1])
-    with tempfile.TemporaryDirectory() as folder:
-        variables = {"DYNIDENT_DATA_DIR": folder, "DYNIDENT_PORT": str(port), "DYNIDENT_LOG_LEVEL": "error"}
-        service = subprocess.Popen([sys.executable, "-m", "dynident_service"], env={**os.environ, **variables})
-        try:
-            wait_until_it_answers(port)
-            tally = asyncio.run(lean_on(port, service.pid, asked.clients, asked.seconds))
-        finally:
-            service.terminate()
-            service.wait()
+    with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as service:
+        tally = asyncio.run(lean_on(service.port, service.pid, asked.clients, asked.seconds))
     rows = [("request", "times", "p50 ms", "p99 ms", "longest ms")]
     for kind, values in tally.seconds.items():
         rows.append((kind, str(len(values)), at(0.5, values), at(0.99, values), at(1.0, values)))
@@ -218,16 +205,6 @@ def main() -> None:
     print(
         f"  memory of the service, MB: {later[0]:.0f} after a while, {later[-1]:.0f} at the end, {max(later):.0f} most"
     )
-
-
-def wait_until_it_answers(port: int) -> None:
-    """Wait until the service listens."""
-    until = time.monotonic() + 60
-    while time.monotonic() < until:
-        with suppress(OSError), socket.create_connection(("127.0.0.1", port), 1):
-            return
-        time.sleep(0.1)
-    raise TimeoutError("the service did not begin to listen within 60 s")
 
 
 if __name__ == "__main__":

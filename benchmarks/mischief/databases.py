@@ -14,6 +14,8 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
+from service_beside import free_port
+
 
 class Losable(Protocol):
     """A database by its URL."""
@@ -101,10 +103,3 @@ def program(name: str) -> str:
     if found is None:
         raise SystemExit(f"{name} was not found: install PostgreSQL, or put its programs into the path")
     return found
-
-
-def free_port() -> int:
-    """A port that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

@@ -12,8 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import psutil
-
-from mischief.databases import free_port
+from service_beside import free_port
 
 NURSERY = "dynident_service.jobs.nursery"
 JOBS = Path(__file__).resolve().parents[2] / "tests" / "service"

@@ -109,11 +109,7 @@ def test_two_effects_on_two_joints_are_both_named():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "k",
-    [
-        3,
-        # A balancer with the constants that fit takes the name of two waves a turn here: not right yet.
-        pytest.param(2, marks=pytest.mark.xfail(reason="two waves are called a balancer's spring", strict=False)),
-    ],
+    [2, 3],
 )
 def test_a_slow_ripple_that_other_friction_of_its_joint_hides_is_named_beside_it(k):
     friction = CASES["load_dependent_friction"]

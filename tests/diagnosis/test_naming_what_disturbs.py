@@ -71,8 +71,6 @@ def test_friction_that_depends_on_another_joint_has_no_name_but_its_variable():
     assert (found.unknown[0].joint, found.unknown[0].variable) == (NAMES[2], "other_joints")
 
 
-# Since slow ripples have whole numbers of waves, none resembles the spot as well: not right yet.
-@pytest.mark.xfail(reason="asymmetric viscous friction is named", strict=False)
 def test_a_rough_spot_is_no_spring_but_something_over_the_position():
     middle = float(np.median(motions(0)[0].q[:, 2]))
     run = experiment(on_joint(2, lambda q, v, load: 6.0 * np.exp(-(((q - middle) / 0.15) ** 2))))

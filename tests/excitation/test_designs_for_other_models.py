@@ -108,7 +108,8 @@ def test_a_design_complements_what_earlier_runs_have_told(scara):
     first = design_experiment(scara, replace(QUICK, kind="random", random_trajectories=1))
     torque = design_model(scara, EFFECTS).torque(first.q, first.dq, first.ddq)
     run = recording_from_arrays(first.t, first.q, torque, joint_names=scara.joint_names, name="first")
-    wished = replace(QUICK, criterion=CriterionChoice("d_optimal"))
+    # One start may end in a poor valley: which one does depends on the last digits of the processor.
+    wished = replace(QUICK, criterion=CriterionChoice("d_optimal"), starts=4)
     alone, after = design_experiment(scara, wished), design_experiment(scara, wished, earlier=[run])
     again = design_experiment(scara, replace(wished, kind="random", seed=3), earlier=[run])
     assert after.criterion_values.criterion < alone.criterion_values.criterion

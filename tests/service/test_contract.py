@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import dynident_client
 from dynident_service.client_types import FILE as TYPES
 from dynident_service.client_types import client_types
 from dynident_service.openapi import contract
@@ -15,5 +16,6 @@ def test_the_committed_contract_is_what_the_service_does() -> None:
 
 
 def test_the_types_of_the_client_are_those_of_the_contract() -> None:
-    written = (Path(__file__).parents[2] / TYPES).read_text(encoding="utf-8")
+    # Beside an installed package there are no sources.
+    written = Path(dynident_client.__file__).with_name(Path(TYPES).name).read_text(encoding="utf-8")
     assert written == client_types(json.loads(contract())), "run `python -m dynident_service.openapi`"

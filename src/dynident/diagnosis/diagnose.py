@@ -28,7 +28,7 @@ from dynident.diagnosis.search.state import Finding, State, judge_all, noise_lef
 from dynident.diagnosis.search.sticking import held_at_rest
 from dynident.diagnosis.search.transients import find_contacts
 from dynident.diagnosis.words import rank_all, summary, verdict_of
-from dynident.diagnosis.wrong_names import misnamed
+from dynident.diagnosis.wrong_names import found_beside, misnamed
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import is_change
 from dynident.errors import DynidentError
@@ -96,7 +96,7 @@ def diagnose(
     unknown = unknown_patterns(final)
     wrong = misnamed(picks, recommended, unknown, final)
     if wrong:
-        picks, recommended = _without(picks, recommended, wrong)
+        picks, recommended = _without(picks, recommended, [*wrong, *found_beside(picks, wrong, first)])
         grown, _ = _grown(identification, recommended, recordings, silent)
         final = _compared(identification, grown, recordings, comparisons)
         unknown = unknown_patterns(final)

@@ -1,4 +1,7 @@
-"""Names that do not fit: an effect that leaves behind more than it explains, or another function of the position."""
+"""Names that do not fit: an effect that leaves behind more than it explains, or another function of the position.
+
+What was found beside such a name, and would not have been found without it, goes with it.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from typing import get_args
 
 import numpy as np
 
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import UnknownPattern, Variable
 from dynident.diagnosis.search.state import Finding
@@ -51,3 +55,24 @@ def misnamed(
                 wrong.append(number)
                 break
     return wrong
+
+
+def found_beside(picks: Sequence[Finding], wrong: Sequence[int], first: Sequence[JudgedCandidate]) -> list[int]:
+    """Numbers of the picks that were found on the joints of a wrong name, and do not show without it.
+
+    Beside a curve that is not the right one something else may make up for what it is off by.
+
+    Parameters
+    ----------
+    wrong : numbers of the wrong names
+    first : all candidates, judged before anything was found
+    """
+    alone = {item.candidate: item for item in first}
+    found = []
+    for number, finding in enumerate(picks):
+        mine = finding.judged
+        beside = any(set(picks[k].judged.joints) & set(mine.joints) for k in wrong)
+        before = alone.get(mine.candidate)
+        if beside and number not in wrong and before is not None and not before.passes:
+            found.append(number)
+    return found

@@ -10,7 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from dynident.diagnosis.candidates.gate import JudgedCandidate, indistinguishable
+from scipy.special import fdtri
+
+from dynident.diagnosis.candidates.gate import ALPHA, JudgedCandidate, indistinguishable
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, pool_of
 from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, share_found_again
@@ -32,7 +34,8 @@ _AS_MUCH = 0.01
 From 0.5 to 2 % the names that are lost either way are as few as they get."""
 
 _APART = 2.0
-"""t of the difference of two gains from which on stretches tell them apart, as small as the difference may be."""
+"""t of the difference of two gains from which on stretches tell them apart, as small as the difference may be; as long
+as it is no matter of constants, which the F test of one more of them says."""
 
 _STARTS = 6
 """Values of a grid from which constants are searched for: their error has several valleys. The best was reached from
@@ -124,8 +127,17 @@ def _slimmer(slim: JudgedCandidate, other: JudgedCandidate) -> bool:
 def says_as_much(slim: JudgedCandidate, other: JudgedCandidate) -> bool:
     """Whether a candidate gains as much as one with more constants, each of which is the best of many."""
     less = other.total_gain - slim.total_gain
-    told_apart = t_of(other.gains - slim.gains) >= _APART
+    told_apart = t_of(other.gains - slim.gains) >= _APART and _is_no_constant(less, other)
     return (less <= _AS_MUCH * other.total_gain and not told_apart) or indistinguishable(other, slim)
+
+
+def _is_no_constant(more: float, other: JudgedCandidate) -> bool:
+    """Whether a name gains more than a constant does that is fitted to what it leaves, by chance.
+
+    A stretch counts as one sample. That constants are the best of many is why t alone says too much.
+    """
+    stretches = len(other.gains)
+    return more * (stretches - 1) >= float(fdtri(1, stretches - 1, 1.0 - ALPHA)) * float(other.after_weighted.sum())
 
 
 def _contenders(chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
