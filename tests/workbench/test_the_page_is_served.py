@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from fastapi.testclient import TestClient
 from dynident_service import workbench
 from dynident_service.app import create_app
 from dynident_service.settings import Settings
+from dynident_service.workbench.files import PageFiles
 
 MOST_LINES = 300
 OWN = sorted(path for path in workbench.FOLDER.rglob("*") if path.suffix in (".js", ".css", ".html"))
@@ -42,6 +44,44 @@ def test_every_file_of_the_page_is_served_with_its_type(client: TestClient, path
     kinds = {".js": "javascript", ".css": "css"}
     assert kinds[path.suffix] in answer.headers["content-type"]
     assert "default-src 'self'" in answer.headers["content-security-policy"]
+
+
+def test_a_browser_keeps_the_files_and_asks_for_the_page_anew_which_names_another_version_once_a_file_changes(
+    client: TestClient, tmp_path: Path
+) -> None:
+    page = client.get("/")
+    assert page.headers["cache-control"] == "no-cache"
+    named = re.findall(rf'(?:src|href)="({workbench.PREFIX}/[^"]+)"', page.text)
+    for path in named:
+        answer = client.get(path, follow_redirects=False)
+        assert (answer.status_code, "immutable" in answer.headers["cache-control"]) == (200, True), path
+    # What an older page asks for is answered by the file as it is now.
+    assert client.get(f"{workbench.PREFIX}/0123456789abcdef/js/app.js", follow_redirects=False).status_code == 307
+
+    copied = Path(shutil.copytree(workbench.FOLDER, tmp_path / "static"))
+    before = PageFiles.read(copied, workbench.PREFIX).version
+    assert before in page.text
+    with (copied / "js" / "app.js").open("a") as file:
+        file.write("// more")
+    assert PageFiles.read(copied, workbench.PREFIX).version != before
+
+
+def test_all_modules_that_the_first_view_imports_are_asked_for_at_once(client: TestClient) -> None:
+    preloaded = re.findall(r'modulepreload" href="/workbench/[0-9a-f]+/([^"]+)"', client.get("/").text)
+    for name in preloaded:
+        text = (workbench.FOLDER / name).read_text()
+        for relative in re.findall(r'^import .*from "(\.{1,2}/[^"]+)"', text, re.MULTILINE):
+            path = (workbench.FOLDER / name).parent / relative
+            assert path.resolve().relative_to(workbench.FOLDER).as_posix() in preloaded, (name, relative)
+    assert "js/lists/models_page.js" not in preloaded
+
+
+def test_the_page_comes_compressed_to_who_understands_that(client: TestClient) -> None:
+    plain, small = (
+        client.get("/workbench/js/app.js", headers={"accept-encoding": one}) for one in ("identity", "gzip")
+    )
+    assert plain.content == small.content == (workbench.FOLDER / "js" / "app.js").read_bytes()
+    assert int(small.headers["content-length"]) < 0.6 * int(plain.headers["content-length"])
 
 
 def test_everything_that_a_file_names_is_there() -> None:

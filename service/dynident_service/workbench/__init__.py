@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
-from fastapi import FastAPI
-from fastapi.responses import FileResponse
-from starlette.responses import Response
-from starlette.staticfiles import StaticFiles
-from starlette.types import Scope
+from fastapi import FastAPI, HTTPException, Request
+from starlette.responses import RedirectResponse, Response
+
+from dynident_service.workbench.files import PageFile, PageFiles
 
 PREFIX = "/workbench"
 FOLDER = Path(__file__).parent / "static"
@@ -21,28 +19,34 @@ HEADERS = {
     ),
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
-    # Asked for anew, and answered by 304 as long as it is the same: page and service never differ in version.
-    "Cache-Control": "no-cache",
+    "Vary": "Accept-Encoding",
 }
-
-
-class Files(StaticFiles):
-    """The page's files, with its headers."""
-
-    def file_response(
-        self, full_path: str | os.PathLike[str], stat_result: os.stat_result, scope: Scope, status_code: int = 200
-    ) -> Response:
-        """Answer with a file."""
-        response = super().file_response(full_path, stat_result, scope, status_code)
-        response.headers.update(HEADERS)
-        return response
+# The page is asked for anew, and names its files by their version, which are the same for good: page and service never
+# differ in version.
+ANEW, FOR_GOOD = {"Cache-Control": "no-cache"}, {"Cache-Control": "public, max-age=31536000, immutable"}
 
 
 def mount(app: FastAPI) -> None:
     """Serve the page at `/` and what it is made of below `/workbench`; neither is a part of the contract."""
+    page = PageFiles.read(FOLDER, PREFIX)
 
     @app.api_route("/", methods=["GET", "HEAD"], include_in_schema=False)
-    def workbench() -> FileResponse:
-        return FileResponse(FOLDER / "index.html", headers=HEADERS)
+    async def workbench(request: Request) -> Response:
+        return _answer(page.index, request, ANEW)
 
-    app.mount(PREFIX, Files(directory=FOLDER), name="workbench_files")
+    @app.api_route(f"{PREFIX}/{{path:path}}", methods=["GET", "HEAD"], include_in_schema=False)
+    async def file(path: str, request: Request) -> Response:
+        name = page.current(path)
+        if name not in page.files:
+            raise HTTPException(404)
+        if path != f"{page.version}/{name}":
+            return RedirectResponse(f"{PREFIX}/{page.version}/{name}", headers=HEADERS | ANEW)
+        return _answer(page.files[name], request, FOR_GOOD)
+
+
+def _answer(found: PageFile, request: Request, headers: dict[str, str]) -> Response:
+    headers = HEADERS | headers
+    content = found.content
+    if "gzip" in request.headers.get("accept-encoding", ""):
+        content, headers = found.compressed, headers | {"Content-Encoding": "gzip"}
+    return Response(content, headers=headers, media_type=found.media_type)
