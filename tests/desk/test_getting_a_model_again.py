@@ -16,7 +16,7 @@ import pytest
 import dynident as dy
 from dynident.effects import EffectChoice
 from dynident.effects.written import effect_text, written_effects
-from dynident.identification import IdentificationChoices, identify
+from dynident.identification import IdentificationChoices, extend, identify
 from dynident.recordings import Preprocessing
 from dynident.reports.commands import ROBOT, commands
 
@@ -55,6 +55,30 @@ def test_other_choices_are_among_the_commands(desk: Path, runs: dy.Recordings, r
     found = identify(robot, [runs["run1"].recording], [], choices)
     (again,) = run_again(commands(found), desk, tmp_path)
     np.testing.assert_allclose(again.identification.values, found.values, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_the_windows_that_were_used_are_among_the_commands(
+    desk: Path, runs: dy.Recordings, robot: dy.Robot, tmp_path: Path
+) -> None:
+    used = {"run1": ((0.5, 2.25), (3.0, 7.125)), "run2": ((1.0, 6.0),)}
+    fit, tried = (runs[name].recording.with_windows(windows) for name, windows in used.items())
+    found = identify(robot, [fit], [tried])
+    (again,) = run_again(commands(found, [fit, tried]), desk, tmp_path)
+    np.testing.assert_allclose(again.identification.values, found.values, rtol=1e-6, atol=1e-9)
+    assert again.held_out.relative_total == pytest.approx(found.held_out.relative_total, rel=1e-6)
+
+
+def test_what_only_one_run_has_is_said_behind_its_command_and_not_put_into_all(
+    runs: dy.Recordings, robot: dy.Robot
+) -> None:
+    recordings = [runs[name].recording for name in ("run1", "run2")]
+    loaded = EffectChoice("payload", ("elbow",), (), ("run2",))
+    first, second = commands(extend(identify(robot, recordings), [loaded], recordings))
+    assert "#" not in first
+    command, remark = second.split("#")
+    assert "payload in run2 alone" in remark
+    assert shlex.split(command)[1] == "extend"
 
 
 def test_the_report_has_the_hashes_of_the_files(desk: Path, model: dy.Model) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 
 from dynident.asking import default_of, said_of
@@ -11,22 +11,30 @@ from dynident.effects import EffectChoice
 from dynident.effects.written import effect_text
 from dynident.identification import Identification, IdentificationChoices
 from dynident.kinds import Kind
-from dynident.recordings import Preprocessing
+from dynident.recordings import Preprocessing, Recording
+from dynident.recordings.types import Windows
 
 ROBOT = "ROBOT"
 """Stands for the robot's description in the commands."""
 _DIGITS = ".9g"
 
 
-def commands(identification: Identification) -> tuple[str, ...]:
+def commands(identification: Identification, recordings: Sequence[Recording] = ()) -> tuple[str, ...]:
     """One command for the first model of a ladder and one for every rung; recordings go by their names.
 
     A rung for which something else was changed than the effects is identified anew. What only some runs have is said
     behind the command: `--effects` has no words for it.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording, optional
+        Those of the model, for the windows that were used of them.
     """
     found = []
+    windows = {one.name: one.windows for one in recordings}
     for number, rung in enumerate(identification.ladder(), 1):
         files = [*rung.measurement_names, *(part for name in rung.validation_names for part in ("-v", name))]
+        files += _windows([*rung.measurement_names, *rung.validation_names], windows)
         before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
         if rung.parent is not None and rung.added:
             texts = ",".join(effect_text(choice, _DIGITS) for choice in rung.added)
@@ -39,6 +47,12 @@ def commands(identification: Identification) -> tuple[str, ...]:
         told = rung.added or rung.removed if rung.parent is not None else ()
         found.append(shlex.join(["dynident", *words]) + _in_some_runs(told or rung.choices.effects))
     return tuple(found)
+
+
+def _windows(names: Sequence[str], windows: Mapping[str, Windows]) -> Iterator[str]:
+    said = [(name, *one) for name in names for one in windows.get(name, ())]
+    if said:
+        yield from ("--windows", ",".join(f"{name}={start:{_DIGITS}}:{end:{_DIGITS}}" for name, start, end in said))
 
 
 def _in_some_runs(choices: Sequence[EffectChoice]) -> str:

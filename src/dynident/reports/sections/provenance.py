@@ -43,4 +43,5 @@ def provenance_section(identification: Identification, runs: Sequence[ReportedRu
         *((f"said anew of {run.name}", "; then ".join(map(str, run.edits))) for run in runs if run.edits),
         ("models before this one", str(len(list(identification.ladder())) - 1)),
     )
-    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts, commands(identification)))
+    made = commands(identification, [run.recording for run in runs])
+    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts, made))
