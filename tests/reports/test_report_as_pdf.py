@@ -103,3 +103,11 @@ def test_a_viewer_shows_the_reports_title() -> None:
 )
 def test_what_is_empty_is_no_error(body: str) -> None:
     assert pdf_of(page(body)).startswith(b"%PDF")
+
+
+def test_a_link_out_of_the_report_can_be_followed_from_paper_on_a_screen() -> None:
+    address = "http://arm:8000/?identification=idn_1&tab=verdict"
+    printed = pdf_of(page(f'<p>In <a href="{escape(address)}">the workbench</a>, or <a href="#x">above</a>.</p>'))
+    assert "In the workbench, or above." in read(printed)
+    notes = [note.get_object() for note in PdfReader(io.BytesIO(printed)).pages[0].get("/Annots", [])]
+    assert [note["/A"]["/URI"] for note in notes] == [address]

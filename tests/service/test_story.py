@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
+import httpx2
 import pytest
 
 from dynident.robot import library_table
@@ -118,6 +120,9 @@ def test_a_hidden_effect_is_found_added_and_reported(live: Client, tmp_path: Pat
     report = live.reports.create(better, diagnosis=diagnosis).wait()
     page = report.save(tmp_path / "report.html").read_text(encoding="utf-8")
     assert "joint_spring" in page or "spring" in page
+    # Whoever is sent the report finds the model.
+    (back,) = re.findall(rf'<a href="(http[^"]+identification={better.id})">', page)
+    assert httpx2.get(back).text.startswith("<!doctype html>")
     assert json.loads(live.reports.content(live.reports.create(better, format="json").wait()))["measurements"]
     assert json.loads(live.identifications.export(better))["result"]["parameters"]
 

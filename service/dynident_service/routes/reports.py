@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from dataclasses import replace
+
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
 from dynident_service.models.common import plain
@@ -33,7 +35,9 @@ keep(
 
 
 @router.post("", status_code=202)
-def create_report(body: ReportRequest, services: ServicesDep, retry: RetryKeyDep, response: Response) -> ReportView:
+def create_report(
+    body: ReportRequest, services: ServicesDep, retry: RetryKeyDep, request: Request, response: Response
+) -> ReportView:
     """Write a report of an identified model, with its ladder and a diagnosis if asked."""
     model = needed_model(services, body.identification_id)
     robot = services.resources.get("robot", model.one("robot"))
@@ -46,7 +50,9 @@ def create_report(body: ReportRequest, services: ServicesDep, retry: RetryKeyDep
     needs += [_validation(services, one, index, model) for index, one in enumerate(body.validation_ids)]
     if body.diagnosis_id is not None:
         needs.append(_diagnosis(services, body.diagnosis_id, model))
-    new = NewResource("report", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
+    # As the client knows the service: a report that is sent on leads back to it.
+    job = replace(JOB, arguments={"address": f"{request.base_url}?identification={model.id}"})
+    new = NewResource("report", plain(body), name=body.name, rests_on=tuple(needs), job=job, retry=retry.of(body))
     return computed(ReportView, make(services, new, response))
 
 

@@ -44,7 +44,15 @@ def write_report(task: Task) -> Outcome:
         design = _design(task, request.design_id)
         validations = _validations(task, request, model)
         title = request.name or ""
-        page = html_report(model, runs, diagnosis=found, design=design, validations=validations, title=title)
+        page = html_report(
+            model,
+            runs,
+            diagnosis=found,
+            design=design,
+            validations=validations,
+            title=title,
+            address=str(task.arguments.get("address", "")),
+        )
         content = pdf_of(page) if request.format == "pdf" else page.encode()
     media_type = MEDIA_TYPES[request.format]
     document = task.keep("content", content, media_type)

@@ -40,6 +40,7 @@ def html_report(
     validations: Sequence[ReportedValidation] = (),
     title: str = "",
     created: datetime | None = None,
+    address: str = "",
 ) -> str:
     """The report of an identification as one HTML file without external resources.
 
@@ -59,6 +60,8 @@ def html_report(
         The heading; the robot's name by default.
     created : datetime, optional
         With its time zone; now by default.
+    address : str
+        URL of a page on which the model is looked at, to be told with where it comes from.
 
     Raises
     ------
@@ -67,7 +70,8 @@ def html_report(
     """
     if not runs:
         raise DynidentError("give at least one recording to show in the report", pointer="/measurement_ids")
-    sections = sections_of(identification, runs, diagnosis, design, created or datetime.now(UTC), validations)
+    made = created or datetime.now(UTC)
+    sections = sections_of(identification, runs, diagnosis, design, made, validations, address)
     robot = identification.model.robot.name
     return (
         _environment()
@@ -83,6 +87,7 @@ def sections_of(
     design: Design | None,
     created: datetime,
     validations: Sequence[ReportedValidation] = (),
+    address: str = "",
 ) -> list[Section]:
     """The sections in their order; diagnosis, validations and design only where there are any."""
     learnt = [run.recording for run in runs if not run.held_out]
@@ -98,7 +103,7 @@ def sections_of(
         robot_section(identification),
         *_design_sections(design, identification),
         data_section(identification, runs),
-        provenance_section(identification, runs, created),
+        provenance_section(identification, runs, created, address),
     ]
 
 

@@ -85,6 +85,12 @@ def _code(element: Element) -> str:
     return f"raw({_text(_words(element))})"
 
 
+def _link(element: Element) -> str:
+    """To somewhere else: places of the page itself have no names on paper."""
+    target, told = element.attributes.get("href", ""), _line(element.children)
+    return f"link({_text(target)}, {told})" if target.startswith("http") else told
+
+
 def _words(element: Element) -> str:
     return "".join(child if isinstance(child, str) else _words(child) for child in element.children)
 
@@ -203,6 +209,7 @@ _WRITTEN: dict[str, Callable[[Element], str]] = {
     "sup": _call("super"),
     "span": _span,
     "code": _code,
+    "a": _link,
     "br": lambda _: "linebreak()",
     "dl": _definitions,
     "svg": _drawing,

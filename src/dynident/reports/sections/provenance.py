@@ -20,13 +20,16 @@ _PACKAGES = ("casadi", "numpy", "scipy", "pin", "pyarrow")
 
 @dataclass(frozen=True)
 class ProvenanceContent:
-    """Names and values; the commands that make the model again."""
+    """Names and values; the commands that make the model again; where it can be looked at, "" where nobody knows."""
 
     facts: tuple[tuple[str, str], ...]
     commands: tuple[str, ...]
+    address: str = ""
 
 
-def provenance_section(identification: Identification, runs: Sequence[ReportedRun], created: datetime) -> Section:
+def provenance_section(
+    identification: Identification, runs: Sequence[ReportedRun], created: datetime, address: str = ""
+) -> Section:
     """How to get the same again."""
     robot = identification.model.robot
     digest = sha256(robot.description.content.encode()).hexdigest()
@@ -44,4 +47,4 @@ def provenance_section(identification: Identification, runs: Sequence[ReportedRu
         ("models before this one", str(len(list(identification.ladder())) - 1)),
     )
     made = commands(identification, [run.recording for run in runs])
-    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts, made))
+    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts, made, address))
