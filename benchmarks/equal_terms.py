@@ -228,7 +228,7 @@ def constants_table(contests: Sequence[Contest]) -> list[tuple[str, ...]]:
     head = "as much, and t below, or F below"
     rows = [(head, "fewer constants, gains less", "lost", "more constants, gains more", "lost")]
     for part in (0.0, 0.0025, 0.005, 0.01, 0.02, 0.05):
-        for t, f in ((np.inf, 0.0), (3.0, 0.0), (2.0, 0.0), (2.0, 4.0), (2.0, 7.5), (2.0, 13.0), (0.0, 7.5)):
+        for t, f in ((np.inf, 0.0), (2.0, 0.0), (2.0, 7.5), (0.0, 7.5)):
             slim = [
                 sum(less <= part and (apart < t or gain < f) for less, apart, gain in some) for some in (fewer, more)
             ]
