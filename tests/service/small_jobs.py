@@ -22,6 +22,12 @@ def answer(task: Task) -> Outcome:
     return Outcome({"answer": task.arguments.get("answer", 42)})
 
 
+def stands_back(task: Task) -> Outcome:
+    """Say how far it stands back behind other processes."""
+    Path(task.arguments["note"]).write_text(str(os.getpriority(os.PRIO_PROCESS, 0)))
+    return Outcome()
+
+
 def count(task: Task) -> Outcome:
     steps = int(task.arguments["steps"])
     for step in range(steps):

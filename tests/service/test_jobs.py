@@ -37,6 +37,11 @@ def test_a_job_runs_and_says_so(client: TestClient, start: Start, wait: Wait) ->
     assert job["created_at"] <= job["started_at"] <= job["finished_at"]
 
 
+def test_a_computation_leaves_the_processor_to_who_answers_requests(start: Start, wait: Wait, tmp_path: Path) -> None:
+    wait(start("stands_back", note=str(tmp_path / "note")))
+    assert int((tmp_path / "note").read_text()) > os.getpriority(os.PRIO_PROCESS, 0)
+
+
 def test_a_mendable_error_arrives_with_its_pointer(client: TestClient, start: Start, wait: Wait) -> None:
     job_id = start("wrong")
     assert wait(job_id).state == "failed"

@@ -44,6 +44,8 @@ SWITCH = 0.05
 """Seconds from one try to the next to take the interpreter from a solver that holds it: each costs a little."""
 PATIENCE = 15 * 60.0
 """How long, in seconds, what was computed waits for a database that is away."""
+NICENESS = 10
+"""How far a computation stands back behind the process that answers requests."""
 REST = 1.0
 """Seconds after which a job is given back that the infrastructure failed, so that it does not come again at once."""
 End = Callable[[Ledger], None]
@@ -219,6 +221,7 @@ class Line:
 def work(jobs: int, lifeline: int) -> None:
     """Do the jobs that come on a pipe, until its other end is closed; `lifeline` tells when the supervisor is gone."""
     _die_with_parent(lifeline)
+    _give_way()
     connection = Connection(jobs)
     sys.setswitchinterval(SWITCH)
     line = Line(connection)
@@ -244,6 +247,16 @@ def work(jobs: int, lifeline: int) -> None:
                 trouble = reason_of(error)
                 time.sleep(REST)
         line.send(Receipt(_peak_memory(), trouble))
+
+
+def _give_way() -> None:
+    """Leave the processor to who answers requests, where both want it.
+
+    Linux shares it among sessions first, where it groups them, and each child has one of its own.
+    """
+    os.nice(NICENESS)
+    with suppress(OSError), open("/proc/self/autogroup", "w") as group:
+        group.write(str(NICENESS))
 
 
 def _peak_memory() -> int:
