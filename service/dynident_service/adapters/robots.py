@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 from dynident.robot import Description, Drive, Joint, Limits, Robot, robot_from_description
@@ -14,6 +15,16 @@ from dynident_service.models.common import Limits as WireLimits
 def robot_of(stored: Mapping[str, Any]) -> Robot:
     """Make the robot of a stored request."""
     return robot_from_request(wire.RobotRequest.model_validate(stored))
+
+
+def robot_described(stored: Mapping[str, Any]) -> Robot:
+    """The same, remembered for the next request about this robot."""
+    return _remembered(json.dumps(stored, sort_keys=True))
+
+
+@lru_cache(maxsize=32)
+def _remembered(text: str) -> Robot:
+    return robot_of(json.loads(text))
 
 
 def robot_from_request(request: wire.RobotRequest) -> Robot:

@@ -21,7 +21,7 @@ from dynident_service.problems import (
     unusable,
 )
 from dynident_service.routes.common import RetryKeyDep, again, href
-from dynident_service.routes.identifications import new_identification
+from dynident_service.routes.identifications import named_in, new_identification
 from dynident_service.routes.needs import ReadAhead
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Resource
@@ -73,7 +73,7 @@ def _accepted(services: Services, body: BatchRequest) -> list[NewResource]:
     """What is to be computed; a problem that names all that is wrong, with the place of each item."""
     from dynident_service.adapters.robots import robot_of
 
-    named = {one for item in body.items for one in (item.robot_id, *item.measurement_ids, *item.validation_ids)}
+    named = {one for item in body.items for one in named_in(item)}
     ahead = ReadAhead(services.resources, named)
 
     @cache

@@ -21,7 +21,7 @@ from dynident_service.models.identifications import (
 from dynident_service.problems import unusable
 from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.diagnosed import as_diagnosed
-from dynident_service.routes.needs import Reading, needed, needed_measurements, needed_robot
+from dynident_service.routes.needs import ReadAhead, Reading, needed, needed_measurements, needed_robot
 from dynident_service.routes.uncertainty import AWAITED, model_file
 from dynident_service.routes.verdicts import refuse_stopped
 from dynident_service.services import Services, ServicesDep
@@ -55,9 +55,10 @@ def create_identification(
     body: IdentificationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Identify the base parameters of a robot from measurements."""
-    from dynident_service.adapters.robots import robot_of
+    from dynident_service.adapters.robots import robot_described
 
-    new = new_identification(services, body, lambda robot: robot_of(robot.request))
+    ahead = ReadAhead(services.resources, named_in(body))
+    new = new_identification(ahead, body, lambda robot: robot_described(robot.request))
     return show(make(services, replace(new, retry=retry.of(body)), response))
 
 
@@ -174,6 +175,11 @@ async def export_identification(
     model = await model_file(services, identification_id)
     asked = {"model": model, "format": format, "nearest": nearest, "shown": await to_thread.run_sync(find)}
     return file_response(await services.awaited.call(request, f"{AWAITED}:export", asked))
+
+
+def named_in(body: IdentificationRequest) -> tuple[str, ...]:
+    """Ids of all that a request names."""
+    return (body.robot_id, *body.measurement_ids, *body.validation_ids)
 
 
 def new_identification(

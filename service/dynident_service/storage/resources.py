@@ -143,16 +143,13 @@ class Resources:
     def _create(self, retry: Retry | None, inserted: Callable[[Session], str]) -> Resource:
         try:
             with self._database.write() as session:
-                identifier = inserted(session)
+                return _load(session, session.get_one(ResourceRow, inserted(session)))
         except IntegrityError:
             # Another request with the same key was faster: its resource is the answer.
             known = self.known(retry)
             if known is None:
                 raise
             return known
-        found = self.find(identifier)
-        assert found is not None
-        return found
 
     def put(self, content: bytes | Path) -> Stored:
         """Put bytes or a file into the object store; a sweep deletes them if nobody comes to own them."""
