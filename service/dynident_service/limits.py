@@ -172,7 +172,8 @@ class Turn:
                 self._leave()
             await send(message)
 
-        if Headers(scope=scope).get("content-length", "0") == "0":
+        headers = Headers(scope=scope)
+        if headers.get("content-length", "0") == "0" and "transfer-encoding" not in headers:
             await self._enter()
         await app(scope, received, sent)
 
