@@ -17,7 +17,6 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -41,6 +40,7 @@ ALLOWED = {
     "zoom, drawn": 100.0,
 }
 """ms"""
+MOTION: Trajectory = {"duration": 10.0, "sampling_rate": 100.0}
 SETTLED = 10.0
 """Seconds after which a service that began has nothing to do."""
 RUN_TO = """([act, there]) => new Promise((done, failed) => {
@@ -100,26 +100,18 @@ def main() -> None:
             tabs_and_joints(browser, url, model.id, watch, given.repeats)
             adding(browser, url, model.id, watch, given.repeats)
             if given.design:
-                watch.note(
-                    f"a design with a budget of {given.design:.0f} s",
-                    1000 * taken(designing(client, ur10, given.design)),
-                )
+                begun = time.perf_counter()
+                client.designs.create(ur10, trajectory=MOTION, time_budget=given.design).wait()
+                watch.note(f"a design with a budget of {given.design:.0f} s", since(begun))
             large(client, browser, url, folder, watch, given)
             many(client, browser, url, folder, watch, given)
         browser.close()
     show(f"The workbench, {given.repeats} times each", watch.table())
 
 
-def taken(act: Callable[[], object]) -> float:
-    """Seconds of the clock."""
-    begun = time.perf_counter()
-    act()
-    return time.perf_counter() - begun
-
-
-def designing(client: Client, robot: Robot, budget: float) -> Callable[[], object]:
-    trajectory: Trajectory = {"duration": 10.0, "sampling_rate": 100.0}
-    return lambda: client.designs.create(robot, trajectory=trajectory, time_budget=budget).wait()
+def since(begun: float) -> float:
+    """ms of the clock."""
+    return 1000 * (time.perf_counter() - begun)
 
 
 def fresh(browser: Browser, url: str) -> Page:
@@ -134,7 +126,7 @@ def view(browser: Browser, url: str, address: str, there: str, watch: Watch, wha
         begun = time.perf_counter()
         page.goto(address, wait_until="commit")
         page.locator(there).first.wait_for()
-        watch.note(what, 1000 * (time.perf_counter() - begun))
+        watch.note(what, since(begun))
         page.context.close()
 
 
@@ -178,7 +170,7 @@ def tabs_and_joints(browser: Browser, url: str, model: str, watch: Watch, repeat
         begun = time.perf_counter()
         page.goto(f"/?identification={model}&tab=verdict")
         page.locator("#fitness-summary").wait_for()
-        watch.note("first view of a model", 1000 * (time.perf_counter() - begun))
+        watch.note("first view of a model", since(begun))
         page.wait_for_load_state("networkidle")
         for tab, there in (("compare", "#torque-chart canvas"), ("parameters", "#parameters table")):
             shown = f"document.querySelector('{there}')?.offsetParent"
@@ -224,11 +216,11 @@ def large(client: Client, browser: Browser, url: str, folder: Path, watch: Watch
     file = written(samples, folder / "large")
     begun = time.perf_counter()
     run = client.measurements.upload(panda, file)
-    watch.note(f"{given.samples:,} samples x 7 joints: read", 1000 * (time.perf_counter() - begun))
-    holder: list[Identification] = []
-    seconds = taken(lambda: holder.append(client.identifications.create(panda, [run]).wait()))
-    watch.note(f"{given.samples:,} samples x 7 joints: identified", 1000 * seconds)
-    address, there = f"/?identification={holder[0].id}&tab=compare", "#torque-chart canvas"
+    watch.note(f"{given.samples:,} samples x 7 joints: read", since(begun))
+    begun = time.perf_counter()
+    model = client.identifications.create(panda, [run]).wait()
+    watch.note(f"{given.samples:,} samples x 7 joints: identified", since(begun))
+    address, there = f"/?identification={model.id}&tab=compare", "#torque-chart canvas"
     view(browser, url, address, there, watch, "all samples of all joints, compared for the first time", 1)
     view(browser, url, address, there, watch, "all samples of all joints", given.repeats)
     page = fresh(browser, url)
