@@ -177,10 +177,10 @@ class Noise(TypedDict, total=False):
     """Record currents instead of torques; needs drive gains"""
 
     encoder_counts: int | None
-    """Per turn or metre; null: exact"""
+    """Per turn or metre; 0 or null: exact"""
 
     jitter: float
-    """Standard deviation of the sampling instants, s"""
+    """Standard deviation of the sampling instants, in s"""
 
     torque_noise: float
     """Standard deviation, a share of the effort limit"""
@@ -202,22 +202,26 @@ class SimulationOptions(TypedDict, total=False):
     """A virtual robot to be measured."""
 
     feed_forward: Literal["computed_torque", "gravity", "none"]
+    """What the controller knows beforehand"""
+
     name: str | None
     noise: Noise
     parameters: Mapping[str, float]
-    """Standard parameters: {"ZZ2": 0.5, "Fc1": 8}; else those of the description"""
+    """Standard parameters by name, such as ZZ2 or Fc1; else those of the description"""
 
     pause: float
-    """Seconds between runs; the session's time goes on"""
+    """Between runs, while the session's time goes on, in s"""
 
     role: Literal["identification", "validation", "friction", "payload"] | None
     runs: int
     """How often the motion is made: a segment for each"""
 
     sampling_rate: float | None
-    """Hz; else the trajectory's"""
+    """Of the sensors; the trajectory's where not given, in Hz"""
 
     seed: int
+    """Of the noise and of a random motion"""
+
     warming: Warming | None
     """Records the joints' temperature; a usual warming where an effect needs it"""
 
@@ -343,7 +347,7 @@ class Wall(TypedDict, total=False):
 
 
 class Warming(TypedDict, total=False):
-    """Joints that warm up with the time of the session: T = end + (start - end) exp(-t / time_constant)."""
+    """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant)."""
 
     end: float
     """degC in the end"""
@@ -352,4 +356,4 @@ class Warming(TypedDict, total=False):
     """degC at t = 0"""
 
     time_constant: float
-    """s"""
+    """How slowly, in s"""

@@ -412,3 +412,20 @@ def test_a_clean_recording_lacks_nothing(tmp_path: Path, desk: Path) -> None:
     answer = dynident("diagnose", tmp_path / "model.npz", tmp_path / "run1.csv", "--json")
     assert answer.document["verdict"] == "adequate"
     assert answer.document["recommended"] == []
+
+
+def test_a_virtual_robot_has_the_parameters_and_the_controller_that_are_asked_for(tmp_path: Path) -> None:
+    dynident("design", "scara", "--kind", "random", "--duration", 2, "--rate", 200, "--out", tmp_path / "t.csv")
+    torques = []
+    for more in ((), ("--parameters", "Fc1=40"), ("--feed-forward", "none")):
+        answer = dynident(
+            "simulate", "scara", "--trajectory", tmp_path / "t.csv", "--torque-noise-absolute", "0,0,0,0",
+            "--encoder-counts", 0, *more, "-o", tmp_path / "m.csv",
+        )  # fmt: skip
+        assert answer.code == 0, answer.err
+        torques.append(pacsv.read_csv(tmp_path / "m.csv")["tau1"].to_numpy())
+    usual, rough, alone = (np.abs(tau).mean() for tau in torques)
+    assert rough > usual + 5.0
+    assert alone != usual
+    refused = dynident("simulate", "scara", "--torque-noise=-1", "-o", tmp_path / "m.csv")
+    assert (refused.code, "torque_noise is -1" in refused.err) == (2, True), refused.err

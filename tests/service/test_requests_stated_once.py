@@ -17,9 +17,12 @@ from dynident.excitation import DesignRequest
 from dynident.identification import IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
 from dynident.kinds import document_of
+from dynident.robot.well_known import library_names, robot_from_library
+from dynident.simulation import ActingEffect, Simulated, Warming, true_effects, typical_drive
+from dynident.simulation.stated import usual_effects
 from dynident.validation.request import TRIALS, trial_of
 from dynident_service.adapters.derived import taken, written
-from dynident_service.models import designs, identifications
+from dynident_service.models import designs, identifications, simulations
 
 PAGE = (Path(__file__).parents[2] / "docs" / "own-methods.md").read_text(encoding="utf-8")
 NEW = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
@@ -151,3 +154,17 @@ def test_an_estimator_with_options_is_told_with_them_and_kept_in_the_file_of_the
     with pytest.raises(DynidentError, match="above 0 and at most 1") as caught:
         check_ranges(Halved(2.0), "/estimator")
     assert caught.value.pointer == "/estimator/share"
+
+
+def test_every_field_of_a_simulation_says_what_it_is_and_none_stated_is_the_default_everywhere() -> None:
+    for request in (Simulated, ActingEffect, Warming):
+        for one in fields(request):
+            assert said_of(one).words or one.name in ("effects", "noise", "shape_parameters"), one.name
+    body = {"robot_id": "r", "design_id": "d"}
+    assert taken(simulations.SimulationRequest.model_validate(body), Simulated) == Simulated()
+
+
+def test_a_virtual_robot_asked_for_by_its_usual_effects_is_the_typical_one() -> None:
+    for name in library_names():
+        robot = robot_from_library(name)
+        assert set(true_effects(usual_effects(), robot)) == set(typical_drive(robot))

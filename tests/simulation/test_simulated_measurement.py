@@ -154,9 +154,10 @@ def test_an_effect_that_does_not_fit_is_named_by_its_place(robot: Robot, effect:
     ("sensors", "pointer"),
     [
         (Sensors(sampling_rate=0.0), "/noise/sampling_rate"),
-        (Sensors(encoder_counts=0), "/noise/encoder_counts"),
+        (Sensors(encoder_counts=-1), "/noise/encoder_counts"),
         (Sensors(torque_noise=-0.1), "/noise/torque_noise"),
         (Sensors(torque_noise_absolute=(1.0,)), "/noise/torque_noise_absolute"),
+        (Sensors(torque_noise_absolute=(1.0, -1.0)), "/noise/torque_noise_absolute/1"),
         (Sensors(jitter=1e-3), "/noise/jitter"),
         (Sensors(current=True), "/noise/current"),
     ],

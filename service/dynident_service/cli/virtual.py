@@ -18,37 +18,29 @@ from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.progress import Progress
 from dynident.robot import Robot
-from dynident.simulation import Reference, TrueEffect
-from dynident_service.adapters import simulations
-from dynident_service.models.simulations import TrueEffect as WireEffect
+from dynident.simulation import ActingEffect, Reference
 
 _TITLE = "Unusable trajectory"
 _RANDOM = TrajectoryRequest(sampling_rate=200.0)
 
 
-def true_effects(given: Sequence[str], robot: Robot) -> tuple[TrueEffect, ...]:
-    """The effects of a virtual robot: of a usual size, or with the values stated."""
-    asked = []
+def acting_effects(given: Sequence[str]) -> tuple[ActingEffect, ...]:
+    """Effects of a virtual robot as they were written."""
+    found = []
     for index, text in enumerate(effect_texts(given)):
         name, joints, values = effect_parts(text, "--effects")
         run = values.pop("run", None)
         shapes = {spec.name for spec in effect_by_id(name, f"/effects/{index}").shapes}
-        asked.append(
-            WireEffect(
-                effect=name,
-                joints=list(joints),
-                parameters={key: value for key, value in values.items() if key not in shapes},
-                shape_parameters={key: value for key, value in values.items() if key in shapes},
-                runs=[] if run is None else [f"{run:g}"],
+        found.append(
+            ActingEffect(
+                name,
+                joints,
+                {key: value for key, value in values.items() if key not in shapes},
+                {key: value for key, value in values.items() if key in shapes},
+                () if run is None else (f"{run:g}",),
             )
         )
-    return simulations.true_effects(asked, robot)
-
-
-def beside(usual: Sequence[TrueEffect], stated: Sequence[TrueEffect]) -> tuple[TrueEffect, ...]:
-    """The usual effects, replaced where one is stated, and the stated ones."""
-    taken = {(one.effect, one.joint) for one in stated}
-    return (*(one for one in usual if (one.effect, one.joint) not in taken), *stated)
+    return tuple(found)
 
 
 def reference_of(path: Path | None, robot: Robot, seed: int, progress: Progress) -> Reference:

@@ -48,15 +48,13 @@ def create_simulation(
 
 def _check(body: SimulationRequest, stored: Resource) -> None:
     """Refuse at once what would fail later."""
-    from dynident.simulation import check_runs_named
+    from dynident.simulation import check_acting
     from dynident_service.adapters.designs import random_design
     from dynident_service.adapters.robots import robot_of
-    from dynident_service.adapters.simulations import reference_of, true_effects
+    from dynident_service.adapters.simulations import reference_of, stated
 
     robot = robot_of(stored.request)
-    true_effects(body.effects, robot)
-    for index, one in enumerate(body.effects):
-        check_runs_named(one.effect, one.runs, body.runs, f"/effects/{index}/runs")
+    check_acting(stated(body), robot)
     if isinstance(body.trajectory, Samples):
         reference_of(body.trajectory)
     elif isinstance(body.trajectory, Trajectory):

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.excitation import design_experiment
 from dynident.progress import part
 from dynident.robot import Robot
-from dynident.simulation import Reference, simulate, write_measurement
+from dynident.simulation import Reference, simulate, simulation_of, write_measurement
 from dynident_service.adapters import designs, simulations
 from dynident_service.adapters.measurements import describe_recording, import_file
 from dynident_service.jobs.work import Outcome, Task
@@ -30,8 +30,9 @@ def measure_virtual_robot(task: Task) -> Outcome:
     """Have a virtual robot make a motion; what its sensors give becomes a measurement."""
     asked = SimulationRequest.model_validate(task.subject.request)
     robot = robot_by_id(task, asked.robot_id)
-    reference, rate = _motion(task, asked, robot)
-    request = simulations.request_of(asked, robot, reference, asked.sampling_rate or rate)
+    stated = simulations.stated(asked)
+    reference, rate = _motion(task, asked, robot, stated.seed)
+    request = simulation_of(stated, robot, reference, rate)
     found = simulate(robot, request, part(task.progress, 0.3, 0.9))
     name = asked.name or f"simulation {task.subject.id}"
     said = MeasurementMetadata(robot_id=asked.robot_id, name=name, role=asked.role, accept=_wanted_findings(reference))
@@ -58,12 +59,12 @@ def _wanted_findings(reference: Reference) -> list[str]:
     return ["joint_motion"] if rests.any() else []
 
 
-def _motion(task: Task, asked: SimulationRequest, robot: Robot) -> tuple[Reference, float]:
+def _motion(task: Task, asked: SimulationRequest, robot: Robot, seed: int) -> tuple[Reference, float]:
     """The motion wanted, and its sampling rate in Hz."""
     if isinstance(asked.trajectory, Samples):
         return simulations.reference_of(asked.trajectory), simulations.RATE_OF_SAMPLES
     if asked.trajectory is not None:
-        request = designs.random_design(asked.trajectory, robot, asked.seed)
+        request = designs.random_design(asked.trajectory, robot, seed)
         design = design_experiment(robot, request, part(task.progress, 0.0, 0.3))
         return designs.reference_of_design(design), design.sampling_rate
     stored = task.resources.get("design", asked.design_id or "")

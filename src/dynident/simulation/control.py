@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.simulation.dynamics import Dynamics
 from dynident.simulation.reference import ReferencePath
-
-FeedForward = Literal["computed_torque", "gravity", "none"]
+from dynident.simulation.stated import FeedForward
 
 # States of the trajectory that the gains are derived from.
 _STATES = 200

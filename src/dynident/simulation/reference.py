@@ -10,6 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
+from dynident.simulation.stated import Warming
 
 _TITLE = "Unusable trajectory"
 
@@ -31,19 +32,6 @@ class Reference:
     def duration(self) -> float:
         """From the first to the last sample, in s."""
         return float(self.t[-1] - self.t[0])
-
-
-@dataclass(frozen=True)
-class Warming:
-    """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant), degC, s."""
-
-    start: float = 20.0
-    end: float = 45.0
-    time_constant: float = 1200.0
-
-    def at(self, t: FloatArray) -> FloatArray:
-        """Temperature (m,) in degC at times t (m,)."""
-        return self.end + (self.start - self.end) * np.exp(-t / self.time_constant)
 
 
 def warmed(reference: Reference, warming: Warming) -> Reference:

@@ -17,8 +17,8 @@ from dynident.progress import Progress, part, silent
 from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.simulation.control import Controller
 from dynident.simulation.measurement import Measurement, joined
-from dynident.simulation.reference import Reference, Warming, warmed
-from dynident.simulation.sensors import Sensors
+from dynident.simulation.reference import Reference, warmed
+from dynident.simulation.stated import Sensors, Session, Warming
 from dynident.simulation.truth import TrueEffect, true_inertias
 from dynident.simulation.virtual_robot import VirtualRobot
 
@@ -28,13 +28,11 @@ _FRICTION = {parameter: effect for effect, parameter in (ROTOR_INERTIA, COULOMB,
 
 
 @dataclass(frozen=True, eq=False)
-class SimulationRequest:
-    """A virtual robot, the motion it makes and the sensors it is measured with.
+class SimulationRequest(Session):
+    """A virtual robot, the motion it makes, the session in which it does and the sensors it is measured with.
 
-    `inertias` (n, 10) None: those of the robot's description. The motion is made in `runs` runs with `pause` seconds
-    between them, while the time of the session goes on; an effect that is in some of the runs alone names them "1",
-    "2" and so on. `warming`: how warm the joints become, where the reference does not say; a usual one where an effect
-    needs it.
+    `inertias` (n, 10) None: those of the robot's description. An effect that is in some of the runs alone names them
+    "1", "2" and so on. `warming` counts where the reference does not say how warm the joints become.
     """
 
     reference: Reference
@@ -42,10 +40,6 @@ class SimulationRequest:
     inertias: FloatArray | None = None
     sensors: Sensors = field(default_factory=Sensors)
     controller: Controller = field(default_factory=Controller)
-    seed: int = 0
-    runs: int = 1
-    pause: float = 60.0
-    warming: Warming | None = None
 
 
 @dataclass(frozen=True, eq=False)

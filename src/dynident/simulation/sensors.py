@@ -2,61 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
+from dynident.asking import check_ranges
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
+from dynident.simulation.stated import Sensors
 
 _TITLE = "Unusable sensors"
 
 
-@dataclass(frozen=True)
-class Sensors:
-    """Encoders, torque sensors and the clock of a virtual robot.
-
-    Parameters
-    ----------
-    sampling_rate : float
-        Hz.
-    encoder_counts : int or None
-        Counts per turn of the joint (per metre, if prismatic); None: exact positions.
-    torque_noise : float
-        Standard deviation of the white torque noise as a share of the joint's effort limit (of the largest torque of
-        the run where the robot has no limit).
-    torque_noise_absolute : (n,) or None
-        Standard deviation per joint in N m or N, instead of a share.
-    jitter : float
-        Standard deviation of the sampling instants in s.
-    current : bool
-        Record currents (torque / drive gain, [12.17]) instead of torques.
-    """
-
-    sampling_rate: float = 1000.0
-    encoder_counts: int | None = 2**19
-    torque_noise: float = 0.005
-    torque_noise_absolute: tuple[float, ...] | None = None
-    jitter: float = 0.0
-    current: bool = False
-
-
 def check_sensors(sensors: Sensors, robot: Robot) -> None:
     """Raise `DynidentError` for a value that no sensor has."""
-    positive = {"sampling_rate": sensors.sampling_rate}
-    if sensors.encoder_counts is not None:
-        positive["encoder_counts"] = float(sensors.encoder_counts)
-    for name, value in positive.items():
-        if not (np.isfinite(value) and value > 0):
-            raise DynidentError(f"{name} is {value}; expected more than 0", pointer=f"/noise/{name}", title=_TITLE)
-    for name, value in {"torque_noise": sensors.torque_noise, "jitter": sensors.jitter}.items():
-        if not (np.isfinite(value) and value >= 0):
-            raise DynidentError(f"{name} is {value}; expected 0 or more", pointer=f"/noise/{name}", title=_TITLE)
+    check_ranges(sensors, "/noise")
     absolute = sensors.torque_noise_absolute
-    if absolute is not None and (len(absolute) != robot.n or not all(np.isfinite(x) and x >= 0 for x in absolute)):
+    if absolute is not None and len(absolute) != robot.n:
         raise DynidentError(
-            f"torque_noise_absolute is {list(absolute)}; expected {robot.n} numbers, each 0 or more",
+            f"torque_noise_absolute is {list(absolute)}; expected {robot.n} numbers, one a joint",
             pointer="/noise/torque_noise_absolute",
             title=_TITLE,
         )
@@ -78,7 +41,7 @@ def check_sensors(sensors: Sensors, robot: Robot) -> None:
 
 def quantised(sensors: Sensors, robot: Robot, q: FloatArray) -> FloatArray:
     """Positions (m, n) as the encoders count them."""
-    if sensors.encoder_counts is None:
+    if not sensors.encoder_counts:
         return q
     turn = np.array([2 * np.pi if joint.kind == "revolute" else 1.0 for joint in robot.joints])
     step = turn / sensors.encoder_counts

@@ -24,7 +24,8 @@ from dynident.simulation.dynamics import Dynamics, build_dynamics
 from dynident.simulation.measurement import Measurement, Truth
 from dynident.simulation.reference import Reference, ReferencePath, check_reference
 from dynident.simulation.sensing import Sensing
-from dynident.simulation.sensors import Sensors, check_sensors, noise_deviation, quantised, sampling_steps
+from dynident.simulation.sensors import check_sensors, noise_deviation, quantised, sampling_steps
+from dynident.simulation.stated import Sensors
 from dynident.simulation.step import Step, build_step, first_state
 from dynident.simulation.truth import TrueEffect, true_inertias
 

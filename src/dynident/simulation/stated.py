@@ -1,0 +1,104 @@
+"""What is asked of a virtual robot, before robot and motion are known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from dynident.asking import Choice, OneOf, said
+
+if TYPE_CHECKING:
+    from dynident.arrays import FloatArray
+
+FeedForward = Literal["computed_torque", "gravity", "none"]
+FEED_FORWARDS = OneOf(
+    Choice("computed_torque", "computed torque", "All that the links need."),
+    Choice("gravity", "gravity", "What holds the links."),
+    Choice("none", "none", "Nothing: the controller alone."),
+)
+
+
+@dataclass(frozen=True)
+class ActingEffect:
+    """An effect of the virtual robot; of a size as found on real arms where no parameters are given."""
+
+    effect: str = said("An id of GET /v1/effects")
+    joints: tuple[str, ...] = said("All that it may sit on where none is given", default=())
+    parameters: Mapping[str, float] = said("By the names that the catalogue gives them", made_by=dict)
+    shape_parameters: Mapping[str, float] = said(made_by=dict)
+    runs: tuple[str, ...] = said('The runs that it is in: "1", "2", …; all where none is given', default=())
+
+
+@dataclass(frozen=True)
+class Warming:
+    """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant)."""
+
+    start: float = said("degC at t = 0", default=20.0)
+    end: float = said("degC in the end", default=45.0)
+    time_constant: float = said("How slowly", default=1200.0, unit="s", above=0)
+
+    def at(self, t: FloatArray) -> FloatArray:
+        """Temperature (m,) in degC at times t (m,) in s."""
+        import numpy as np
+
+        return self.end + (self.start - self.end) * np.exp(-t / self.time_constant)
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Encoders, torque sensors and the clock of a virtual robot.
+
+    The share of a joint's effort limit is one of the largest torque of the run where the robot has no limit. Currents
+    are torque / drive gain [12.17].
+    """
+
+    sampling_rate: float = said(default=1000.0, unit="Hz", above=0, option="-")
+    encoder_counts: int | None = said("Per turn or metre; 0 or null: exact", default=2**19, at_least=0)
+    torque_noise: float = said("Standard deviation, a share of the effort limit", default=0.005, at_least=0)
+    torque_noise_absolute: tuple[float, ...] | None = said(
+        "Per joint, N m or N, instead of it", default=None, at_least=0, most=1000
+    )
+    jitter: float = said("Standard deviation of the sampling instants", default=0.0, unit="s", at_least=0)
+    current: bool = said("Record currents instead of torques; needs drive gains", default=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """How often a virtual robot moves, with what between, and what is drawn."""
+
+    runs: int = said("How often the motion is made: a segment for each", default=1, at_least=1, at_most=100)
+    pause: float = said("Between runs, while the session's time goes on", default=60.0, unit="s", at_least=0)
+    warming: Warming | None = said(
+        "Records the joints' temperature; a usual warming where an effect needs it", default=None, option="-"
+    )
+    seed: int = said("Of the noise and of a random motion", default=0, at_least=0)
+
+
+def usual_effects() -> tuple[ActingEffect, ...]:
+    """What acts on every joint of every arm beside its links."""
+    from dynident.effects import DEFAULT_EFFECTS, LINKS
+
+    return tuple(ActingEffect(choice.effect) for choice in DEFAULT_EFFECTS if choice.effect != LINKS.effect)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulated(Session):
+    """A virtual robot to be measured."""
+
+    parameters: Mapping[str, float] = said(
+        "Standard parameters by name, such as ZZ2 or Fc1; else those of the description", made_by=dict
+    )
+    effects: tuple[ActingEffect, ...] = said(made_by=usual_effects, most=1000)
+    noise: Sensors = said(made_by=Sensors)
+    sampling_rate: float | None = said(
+        "Of the sensors; the trajectory's where not given",
+        default=None,
+        unit="Hz",
+        above=0,
+        at_most=20_000,
+        option="--rate",
+    )
+    feed_forward: FeedForward = said(
+        "What the controller knows beforehand", default="computed_torque", kinds=FEED_FORWARDS
+    )
