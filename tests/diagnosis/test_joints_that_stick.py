@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,7 +16,8 @@ from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.search import choosing
 from dynident.diagnosis.search.acceptance import shadowed
 from dynident.diagnosis.search.state import State
-from dynident.diagnosis.search.sticking import Halts, halts_of
+from dynident.diagnosis.search.sticking import Halts, extrapolated, halts_of
+from dynident.effects import CATALOGUE
 from dynident.identification import extend, identify
 from dynident.recordings import Recording
 
@@ -47,18 +49,23 @@ def test_nothing_is_named_on_an_arm_that_only_rests_between_its_moves():
     assert diagnose(identify(SCARA, [run], [resting(2, 0.0, 0.06)]), [run]).recommended == ()
 
 
-def breaking_away(seed: int, held: float, spread: float, excess: float) -> Recording:
-    """The first joint is held by up to `held` at every rest; `excess` of it is friction that falls off at low speed."""
+def held(seed: int, most: float, spread: float, friction: Callable[[np.ndarray], np.ndarray]) -> Recording:
+    """The first joint is held by up to `most` at every rest; where it moves it has `friction` of its velocity more."""
     motion = resting_motion(SCARA, 60.0, 200.0, seed)
     tau = resting_torque(SCARA, motion, seed)
     rests = motion.t % PERIOD >= MOVES
     random = np.random.default_rng(200 + seed)
-    sizes = held * random.uniform(1.0 - spread, 1.0, 100) * random.choice([-1.0, 1.0], 100)
+    sizes = most * random.uniform(1.0 - spread, 1.0, 100) * random.choice([-1.0, 1.0], 100)
     rest = pinocchio_torque(SCARA, motion.q, 0 * motion.q, 0 * motion.q)[:, 0] + random.normal(0, NOISE, len(rests))
     tau[rests, 0] = (rest + sizes[np.floor(motion.t / PERIOD).astype(int)])[rests]
     speed = motion.dq[:, 0]
-    tau[:, 0] += excess * np.exp(-((speed / 0.012) ** 2)) * np.sign(speed) * (np.abs(speed) > 1e-6) * ~rests
+    tau[:, 0] += friction(speed) * (np.abs(speed) > 1e-6) * ~rests
     return record(SCARA, motion, tau, f"run{seed}")
+
+
+def breaking_away(seed: int, most: float, spread: float, excess: float) -> Recording:
+    """As `held`; `excess` of it is friction that falls off at low speed."""
+    return held(seed, most, spread, lambda speed: excess * np.exp(-((speed / 0.012) ** 2)) * np.sign(speed))
 
 
 def test_static_friction_that_shows_at_rest_alone_is_named_by_what_holds_the_joint():
@@ -77,12 +84,25 @@ def test_static_friction_that_shows_at_rest_alone_is_named_by_what_holds_the_joi
     assert excess == pytest.approx(EXCESS, rel=0.6)
 
 
-@pytest.mark.parametrize(("held", "spread"), [(0.95 * COULOMB, 0.1), (4 * COULOMB, 1.0)])
-def test_neither_coulomb_friction_at_its_limit_nor_a_brake_is_static_friction(held: float, spread: float):
-    runs = [breaking_away(seed, held, spread, 0.0) for seed in (1, 2)]
+@pytest.mark.parametrize(("most", "spread"), [(0.95 * COULOMB, 0.1), (4 * COULOMB, 1.0)])
+def test_neither_coulomb_friction_at_its_limit_nor_a_brake_is_static_friction(most: float, spread: float):
+    runs = [breaking_away(seed, most, spread, 0.0) for seed in (1, 2)]
     # A brake holds whatever there is to hold: nothing like that is in the friction of the moving joint.
     found = diagnose(identify(SCARA, runs), runs)
     assert "stribeck" not in {choice.effect for choice in found.recommended}
+
+
+@pytest.mark.parametrize(("size", "vs"), [(1.0, 0.1), (3.0, 0.3)])
+def test_friction_that_saturates_is_one_nonlinear_friction_though_no_power_of_the_velocity_is_like_it(size, vs):
+    runs = [held(seed, COULOMB, 0.1, lambda speed: size * COULOMB * np.tanh(speed / vs)) for seed in (1, 2)]
+    found = diagnose(identify(SCARA, runs), runs)
+    assert [choice.effect for choice in found.recommended] == ["viscous_nonlinear"]
+
+
+def test_what_holds_a_joint_beyond_a_power_of_the_velocity_is_no_other_friction() -> None:
+    stribeck = CATALOGUE["stribeck"]
+    assert extrapolated(stribeck, {"coulomb", "viscous_nonlinear"})
+    assert not extrapolated(stribeck, {"coulomb", "viscous", "presliding"})
 
 
 def halts(beyond: np.ndarray, friction: float) -> Halts:
@@ -199,6 +219,10 @@ def test_what_is_small_beside_a_rough_formula_is_taken_for_what_it_leaves():
     assert shadowed(small, cable, floor)
     assert not shadowed(large, cable, floor)
     assert not shadowed(small, spring, floor)
+    # What friction of one joint leaves is on that joint.
+    law = judged(np.ones(40), name="viscous_nonlinear", before=100.0 * rows, after=rows)
+    assert shadowed(small, law, floor)
+    assert not shadowed(replace(small, joints=(1,)), law, floor)
 
 
 def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_missed_the_level(monkeypatch):

@@ -199,6 +199,7 @@ class ViscousNonlinear(_OneColumnFriction):
     shapes = (ShapeSpec("p", "-", "exponent of the velocity", 2.0, least=0.4, refined=RATIO, natural=(0.5, 2.0, 3.0)),)
     signature = "odd in the velocity, bending upward or saturating"
     confused_with = ("stribeck",)
+    is_rough = True
     sources = ("Gaz, Cognetti, Oliva, Robuffo Giordano and De Luca 2019",)
     experiment = "constant_speeds"
     told_from = MappingProxyType({"constant_speeds": ("viscous", "coulomb")})

@@ -66,9 +66,14 @@ def too_small(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool
 
 
 def shadowed(item: JudgedCandidate, finding: JudgedCandidate, floor: FloatArray) -> bool:
-    """Whether a candidate is so small beside an effect of a rough formula that it may be what that one leaves."""
-    rough = effect_by_id(finding.candidate.effect).is_rough
-    return rough and explained(item, floor) < _SHADOW * explained(finding, floor)
+    """Whether a candidate is so small beside an effect of a rough formula that it may be what that one leaves.
+
+    What friction leaves is on its own joint; where else a cable pulls is not known.
+    """
+    rough = effect_by_id(finding.candidate.effect)
+    if not rough.is_rough or (rough.is_friction and not set(item.joints) <= set(finding.joints)):
+        return False
+    return explained(item, floor) < _SHADOW * explained(finding, floor)
 
 
 def explained(item: JudgedCandidate, floor: FloatArray) -> float:

@@ -6,7 +6,7 @@ all of it, and its equations at rest are no part of the fit: what the moving joi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -220,6 +220,8 @@ def _best(
     for effect in CATALOGUE.values():
         if not effect.holds_at_rest or effect.id in known or (asked is not None and effect.id not in asked):
             continue
+        if extrapolated(effect, known):
+            continue
         shapes = [tuple(sorted(shape.items())) for shape in _narrow(effect, robot, joint)]
         tried = _Beside.of(grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes])
         shape = _as_large(tried.fitted, needed)
@@ -230,6 +232,16 @@ def _best(
         if found is not None and 1 / _LIKE <= found.size / needed <= _LIKE and beside.helps(found):
             return found
     return None
+
+
+def extrapolated(effect: Effect, known: Collection[str]) -> bool:
+    """Whether the model has a law of the velocity that looks like the effect: its curve decides what is left at rest.
+
+    Such a law has no width that a position has to resolve. A power of the velocity below one takes much of the Coulomb friction with it; what then holds the joint beyond that
+    tells of the power, not of another friction.
+    """
+    laws = [CATALOGUE[one] for one in known if one in effect.confused_with]
+    return any(all(spec.resolved_by is None for spec in law.shapes) for law in laws)
 
 
 def _as_large(tried: Sequence[_Fitted], needed: float) -> tuple[tuple[str, float], ...] | None:
