@@ -237,8 +237,8 @@ def _best(
 def extrapolated(effect: Effect, known: Collection[str]) -> bool:
     """Whether the model has a law of the velocity that looks like the effect: its curve decides what is left at rest.
 
-    Such a law has no width that a position has to resolve. A power of the velocity below one takes much of the Coulomb friction with it; what then holds the joint beyond that
-    tells of the power, not of another friction.
+    Such a law has no width that a position has to resolve. A power of the velocity below one takes much of the Coulomb
+    friction with it; what then holds the joint beyond that tells of the power, not of another friction.
     """
     laws = [CATALOGUE[one] for one in known if one in effect.confused_with]
     return any(all(spec.resolved_by is None for spec in law.shapes) for law in laws)
