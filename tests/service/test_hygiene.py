@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
@@ -230,3 +232,10 @@ def test_an_engine_that_lost_its_cluster_makes_the_service_not_ready(own: TestCl
     wait_for(lambda: own_services.engine.state == "ready")
     own_services.engine.close()
     assert own.get("/readyz").status_code == 503
+
+
+def test_a_service_starts_without_loading_the_science():
+    heavy = ("casadi", "pinocchio", "ruckig")
+    program = f"import sys, dynident_service.app; print([one for one in {heavy} if one in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert told.strip() == "[]"

@@ -92,8 +92,6 @@ def _default(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         wanted = body_of(type(value))
         return wanted(**{name: _default(getattr(value, name)) for name in wanted.model_fields})
-    if isinstance(value, list):
-        return [_default(one) for one in value]
     return dict(value) if isinstance(value, Mapping) else value
 
 

@@ -43,6 +43,11 @@ class SimulationRequest(Asked):
 
     robot_id: Identifier
     name: Name | None = None
+    # By name, as the contract has it: to ask the catalogue takes a second, which no service has to spare at its start.
+    effects: list[TrueEffect] = Field(
+        max_length=1000,
+        default=[TrueEffect.model_validate({"effect": name}) for name in ("rotor_inertia", "coulomb", "viscous")],
+    )
     trajectory: Samples | Trajectory | None = Field(
         default=None, description="Samples; or a family, of which a random motion within the limits is taken."
     )
