@@ -17,7 +17,7 @@ from dynident.diagnosis.search import choosing
 from dynident.diagnosis.search.acceptance import shadowed
 from dynident.diagnosis.search.state import State
 from dynident.diagnosis.search.sticking import Halts, extrapolated, halts_of
-from dynident.effects import CATALOGUE
+from dynident.effects import CATALOGUE, EffectChoice
 from dynident.identification import extend, identify
 from dynident.recordings import Recording
 
@@ -92,14 +92,21 @@ def test_neither_coulomb_friction_at_its_limit_nor_a_brake_is_static_friction(mo
     assert "stribeck" not in {choice.effect for choice in found.recommended}
 
 
-@pytest.mark.parametrize(("size", "vs"), [(1.0, 0.1), (3.0, 0.3)])
+@pytest.mark.parametrize(("size", "vs"), [(3.0, 0.3), (3.0, 0.5)])
 def test_friction_that_saturates_is_one_nonlinear_friction_though_no_power_of_the_velocity_is_like_it(size, vs):
     runs = [held(seed, COULOMB, 0.1, lambda speed: size * COULOMB * np.tanh(speed / vs)) for seed in (1, 2)]
     found = diagnose(identify(SCARA, runs), runs)
     assert [choice.effect for choice in found.recommended] == ["viscous_nonlinear"]
 
 
-def test_what_holds_a_joint_beyond_a_power_of_the_velocity_is_no_other_friction() -> None:
+def test_halts_tell_nothing_beside_a_power_of_the_velocity_which_may_have_taken_the_friction_from_them() -> None:
+    runs = [breaking_away(seed, COULOMB + EXCESS, 0.1, EXCESS) for seed in (1, 2)]
+    curved = EffectChoice("viscous_nonlinear", SCARA.joint_names[:1], (("p", 0.5),))
+    found = diagnose(extend(identify(SCARA, runs), [curved], runs), runs)
+    assert "stribeck" not in {choice.effect for choice in found.recommended}
+
+
+def test_laws_of_the_velocity_take_friction_from_halts_and_those_of_the_path_do_not() -> None:
     stribeck = CATALOGUE["stribeck"]
     assert extrapolated(stribeck, {"coulomb", "viscous_nonlinear"})
     assert not extrapolated(stribeck, {"coulomb", "viscous", "presliding"})

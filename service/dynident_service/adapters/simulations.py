@@ -6,17 +6,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from dynident.errors import DynidentError
-from dynident.simulation import Measurement, Reference, Simulated
+from dynident.simulation import Measurement, Reference
 from dynident_service.adapters.answers import shown
-from dynident_service.adapters.derived import taken
 from dynident_service.models import simulations as wire
 
 RATE_OF_SAMPLES = 1000.0
-
-
-def stated(asked: wire.SimulationRequest) -> Simulated:
-    """Take a simulation off the wire as it is."""
-    return taken(asked, Simulated)
 
 
 def reference_of(samples: wire.Samples) -> Reference:

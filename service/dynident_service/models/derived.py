@@ -90,8 +90,7 @@ def _described(about: Said, default: Any, sized: bool) -> Any:
 
 def _default(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
-        wanted = body_of(type(value))
-        return wanted(**{name: _default(getattr(value, name)) for name in wanted.model_fields})
+        return body_of(type(value))()
     return dict(value) if isinstance(value, Mapping) else value
 
 

@@ -48,13 +48,14 @@ def create_simulation(
 
 def _check(body: SimulationRequest, stored: Resource) -> None:
     """Refuse at once what would fail later."""
-    from dynident.simulation import check_acting
+    from dynident.simulation import Simulated, check_acting
+    from dynident_service.adapters.derived import taken
     from dynident_service.adapters.designs import random_design
     from dynident_service.adapters.robots import robot_of
-    from dynident_service.adapters.simulations import reference_of, stated
+    from dynident_service.adapters.simulations import reference_of
 
     robot = robot_of(stored.request)
-    check_acting(stated(body), robot)
+    check_acting(taken(body, Simulated), robot)
     if isinstance(body.trajectory, Samples):
         reference_of(body.trajectory)
     elif isinstance(body.trajectory, Trajectory):

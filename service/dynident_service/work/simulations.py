@@ -10,8 +10,9 @@ import numpy as np
 from dynident.excitation import design_experiment
 from dynident.progress import part
 from dynident.robot import Robot
-from dynident.simulation import Reference, simulate, simulation_of, write_measurement
+from dynident.simulation import Reference, Simulated, simulate, simulation_of, write_measurement
 from dynident_service.adapters import designs, simulations
+from dynident_service.adapters.derived import taken
 from dynident_service.adapters.measurements import describe_recording, import_file
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
@@ -30,7 +31,7 @@ def measure_virtual_robot(task: Task) -> Outcome:
     """Have a virtual robot make a motion; what its sensors give becomes a measurement."""
     asked = SimulationRequest.model_validate(task.subject.request)
     robot = robot_by_id(task, asked.robot_id)
-    stated = simulations.stated(asked)
+    stated = taken(asked, Simulated)
     reference, rate = _motion(task, asked, robot, stated.seed)
     request = simulation_of(stated, robot, reference, rate)
     found = simulate(robot, request, part(task.progress, 0.3, 0.9))

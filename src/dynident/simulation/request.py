@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.asking import check_ranges
 from dynident.effects import effect_by_id
 from dynident.effects.prediction import COULOMB, ROTOR_INERTIA, VISCOUS
 from dynident.errors import DynidentError
@@ -58,7 +59,7 @@ def simulate(robot: Robot, request: SimulationRequest, progress: Progress = sile
     DynidentError
         Where the request does not fit the robot, or the robot cannot follow the trajectory.
     """
-    _check_runs(request)
+    _check(request)
     progress(0.0, "building the equation of motion")
     virtual = VirtualRobot(robot, request.effects, inertias=request.inertias, controller=request.controller)
     found = []
@@ -82,11 +83,8 @@ def _seed_of_run(seed: int, k: int) -> int:
     return seed if k == 0 else int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
 
 
-def _check_runs(request: SimulationRequest) -> None:
-    if request.runs < 1:
-        raise DynidentError(f"{request.runs} runs; at least one is needed", pointer="/runs", title=_TITLE)
-    if not (math.isfinite(request.pause) and request.pause >= 0):
-        raise DynidentError(f"a pause of {request.pause} s; expected 0 or more", pointer="/pause", title=_TITLE)
+def _check(request: SimulationRequest) -> None:
+    check_ranges(request)
     for index, effect in enumerate(request.effects):
         check_runs_named(effect.effect, effect.runs, request.runs, f"/effects/{index}/runs")
 

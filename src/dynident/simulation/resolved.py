@@ -25,7 +25,6 @@ def simulation_of(asked: Simulated, robot: Robot, reference: Reference, rate: fl
     DynidentError
         Where what is asked does not fit the robot.
     """
-    check_acting(asked, robot)
     acting = true_effects(asked.effects, robot)
     named = standard_parameters(robot, asked.parameters) if asked.parameters else None
     return SimulationRequest(
