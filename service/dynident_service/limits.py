@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import sys
 import time
 from collections import Counter
@@ -20,6 +21,7 @@ from dynident_service.problems import make_problem
 from dynident_service.settings import Settings
 
 UPLOADS = frozenset({"/v1/measurements", "/v1/imports"})
+MESHES = re.compile("/v1/robots/[^/]+/meshes")
 TRAJECTORIES = frozenset({"/v1/simulations"})
 MOST_VALUES = 200_000
 MOST_SAMPLES = 4_000_000
@@ -63,7 +65,8 @@ def allowance(scope: Scope, settings: Settings) -> Allowance:
     """Tell what a request may send; its content type alone opens nothing."""
     path = scope["path"].rstrip("/")
     is_form = Headers(scope=scope).get("content-type", "").lower().startswith("multipart/")
-    if path in UPLOADS and scope["method"] == "POST" and is_form:
+    is_upload = (path in UPLOADS and scope["method"] == "POST") or (MESHES.fullmatch(path) and scope["method"] == "PUT")
+    if is_upload and is_form:
         return Allowance(settings.max_upload_bytes, None, "DYNIDENT_MAX_UPLOAD_BYTES")
     values = MOST_SAMPLES if path in TRAJECTORIES else MOST_VALUES
     return Allowance(settings.max_body_bytes, values, "DYNIDENT_MAX_BODY_BYTES")

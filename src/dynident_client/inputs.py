@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Literal, Unpack
 
 from dynident_client.collection import Collection
@@ -28,7 +28,7 @@ class Robots(Labelled[Robot]):
     ) -> Robot:
         """Store a robot from its URDF (a path, or the text) or its modified Denavit-Hartenberg table.
 
-        `more`: limits, drives, locked_joints, gravity, base_parameters_tolerance, as in the contract.
+        `more`: limits, drives, locked_joints, gravity, meshes_of, base_parameters_tolerance, as in the contract.
         """
         if (urdf is None) == (modified_dh is None):
             raise ValueError("give either urdf or modified_dh")
@@ -38,8 +38,21 @@ class Robots(Labelled[Robot]):
         return self._post({"name": name, "description": {"format": "modified_dh", "content": modified_dh}, **more})
 
     def geometry(self, robot: Robot | str) -> dict[str, Any]:
-        """Read where the robot's links are: the frames of its joints and capsules around what they carry."""
+        """Read where the robot's links are: the frames of its joints capsules around what they carry, and meshes."""
         return dict(self._transport.get(f"{self.path}/{id_of(robot)}/geometry"))
+
+    def send_meshes(self, robot: Robot | str, folder: Path | str) -> dict[str, Any]:
+        """Send the files below a folder that have the name of a mesh of the robot's description.
+
+        Gives the meshes that the description names, each with what was stored for it, and the files that are none.
+        """
+        needed = {PurePosixPath(one["name"]).name.casefold() for one in self.get(robot)["meshes"]}
+        below = Path(folder)
+        found = [one for one in sorted(below.rglob("*")) if one.is_file() and one.name.casefold() in needed]
+        if not found:
+            raise ValueError(f"no file below {below} has the name of a mesh of the robot: {', '.join(sorted(needed))}")
+        files = {one.relative_to(below.parent).as_posix(): one for one in found}
+        return dict(self._transport.put_files(f"{self.path}/{id_of(robot)}/meshes", files))
 
     def bundle(self, robot: Robot | str) -> Iterator[bytes]:
         """Give a robot with all that rests on it as a ZIP, in pieces, for `dynident import-robot` elsewhere."""

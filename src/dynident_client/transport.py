@@ -6,6 +6,7 @@ import time
 import uuid
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import IO, Any, NoReturn
 
 import httpx2
@@ -65,6 +66,12 @@ class Transport:
     def upload(self, path: str, name: str, file: IO[bytes], fields: Mapping[str, str]) -> Any:
         """Send a file and fields as a form."""
         return self._send("POST", path, files={"file": (name, file)}, data=dict(fields), rewind=file).json()
+
+    def put_files(self, path: str, files: Mapping[str, Path]) -> Any:
+        """Put several files, by the names that they have in the form."""
+        # Each is as large as a drawing of a part: small beside what a recording may be, which is streamed.
+        form = [("files", (name, file.read_bytes())) for name, file in files.items()]
+        return self._send("PUT", path, files=form).json()
 
     def delete(self, path: str) -> None:
         """Delete."""

@@ -16,7 +16,8 @@ from dynident.excitation.limits.margins import keeps
 from dynident.excitation.observation.model import design_model
 from dynident.excitation.surroundings.free_space import free_space_of
 from dynident.robot import Limits, robot_from_urdf
-from dynident.robot.meshes import hulls_of_mesh, mesh_file
+from dynident.robot.mesh_files import mesh_file
+from dynident.robot.meshes import hulls_of, surface_of_mesh
 
 FRICTION = (EffectChoice("coulomb"), EffectChoice("viscous"))
 SHORT = TrajectoryRequest(duration=4.0, harmonics=3, sampling_rate=100.0)
@@ -85,7 +86,7 @@ def test_what_is_too_much_is_refused(scara, wrong):
 def test_a_flat_mesh_is_a_thin_body(tmp_path: Path):
     plate = tmp_path / "plate.obj"
     plate.write_text("v 0 0 0\nv 1 0 0\nv 1 0.5 0\nv 0 0.5 0\nf 1 2 3\nf 1 3 4\n", encoding="utf-8")
-    bodies = hulls_of_mesh(plate, np.ones(3), np.eye(4))
+    bodies = hulls_of(surface_of_mesh(plate, np.ones(3), np.eye(4)))
     assert all(min(body.size) == pytest.approx(1e-4) for body in bodies)
     robot = robot_from_urdf(
         "arm",

@@ -2,20 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
 from dynident.robot import Robot
 from dynident.robot.collision import BASE, collision_geometry
 from dynident.robot.shapes import Capsule, enclosing_capsule
+from dynident.robot.surfaces import Surface, thinned
 from dynident_service.models import geometry as wire
 
+MOST_TRIANGLES = 9000
+"""Of a whole robot: as many as a page turns without waiting."""
+FEWEST = 120
+"""Triangles that a small mesh keeps, whatever its neighbours have."""
+DIGITS = 5
+"""Of coordinates in m: a hundredth of a millimetre is less than a picture shows."""
 
-def describe_geometry(robot: Robot) -> wire.GeometryView:
+
+def describe_geometry(robot: Robot, mesh_folders: Sequence[Path] = ()) -> wire.GeometryView:
     """Describe where a robot's links are; those without collision geometry have a frame only."""
-    found = collision_geometry(robot.tree)
+    found = collision_geometry(robot.tree, mesh_folders=mesh_folders)
+    number = sum(len(surface.triangles) for body in found.bodies for surface in body.surfaces)
+    share = min(1.0, MOST_TRIANGLES / max(number, 1))
     return wire.GeometryView(
         joints=list(robot.joint_names),
         frames=[_frame(robot, place) for place in range(robot.tree.n)],
         capsules=[_capsule(body.joint, enclosing_capsule(shape)) for body in found.bodies for shape in body.shapes],
+        surfaces=[_surface(body.joint, one, share) for body in found.bodies for one in body.surfaces],
         notes=list(found.notes),
+    )
+
+
+def _surface(joint: int, surface: Surface, share: float) -> wire.SurfaceView:
+    shown = thinned(surface, max(FEWEST, int(share * len(surface.triangles))))
+    return wire.SurfaceView(
+        frame=None if joint == BASE else joint,
+        points=np.round(shown.points, DIGITS).tolist(),
+        triangles=shown.triangles.tolist(),
     )
 
 

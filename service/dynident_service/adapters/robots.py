@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 from dynident.robot import Description, Drive, Joint, Limits, Robot, robot_from_description
+from dynident.robot.collision import collision_meshes
 from dynident_service.models import robots as wire
 from dynident_service.models.common import Limits as WireLimits
 
@@ -52,6 +53,7 @@ def describe_robot(robot: Robot, base: wire.BaseParametersView) -> wire.RobotRes
         joints=[_joint(robot, index, joint) for index, joint in enumerate(robot.joints)],
         base_parameters=base,
         has_inertias=robot.inertias is not None,
+        meshes=[wire.MeshView(name=name, links=list(links)) for name, links in collision_meshes(robot).items()],
     )
 
 

@@ -35,10 +35,19 @@ class CapsuleView(Shown):
     radius: float = Field(description="m")
 
 
+class SurfaceView(Shown):
+    """The surface of a link's meshes as triangles, fixed to a frame; thinned, for pictures."""
+
+    frame: int | None = Field(description="Place of the frame that it moves with; null on the base")
+    points: list[Point] = Field(description="m")
+    triangles: list[tuple[int, int, int]] = Field(description="Places in the list of points")
+
+
 class GeometryView(Shown):
     """What a picture of the robot needs; lengths in m, angles in rad."""
 
     joints: list[str] = Field(description="The robot's joints, in the order of ratios")
     frames: list[FrameView] = Field(description="Each behind the one that it stands on")
     capsules: list[CapsuleView]
+    surfaces: list[SurfaceView] = Field(default=[], description="Drawn instead of their frame's capsules")
     notes: list[str] = Field(description="What of the geometry could not be read")

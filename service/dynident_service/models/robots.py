@@ -31,6 +31,22 @@ class Drive(Asked):
     )
 
 
+class MeshView(Shown):
+    """A mesh that the description names for collisions."""
+
+    name: str = Field(description="As in the description: package://…, or a path")
+    links: list[str] = Field(description="The links that it is of")
+    sha256: str | None = Field(default=None, description="Of the file that was sent for it; null where none was.")
+    size: int | None = Field(default=None, description="Bytes")
+
+
+class MeshesView(Shown):
+    """What came of the meshes that were sent."""
+
+    meshes: list[MeshView] = Field(description="All that the description names, in its order")
+    unused: list[str] = Field(description="Files that were sent and that no mesh of the description means")
+
+
 class RobotRequest(Asked):
     """A robot to be stored."""
 
@@ -40,6 +56,9 @@ class RobotRequest(Asked):
     drives: dict[str, Drive] = Field(default={}, description="By joint")
     locked_joints: dict[str, float] = Field(default={}, description="Joint to position, rad or m")
     gravity: tuple[float, float, float] | None = Field(default=None, description="m/s² in the base frame")
+    meshes_of: str | None = Field(
+        default=None, description="A robot whose uploaded meshes this one has, too, where their names are the same."
+    )
     base_parameters_tolerance: float | None = Field(
         default=None, gt=0, lt=0.1, description="Share of a column that others may leave unexplained."
     )
@@ -72,6 +91,9 @@ class RobotResult(Shown):
     joints: list[JointView]
     base_parameters: BaseParametersView
     has_inertias: bool = Field(description="Whether the description gives inertial parameters.")
+    meshes: list[MeshView] = Field(
+        default=[], description="For collisions and pictures; their files are sent to /v1/robots/{id}/meshes."
+    )
 
 
 class RobotView(RobotResult, Labelled):

@@ -16,6 +16,7 @@ from dynident_service.routes import (
     jobs,
     labels,
     measurements,
+    meshes,
     raw_signals,
     reports,
     revisions,
@@ -31,6 +32,7 @@ from dynident_service.routes import (
 ROUTERS = (
     system.router,
     robots.router,
+    meshes.router,
     bundles.router,
     effects.router,
     designs.router,

@@ -6,9 +6,9 @@ from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 
 from dynident_service.models.common import Page, plain
-from dynident_service.models.geometry import GeometryView
 from dynident_service.models.robots import RobotRequest, RobotView
 from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, make, page_of
+from dynident_service.routes.meshes import inherited
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import NewResource, Resource
 
@@ -22,7 +22,8 @@ async def create_robot(
     """Store a robot; the answer has its joints and its base parameters."""
     asked = {"request": plain(body)}
     result = await services.awaited.call(request, "dynident_service.work.awaited:describe", asked)
-    new = NewResource("robot", plain(body), name=body.name, result=result, retry=retry.of(body))
+    result, objects = await inherited(request, services, body.meshes_of, result, plain(body))
+    new = NewResource("robot", plain(body), name=body.name, result=result, objects=objects, retry=retry.of(body))
     return await to_thread.run_sync(lambda: show(make(services, new, response)))
 
 
@@ -36,15 +37,6 @@ def list_robots(services: ServicesDep, query: LabelledQueryDep) -> Page[RobotVie
 def get_robot(robot_id: str, services: ServicesDep) -> RobotView:
     """Show a robot."""
     return show(services.resources.get("robot", robot_id))
-
-
-@router.get("/{robot_id}/geometry")
-def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView:
-    """Show where the robot's links are: the frames of its joints and capsules around its collision geometry."""
-    from dynident_service.adapters.geometry import describe_geometry
-    from dynident_service.adapters.robots import robot_of
-
-    return describe_geometry(robot_of(services.resources.get("robot", robot_id).request))
 
 
 @router.delete("/{robot_id}", status_code=204)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from sqlalchemy import func, select
 from sqlalchemy.exc import IntegrityError
@@ -108,6 +108,26 @@ class Resources:
                 row.tags = list(tags)
             if archived is not None:
                 row.archived = archived
+        return self.get(kind, identifier)
+
+    def attach(self, kind: Kind, identifier: str, result: Mapping[str, Any], objects: Sequence[Owned]) -> Resource:
+        """Add to what came out for a resource, and to the objects that it owns; those of the same role are let go of.
+
+        A problem 404 if there is no such resource; raises ObjectGone if an object was swept away since it was put.
+        """
+        with self._database.write() as session:
+            row = session.get(ResourceRow, identifier, with_for_update=True)
+            if row is None or row.kind != kind:
+                raise not_found(kind, identifier)
+            row.result = {**(row.result or {}), **result}
+            roles = [one.role for one in objects]
+            before = select(ObjectRow).where(ObjectRow.resource_id == identifier, ObjectRow.role.in_(roles))
+            gone = list(session.scalars(before))
+            announce(session, [one.key for one in gone])
+            for one in gone:
+                session.delete(one)
+            session.flush()
+            own(session, self._objects, identifier, objects)
         return self.get(kind, identifier)
 
     def page(

@@ -11,17 +11,19 @@ from dynident.identification import Identification, from_bytes
 from dynident.identification.dependence import parameter_dependence
 from dynident.identification.essential import essential_parameters
 from dynident.recordings import RecordingError
+from dynident.robot.collision import collision_meshes
 from dynident_service.adapters.answers import shown
 from dynident_service.adapters.exports import exported_file
 from dynident_service.adapters.identifications import describe_essential
 from dynident_service.adapters.imports import look_at
 from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
+from dynident_service.adapters.meshes import chosen, geometry_with
 from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request, robot_of
 from dynident_service.models.common import plain
 from dynident_service.models.identifications import CorrelationView
 from dynident_service.models.imports import ImportMetadata
 from dynident_service.models.measurements import MeasurementMetadata
-from dynident_service.models.robots import RobotRequest
+from dynident_service.models.robots import MeshView, RobotRequest
 from dynident_service.problems import ProblemError
 
 
@@ -30,6 +32,23 @@ def describe(request: Mapping[str, Any]) -> dict[str, Any]:
     body = RobotRequest.model_validate(request)
     robot = robot_from_request(body)
     return plain(describe_robot(robot, base_parameters_of(robot, body.base_parameters_tolerance)))
+
+
+def take_meshes(
+    request: Mapping[str, Any], sent: Mapping[str, str], kept: Mapping[str, str], destination: str
+) -> dict[str, Any]:
+    """Read the meshes that were sent for a robot beside those that it has, and write its geometry into a file.
+
+    `sent` are files by the names that they were sent with, `kept` by those of the meshes. Gives all meshes of the
+    description (`meshes`), which of the sent files is which (`chosen`), and those that are none (`unused`).
+    """
+    robot = robot_of(request)
+    found = chosen(robot, {name: Path(path) for name, path in sent.items()}) if sent else {}
+    files = {**kept, **{name: sent[file] for name, file in found.items()}}
+    geometry = geometry_with(robot, {name: Path(path) for name, path in files.items()})
+    Path(destination).write_text(geometry.model_dump_json(), encoding="utf-8")
+    meshes = [plain(MeshView(name=name, links=list(links))) for name, links in collision_meshes(robot).items()]
+    return {"meshes": meshes, "chosen": found, "unused": sorted(set(sent) - set(found.values()))}
 
 
 def import_measurement(

@@ -16,7 +16,8 @@ from dynident.robot.model import Joint, JointKind, Robot
 from dynident.robot.modified_dh import TITLE, table_capsules
 from dynident.robot.pointers import listed
 from dynident.robot.shapes import Capsule, Shape
-from dynident.robot.urdf_collision import CollisionReader, origin_of
+from dynident.robot.surfaces import Surface
+from dynident.robot.urdf_collision import CollisionReader, LinkParts, mesh_names, origin_of
 from dynident.robot.urdf_xml import Element, parse
 
 BASE = -1
@@ -27,11 +28,15 @@ UNCHECKED = "COLLISION IS NOT CHECKED"
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """All that moves with one joint (`BASE`: nothing moves it), as shapes in that joint's frame."""
+    """All that moves with one joint (`BASE`: nothing moves it), as shapes in that joint's frame.
+
+    `surfaces` are those of its meshes as they are; in `shapes` these are convex pieces.
+    """
 
     name: str
     joint: int
     shapes: tuple[Shape, ...]
+    surfaces: tuple[Surface, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +70,15 @@ def collision_geometry(
         A shape in the description is not one (line, link); or folders are named, and none holds any of the meshes.
     """
     shapes: dict[int, list[Shape]] = {index: [] for index in range(BASE, robot.n)}
+    surfaces: dict[int, list[Surface]] = {index: [] for index in range(BASE, robot.n)}
     names = {BASE: "base"}
     unread: list[str] = []
     described = _of_urdf(robot, mesh_folders, unread) if robot.description.format == "urdf" else _of_table(robot)
     for link, joint, found in described:
-        if joint == BASE and link and found and not shapes[BASE]:
+        if joint == BASE and link and found.shapes and not shapes[BASE]:
             names[BASE] = link
-        shapes[joint].extend(found)
+        shapes[joint].extend(found.shapes)
+        surfaces[joint].extend(found.surfaces)
     names |= {index: joint.link or joint.name for index, joint in enumerate(robot.joints)}
     notes = [_unchecked_note(unread, mesh_folders)] if unread else []
     bare = [index for index in range(robot.n) if not shapes[index]]
@@ -83,20 +90,27 @@ def collision_geometry(
             f"{listed(names[index] for index in bare)}."
         )
         bare = []
-    bodies = tuple(Body(names[index], index, tuple(found)) for index, found in sorted(shapes.items()) if found)
+    bodies = tuple(
+        Body(names[index], index, tuple(found), tuple(surfaces[index]))
+        for index, found in sorted(shapes.items())
+        if found
+    )
     return CollisionGeometry(bodies, tuple(names[index] for index in bare), tuple(notes))
 
 
-def _of_urdf(
-    robot: Robot, mesh_folders: Sequence[Path], unread: list[str]
-) -> Iterator[tuple[str, int, tuple[Shape, ...]]]:
+def collision_meshes(robot: Robot) -> dict[str, tuple[str, ...]]:
+    """The meshes that a robot's description names for collisions, in its order, each with the links it is of."""
+    return mesh_names(parse(robot.description.content)) if robot.description.format == "urdf" else {}
+
+
+def _of_urdf(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> Iterator[tuple[str, int, LinkParts]]:
     root = parse(robot.description.content)
     reader = CollisionReader(mesh_folders, unread)
     places = _places(robot, root)
     for link in root.all("link"):
         name = link.attributes["name"]
         joint, placement = places[name]
-        yield name, joint, reader.shapes_of(link, placement)
+        yield name, joint, reader.parts_of(link, placement)
     if mesh_folders and unread and not reader.found:
         raise DynidentError(
             f"none of the {len(unread)} collision meshes of the URDF is in {listed(map(str, mesh_folders))}, so that "
@@ -158,9 +172,9 @@ def _end(joint: Element, end: str) -> str:
     return "" if element is None else element.attributes["link"]
 
 
-def _of_table(robot: Robot) -> Iterator[tuple[str, int, tuple[Shape, ...]]]:
+def _of_table(robot: Robot) -> Iterator[tuple[str, int, LinkParts]]:
     base, rows = table_capsules(parse_json(robot.description.content, "", TITLE))
-    yield "", BASE, base
+    yield "", BASE, LinkParts(base)
     places: list[tuple[int, FloatArray]] = []
     for row in rows:
         carrier, placement = places[row.antecedent] if row.antecedent >= 0 else (BASE, np.eye(4))
@@ -171,7 +185,7 @@ def _of_table(robot: Robot) -> Iterator[tuple[str, int, tuple[Shape, ...]]]:
             value = np.array([robot.locked_joints.get(row.name, 0.0)])
             placement = placement @ row.placement @ joint_motion(held, value)[0]
         places.append((carrier, placement))
-        yield row.link or row.name, carrier, tuple(capsule.moved(placement) for capsule in row.capsules)
+        yield row.link or row.name, carrier, LinkParts(tuple(capsule.moved(placement) for capsule in row.capsules))
 
 
 def _between_origins(robot: Robot, joint: int, radius: float) -> list[Capsule]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
 from pathlib import Path
 
 import coal
@@ -13,46 +12,17 @@ from scipy.spatial import ConvexHull, QhullError
 
 from dynident.arrays import FloatArray
 from dynident.robot.shapes import Block, Hull, capsule_around
+from dynident.robot.surfaces import Surface
 
 _MOST_SLICES = 3
 _WORTH_SLICING = 0.95
 """A finer slicing must bring the volume of the capsules around the slices down to this share."""
 _THIN = 1e-4
 """m: what is thinner is flat."""
-_PREFIXES = ("package://", "model://", "file://")
 
 
-def mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
-    """The file that a mesh's name means, below one of the folders; `None` where there is none."""
-    return next((one for one in sought_files(uri, folders) if one.is_file()), None)
-
-
-def sought_files(uri: str, folders: Iterable[Path]) -> list[Path]:
-    """The files that a mesh's name may mean, in the order in which they are looked for.
-
-    Of package://robot/meshes/x.stl both robot/meshes/x.stl and meshes/x.stl are looked for in the folders.
-    """
-    packaged = not uri.startswith("file://") and any(uri.startswith(prefix) for prefix in _PREFIXES)
-    name = uri
-    for prefix in _PREFIXES:
-        name = name.removeprefix(prefix)
-    path, given = Path(name), list(folders)
-    tried = [folder / part for folder in given for part in _tails(path, packaged)]
-    # A description may come from anywhere: it opens no file outside of the folders that its user names.
-    if path.is_absolute() and any(path.resolve().is_relative_to(folder.resolve()) for folder in given):
-        tried.insert(0, path)
-    return tried
-
-
-def _tails(path: Path, packaged: bool) -> list[Path]:
-    parts = [part for part in path.parts if part not in ("/", "..")]
-    if not parts:
-        return []
-    return [Path(*parts), Path(*parts[1:])] if packaged and len(parts) > 1 else [Path(*parts)]
-
-
-def hulls_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> tuple[Hull | Block, ...]:
-    """A mesh as convex pieces, placed by `placement` (4, 4): slices across a principal axis, where these fit closer.
+def surface_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> Surface:
+    """A mesh as it is, scaled (3,) and placed by `placement` (4, 4).
 
     Raises
     ------
@@ -67,8 +37,14 @@ def hulls_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> tuple
     corners = [(face[0], face[1], face[2]) for face in map(model.tri_indices, range(model.num_tris))]
     if not len(points) or not corners:
         raise ValueError("it has no triangles")
-    placed = points @ placement[:3, :3].T + placement[:3, 3]
-    return tuple(_body(piece) for piece in sliced(placed, np.array(corners, dtype=np.intp)))
+    if not np.isfinite(points).all():
+        raise ValueError("it has corners that are no numbers")
+    return Surface(points @ placement[:3, :3].T + placement[:3, 3], np.array(corners, dtype=np.intp))
+
+
+def hulls_of(surface: Surface) -> tuple[Hull | Block, ...]:
+    """Convex pieces that enclose a surface: slices across a principal axis, where these fit closer than one hull."""
+    return tuple(_body(piece) for piece in sliced(surface.points, surface.triangles))
 
 
 def _body(points: FloatArray) -> Hull | Block:

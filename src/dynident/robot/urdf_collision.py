@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dynident.arrays import FloatArray
-from dynident.robot.meshes import hulls_of_mesh, mesh_file, sought_files
+from dynident.robot.mesh_files import mesh_file, sought_files
+from dynident.robot.meshes import hulls_of, surface_of_mesh
 from dynident.robot.shapes import Block, Capsule, Cylinder, Shape
+from dynident.robot.surfaces import Surface
 from dynident.robot.urdf_xml import Element, urdf_error
 
-_SHAPES = ("box", "cylinder", "sphere", "capsule", "mesh")
+_SHAPES = ("box", "cylinder", "sphere", "capsule")
+
+
+@dataclass(frozen=True, eq=False)
+class LinkParts:
+    """What a link is made of: shapes that can be touched, and the surfaces of its meshes as they are."""
+
+    shapes: tuple[Shape, ...]
+    surfaces: tuple[Surface, ...] = ()
 
 
 class CollisionReader:
@@ -36,8 +47,8 @@ class CollisionReader:
         self._unread = unread
         self.found = 0
 
-    def shapes_of(self, link: Element, placement: FloatArray) -> tuple[Shape, ...]:
-        """The shapes of a link in the frame that `placement` (4, 4) takes the link's coordinates to.
+    def parts_of(self, link: Element, placement: FloatArray) -> LinkParts:
+        """What a link is made of, in the frame that `placement` (4, 4) takes the link's coordinates to.
 
         Raises
         ------
@@ -45,17 +56,21 @@ class CollisionReader:
             A shape without its sizes, or with sizes that are none (line, link).
         """
         owner = f"link '{link.attributes['name']}'"
-        found: list[Shape] = []
+        shapes: list[Shape] = []
+        surfaces: list[Surface] = []
         for collision in link.all("collision"):
             geometry = collision.first("geometry")
             for element in [] if geometry is None else geometry.children:
-                if element.tag in _SHAPES:
-                    found.extend(self._shapes(element, placement @ origin_of(collision, owner), owner))
-        return tuple(found)
+                placed = placement @ origin_of(collision, owner)
+                if element.tag == "mesh":
+                    surface = self._mesh(element, placed, owner)
+                    shapes.extend(() if surface is None else hulls_of(surface))
+                    surfaces.extend(() if surface is None else [surface])
+                elif element.tag in _SHAPES:
+                    shapes.extend(self._shapes(element, placed, owner))
+        return LinkParts(tuple(shapes), tuple(surfaces))
 
     def _shapes(self, element: Element, placement: FloatArray, owner: str) -> Sequence[Shape]:
-        if element.tag == "mesh":
-            return self._mesh(element, placement, owner)
         if element.tag == "box":
             return [Block(placement, _sizes(element, "size", owner, 3))]
         radius = float(_sizes(element, "radius", owner, 1)[0])
@@ -67,7 +82,7 @@ class CollisionReader:
         half = 0.5 * length * placement[:3, 2]
         return [Capsule(placement[:3, 3] - half, placement[:3, 3] + half, radius)]
 
-    def _mesh(self, element: Element, placement: FloatArray, owner: str) -> Sequence[Shape]:
+    def _mesh(self, element: Element, placement: FloatArray, owner: str) -> Surface | None:
         uri = element.attributes.get("filename", "")
         scale = _numbers(element, "scale", owner, 3) if "scale" in element.attributes else np.ones(3)
         file = mesh_file(uri, self._folders)
@@ -75,13 +90,26 @@ class CollisionReader:
             sought = ", ".join(map(str, sought_files(uri, self._folders)))
             why = f"not found; sought {sought}" if sought else "not found"
             self._unread.append(f"{uri or 'a mesh without a filename'} of {owner} ({why})")
-            return []
+            return None
         self.found += 1
         try:
-            return hulls_of_mesh(file, scale, placement)
+            return surface_of_mesh(file, scale, placement)
         except ValueError as error:
             self._unread.append(f"{uri} of {owner} ({error})")
-            return []
+            return None
+
+
+def mesh_names(root: Element) -> dict[str, tuple[str, ...]]:
+    """The names of the meshes in the <collision> elements of a URDF, in its order, each with its links."""
+    found: dict[str, tuple[str, ...]] = {}
+    for link in root.all("link"):
+        for collision in link.all("collision"):
+            geometry = collision.first("geometry")
+            for element in [] if geometry is None else geometry.children:
+                uri = element.attributes.get("filename", "") if element.tag == "mesh" else ""
+                if uri:
+                    found[uri] = tuple(dict.fromkeys((*found.get(uri, ()), link.attributes["name"])))
+    return found
 
 
 def origin_of(element: Element, owner: str) -> FloatArray:

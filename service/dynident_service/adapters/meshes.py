@@ -1,0 +1,63 @@
+"""The meshes of a robot that were uploaded: which file is which, and where they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.robot import Robot
+from dynident.robot.collision import collision_meshes
+from dynident.robot.mesh_files import matched, mesh_file, placed_below
+from dynident.robot.meshes import surface_of_mesh
+from dynident_service.adapters.geometry import describe_geometry
+from dynident_service.models.geometry import GeometryView
+
+
+@contextmanager
+def mesh_folders(files: Mapping[str, Path]) -> Iterator[tuple[Path, ...]]:
+    """Folders in which the files of meshes (by name) are found for as long as they are needed; none without files."""
+    if not files:
+        yield ()
+        return
+    with TemporaryDirectory() as name:
+        placed_below(Path(name), files)
+        yield (Path(name),)
+
+
+def chosen(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
+    """Which of the files that were sent (by their names) is the file of which mesh; each can be read as one."""
+    needed = collision_meshes(robot)
+    if not needed:
+        raise DynidentError(
+            "the robot's description names no meshes in its <collision> elements, so none can be sent for it",
+            pointer="/files",
+            title="No meshes named",
+        )
+    found = matched(needed, list(sent))
+    if not found:
+        raise DynidentError(
+            f"none of the {len(sent)} files has the name of a mesh of the description: {', '.join(list(needed)[:8])}",
+            pointer="/files",
+            title="Unknown mesh",
+        )
+    with mesh_folders({name: sent[file] for name, file in found.items()}) as folders:
+        for name, file in found.items():
+            placed = mesh_file(name, folders)
+            assert placed is not None
+            try:
+                surface_of_mesh(placed, np.ones(3), np.eye(4))
+            except ValueError as error:
+                detail = f"{file} cannot be read as a mesh: {error}; send STL, OBJ, DAE or PLY"
+                raise DynidentError(detail, pointer="/files", title="Unreadable mesh") from None
+    return found
+
+
+def geometry_with(robot: Robot, files: Mapping[str, Path]) -> GeometryView:
+    """Where the robot's links are, with the files of its meshes (by name)."""
+    with mesh_folders(files) as folders:
+        return describe_geometry(robot, folders)

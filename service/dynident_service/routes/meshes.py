@@ -1,0 +1,144 @@
+"""The meshes of robots: uploaded, never fetched; for collisions of designs and for pictures."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from anyio import to_thread
+from fastapi import APIRouter, File, Request, Response, UploadFile
+
+from dynident_service.models.geometry import GeometryView
+from dynident_service.models.robots import MeshesView
+from dynident_service.problems import unusable
+from dynident_service.routes.measurements import require_room
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.meshes import GEOMETRY, meshes_of, role_of
+from dynident_service.storage.records import Owned
+
+router = APIRouter(prefix="/v1/robots", tags=["robots"])
+
+TAKE = "dynident_service.work.awaited:take_meshes"
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Meshes of a robot, and what is stored for them."""
+
+    meshes: list[dict[str, Any]]
+    objects: tuple[Owned, ...]
+    unused: tuple[str, ...] = ()
+
+
+@router.put("/{robot_id}/meshes")
+async def put_meshes(
+    robot_id: str,
+    request: Request,
+    services: ServicesDep,
+    files: Annotated[list[UploadFile], File(description="STL, OBJ, DAE or PLY, named as the description names them")],
+) -> MeshesView:
+    """Give a robot the files of meshes that its description names; those that it has stay unless they come anew.
+
+    A file is known by its name and as many of its folders as it is sent with.
+    """
+    robot = await to_thread.run_sync(services.resources.get, "robot", robot_id)
+    folder = services.settings.uploads_dir
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        sent = await to_thread.run_sync(_receive, services, files, Path(name))
+        kept = meshes_of(robot)
+        taken = await _taken(request, services, robot.request, sent, kept, Path(name))
+        stored = await to_thread.run_sync(
+            services.resources.attach, "robot", robot_id, {"meshes": taken.meshes}, taken.objects
+        )
+    return MeshesView.model_validate({"meshes": (stored.result or {})["meshes"], "unused": taken.unused})
+
+
+@router.get("/{robot_id}/geometry")
+def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView:
+    """Show where the robot's links are: the frames of its joints, capsules around its collision geometry, and meshes.
+
+    Meshes are there once their files have been sent to the robot's `meshes`.
+    """
+    robot = services.resources.get("robot", robot_id)
+    if (stored := robot.objects.get(GEOMETRY)) is not None:
+        return Response(services.objects.get(stored.key), media_type="application/json")  # type: ignore[return-value]
+    from dynident_service.adapters.geometry import describe_geometry
+    from dynident_service.adapters.robots import robot_of
+
+    return describe_geometry(robot_of(robot.request))
+
+
+async def inherited(
+    request: Request, services: Services, source_id: str | None, described: Mapping[str, Any], asked: Mapping[str, Any]
+) -> tuple[dict[str, Any], tuple[Owned, ...]]:
+    """What a new robot has of another one's meshes: its description for the wire with them, and the objects."""
+    if source_id is None:
+        return dict(described), ()
+    source = await to_thread.run_sync(services.resources.find, source_id)
+    if source is None or source.kind != "robot":
+        raise unusable(f"there is no robot {source_id!r}", "/meshes_of", title="Unknown resource")
+    named = {one["name"] for one in described["meshes"]}
+    kept = {name: file for name, file in meshes_of(source).items() if name in named}
+    if not kept:
+        return dict(described), ()
+    with tempfile.TemporaryDirectory(dir=services.settings.uploads_dir) as name:
+        taken = await _taken(request, services, asked, {}, kept, Path(name))
+    return {**described, "meshes": taken.meshes}, taken.objects
+
+
+def _receive(services: Services, files: Sequence[UploadFile], folder: Path) -> dict[str, Path]:
+    received: dict[str, Path] = {}
+    for place, file in enumerate(files):
+        require_room(services, folder, file)
+        name = file.filename or f"file {place + 1}"
+        if name in received:
+            raise unusable(f"{name} comes twice; send it with its folders", "/files", title="Which mesh is it?")
+        received[name] = folder / f"sent-{place}"
+        with received[name].open("wb") as target:
+            shutil.copyfileobj(file.file, target, 1 << 20)
+    return received
+
+
+async def _taken(
+    request: Request,
+    services: Services,
+    robot: Mapping[str, Any],
+    sent: Mapping[str, Path],
+    kept: Mapping[str, Owned],
+    folder: Path,
+) -> Taken:
+    """Have a child read the meshes, then put what came into the object store."""
+    geometry = folder / "geometry.json"
+    asked = {
+        "request": dict(robot),
+        "sent": {name: str(file) for name, file in sent.items()},
+        "kept": {name: str(services.objects.path(one.key)) for name, one in kept.items()},
+        "destination": str(geometry),
+    }
+    found = await services.awaited.call(request, TAKE, asked)
+
+    def stored() -> Taken:
+        objects = [_put(services, GEOMETRY, geometry, "application/json")]
+        meshes = []
+        for place, mesh in enumerate(found["meshes"]):
+            name, role = mesh["name"], role_of(place)
+            own = kept.get(name)
+            if name in found["chosen"]:
+                own = _put(services, role, sent[found["chosen"][name]], "application/octet-stream")
+            if own is not None:
+                objects.append(Owned(role, own.key, own.size, own.media_type))
+                mesh = {**mesh, "sha256": own.key, "size": own.size}
+            meshes.append(mesh)
+        return Taken(meshes, tuple(objects), tuple(found["unused"]))
+
+    return await to_thread.run_sync(stored)
+
+
+def _put(services: Services, role: str, file: Path, media_type: str) -> Owned:
+    stored = services.resources.put(file)
+    return Owned(role, stored.key, stored.size, media_type)
