@@ -99,4 +99,4 @@ def _parts(path: str) -> tuple[str, ...]:
 
 def _doubtful(what: str) -> DynidentError:
     detail = f"{what}; send them with their folders, as the description has them"
-    return DynidentError(detail, pointer="/files", title="Which mesh is it?")
+    return DynidentError(detail, pointer="/files", title="Ambiguous mesh")

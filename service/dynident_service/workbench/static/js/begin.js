@@ -1,6 +1,7 @@
 // How to come to a model: a robot, its measurements, an identification.
 
 import { get } from "./api.js";
+import { pictureOf } from "./arm/picture.js";
 import { h, put } from "./dom.js";
 import { driveGainsPanel } from "./drive_gains.js";
 import { counted, number } from "./format.js";
@@ -54,7 +55,7 @@ export async function beginPage(target, wanted, signal) {
     if (state.form.element.isConnected) return;
     put(steps.identification, state.measurements.length ? state.form.element : h("p", { class: "note" }, "First upload a measurement."));
   };
-  const showRobots = () => put(steps.robot, robotChoice(state, choose), robotForm(choose, robots.length === 0));
+  const showRobots = () => put(steps.robot, robotChoice(state, choose), state.robot && pictureOf(state.robot, signal), robotForm(choose, robots.length === 0));
 
   put(
     target,

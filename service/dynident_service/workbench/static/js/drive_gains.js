@@ -131,7 +131,7 @@ function takeOver(robot, gains, onRobot) {
     button.disabled = true;
     try {
       const drives = Object.fromEntries(gains.map((gain) => [gain.joint, { drive_gain: gain.drive_gain }]));
-      onRobot(await post("/robots", { ...robot.request, name: `${robot.name} with identified drive gains`.slice(0, 200), drives: { ...robot.request.drives, ...drives } }));
+      onRobot(await post("/robots", { ...robot.request, meshes_of: robot.id, name: `${robot.name} with identified drive gains`.slice(0, 200), drives: { ...robot.request.drives, ...drives } }));
       announce("The robot with these drive gains is chosen");
     } catch (error) {
       put(said, problemBox(error));

@@ -5,7 +5,7 @@ import { h, put } from "../dom.js";
 import { quantity } from "../format.js";
 import { onColours } from "../plots.js";
 import { draw } from "./drawing.js";
-import { BASE, framesAt, origin, segmentsAt } from "./kinematics.js";
+import { BASE, framesAt, origin, segmentsAt, surfacesAt } from "./kinematics.js";
 
 const POSES_OF_PATH = 300;
 const STEP = 0.12; // rad a key
@@ -33,7 +33,9 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     clock.textContent = quantity(state.time, "s");
     const frames = framesAt(geometry, motion[before(times, state.time)]);
     canvas.dataset.origins = JSON.stringify(frames.map((pose) => pose && origin(pose)));
-    draw(canvas, state.view, segmentsAt(geometry, frames, 0.025 * state.view.reach), [BASE, ...frames], path);
+    const parts = { surfaces: surfacesAt(geometry, frames), segments: segmentsAt(geometry, frames, 0.025 * state.view.reach) };
+    canvas.dataset.triangles = parts.surfaces.reduce((sum, one) => sum + one.triangles.length, 0);
+    draw(canvas, state.view, { ...parts, frames: [BASE, ...frames], path });
   }
 
   function moved(time) {
@@ -83,7 +85,7 @@ export async function mountArm(element, { robotId, times = [0], positions = null
 
   const loops = geometry.frames.filter((one) => !one.ratios).map((one) => one.name);
   const notes = [
-    geometry.capsules.length ? "" : "The description has no collision geometry that can be read: rods stand for the links.",
+    geometry.capsules.length || geometry.surfaces.length ? "" : "There is no collision geometry that can be read: rods stand for the links.",
     loops.length ? `Not drawn, because a closed loop moves it: ${loops.join(", ")}.` : "",
   ].filter(Boolean).join(" ");
   put(element, canvas, h("p", { class: "arm-time" }, times.length > 1 ? [play, slider, clock] : null),
@@ -119,16 +121,22 @@ function pathOf(geometry, motion) {
 /** Middle and reach of all that the motion sweeps. */
 function extent(geometry, motion) {
   const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+  const boxes = { surfaces: geometry.surfaces.map((one) => ({ ...one, points: cornersOf(one.points) })) };
   for (const posture of some(motion)) {
-    for (const { start, end, radius } of segmentsAt(geometry, framesAt(geometry, posture), 0.02)) {
-      for (const point of [start, end]) {
-        point.forEach((value, k) => {
-          low[k] = Math.min(low[k], value - radius);
-          high[k] = Math.max(high[k], value + radius);
-        });
-      }
-    }
+    const frames = framesAt(geometry, posture);
+    const within = (point, radius) => point.forEach((value, k) => {
+      low[k] = Math.min(low[k], value - radius);
+      high[k] = Math.max(high[k], value + radius);
+    });
+    for (const { start, end, radius } of segmentsAt(geometry, frames, 0.02)) [start, end].forEach((point) => within(point, radius));
+    for (const { points } of surfacesAt(boxes, frames)) points.forEach((point) => within(point, 0));
   }
   const middle = low.map((value, k) => (value + high[k]) / 2);
   return { middle, reach: Math.max(0.1, Math.hypot(...low.map((value, k) => high[k] - value)) / 2) };
+}
+
+/** The corners of the box around points: enough of a mesh to know how far it reaches. */
+function cornersOf(points) {
+  const ends = [0, 1, 2].map((k) => points.reduce(([least, most], point) => [Math.min(least, point[k]), Math.max(most, point[k])], [Infinity, -Infinity]));
+  return ends[0].flatMap((x) => ends[1].flatMap((y) => ends[2].map((z) => [x, y, z])));
 }

@@ -1,11 +1,17 @@
-// Segments with a radius, drawn in parallel projection on a canvas: there a capsule is a thick line with round ends.
+// An arm in parallel projection on a canvas: triangles, and segments with a radius, which are thick lines with round ends.
 
 import { origin, placed } from "./kinematics.js";
 
 const AXES = [["--predicted", [1, 0, 0]], ["--good-line", [0, 1, 0]], ["--residual", [0, 0, 1]]];
 
-/** A view has `turn` and `tilt` (rad), `middle` (m) and `reach` (m): what lies within it is on the canvas. */
-export function draw(canvas, view, segments, frames, path) {
+const LIGHT = [0.36, -0.48, 0.8]; // to the right, up and near: where the light comes from
+const DARKEST = 0.6; // of the colour, where no light comes
+
+/**
+ * A view has `turn` and `tilt` (rad), `middle` (m) and `reach` (m): what lies within it is on the canvas.
+ * `surfaces` are [{ points, triangles }], `segments` [{ start, end, radius }], all in the base frame.
+ */
+export function draw(canvas, view, { surfaces, segments, frames, path }) {
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(name).trim();
   const ratio = devicePixelRatio || 1;
@@ -22,19 +28,62 @@ export function draw(canvas, view, segments, frames, path) {
   const seen = projection(view, width, height, scale);
   ground(pen, seen, view, colour("--grid"));
   line(pen, path.map(seen), 1.5, colour("--residual"));
-  const parts = segments.map((one) => ({ ...one, from: seen(one.start), to: seen(one.end) }));
-  parts.sort((a, b) => a.from[2] + a.to[2] - b.from[2] - b.to[2]);
-  for (const { from, to, radius } of parts) {
-    const thick = Math.max(2 * radius * scale, 3);
-    line(pen, [from, to], thick + 2, colour("--ink"));
-    line(pen, [from, to], thick, colour("--rung-0"));
-    line(pen, [from, to], thick / 3, colour("--line"));
-  }
+  const parts = [...facesOf(surfaces, seen, shades(pen, colour("--rung-0"))), ...segments.map((one) => rod(one, seen, scale, colour))];
+  parts.sort((a, b) => a.near - b.near);
+  for (const part of parts) part.paint(pen);
   const size = 0.09 * view.reach;
   for (const pose of frames.filter(Boolean)) {
     const from = seen(origin(pose));
     for (const [name, way] of AXES) line(pen, [from, seen(placed(pose, way.map((x) => x * size)))], 2.5, colour(name));
   }
+}
+
+/** What paints the triangles, each with how near it is. */
+function facesOf(surfaces, seen, shade) {
+  return surfaces.flatMap(({ points, triangles }) => {
+    const there = points.map(seen);
+    return triangles.map((corners) => {
+      const [a, b, c] = corners.map((one) => there[one]);
+      return { near: (a[2] + b[2] + c[2]) / 3, paint: (pen) => triangle(pen, a, b, c, shade(a, b, c)) };
+    });
+  });
+}
+
+function rod({ start, end, radius }, seen, scale, colour) {
+  const [from, to] = [seen(start), seen(end)];
+  const thick = Math.max(2 * radius * scale, 3);
+  const paint = (pen) => {
+    line(pen, [from, to], thick + 2, colour("--ink"));
+    line(pen, [from, to], thick, colour("--rung-0"));
+    line(pen, [from, to], thick / 3, colour("--line"));
+  };
+  return { near: (from[2] + to[2]) / 2, paint };
+}
+
+function triangle(pen, a, b, c, colour) {
+  pen.fillStyle = colour;
+  pen.strokeStyle = colour; // a hair's breadth beyond, so that neighbours leave no gap
+  pen.lineWidth = 0.7;
+  pen.beginPath();
+  pen.moveTo(a[0], a[1]);
+  pen.lineTo(b[0], b[1]);
+  pen.lineTo(c[0], c[1]);
+  pen.closePath();
+  pen.fill();
+  pen.stroke();
+}
+
+/** The colour of a triangle as it lies to the light, either side alike: not every file winds its corners one way. */
+function shades(pen, colour) {
+  pen.fillStyle = colour; // reads back as #rrggbb, whatever the style sheet has
+  const [red, green, blue] = [1, 3, 5].map((place) => parseInt(pen.fillStyle.slice(place, place + 2), 16));
+  return (a, b, c) => {
+    const [u, v] = [[b[0] - a[0], b[1] - a[1], b[2] - a[2]], [c[0] - a[0], c[1] - a[1], c[2] - a[2]]];
+    const normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    const facing = Math.abs(normal.reduce((sum, value, k) => sum + value * LIGHT[k], 0)) / (Math.hypot(...normal) || 1);
+    const lit = DARKEST + (1.3 - DARKEST) * facing;
+    return `rgb(${[red, green, blue].map((one) => Math.min(255, Math.round(lit * one))).join(" ")})`;
+  };
 }
 
 /** Points of the base frame to [right, down, near] in pixels. */

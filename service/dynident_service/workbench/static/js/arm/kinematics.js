@@ -23,15 +23,26 @@ export function placed(pose, [x, y, z]) {
   return [0, 4, 8].map((row) => pose[row] * x + pose[row + 1] * y + pose[row + 2] * z + pose[row + 3]);
 }
 
+/** The triangles of the robot's meshes at these frames: of each mesh { points, triangles }, in the base frame. */
+export function surfacesAt(geometry, frames) {
+  return geometry.surfaces.flatMap(({ frame, points, triangles }) => {
+    const pose = frame === null ? BASE : frames[frame];
+    return pose ? [{ points: points.map((point) => placed(pose, point)), triangles }] : [];
+  });
+}
+
 /** The segments that the robot is drawn of, at these frames: { start, end, radius, frame }, in the base frame. */
 export function segmentsAt(geometry, frames, thin) {
   const segments = [];
-  const covered = new Set();
-  for (const { frame, start, end, radius } of geometry.capsules) {
+  const capped = new Set();
+  // What has meshes is drawn by these.
+  const covered = new Set(geometry.surfaces.map((one) => one.frame));
+  for (const { frame, start, end, radius } of geometry.capsules.filter((one) => !covered.has(one.frame))) {
     const pose = frame === null ? BASE : frames[frame];
-    covered.add(frame);
+    capped.add(frame);
     if (pose) segments.push({ start: placed(pose, start), end: placed(pose, end), radius, frame });
   }
+  for (const frame of capped) covered.add(frame);
   geometry.frames.forEach(({ parent }, place) => {
     // A link without geometry is a rod from its joint's origin to those of the next.
     if (!frames[place] || covered.has(parent)) return;

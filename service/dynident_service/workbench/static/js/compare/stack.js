@@ -1,5 +1,6 @@
 // All joints of a comparison above one another, over one stretch of time with one cursor.
 
+import { armBeside } from "../arm/beside.js";
 import { announce, field, h, put, select } from "../dom.js";
 import { number, percent } from "../format.js";
 import { asked, remember } from "../location.js";
@@ -30,7 +31,8 @@ export class CompareStack {
     this.rows = Object.fromEntries(model.joints.map((joint) => [joint, new JointRow(this.view, joint, { onClick, onChoose }, signal)]));
     const group = timeGroup(this.view, "Torque and residual of all joints over time. Up and down choose a joint, Enter looks at what is shown.", keys);
     group.append(...Object.values(this.rows).map((one) => one.element));
-    this.element = h("div", {}, timeButtons(this.view), this.#choices(), this.trouble, group, this.said, this.moment.element);
+    this.arm = armBeside({ robotId: model.robot.id, view: this.view, motion: () => this.#motion() }, signal);
+    this.element = h("div", {}, timeButtons(this.view), this.#choices(), this.trouble, group, this.said, this.moment.element, this.arm.element);
     this.view.addEventListener("settled", () => this.#settled(), { signal });
     onColours(() => Object.values(this.rows).forEach((one) => one.draw()), signal);
   }
@@ -48,6 +50,7 @@ export class CompareStack {
     // What the address asks for comes first; only of runs one after another all has to be known before.
     const known = wanted && !overlap(this.model.measurements.find((one) => one.id === this.model.measurement).segments);
     if (!known && !(await this.#read(null))) return;
+    this.arm.forget();
     if (wanted) this.view.go(wanted);
     else this.#readRaw();
   }
@@ -100,6 +103,12 @@ export class CompareStack {
       if (!this.signal.aborted) put(this.trouble, problemBox(error, () => this.#read(stretch)));
       return false;
     }
+  }
+
+  /** Where the joints were; null as long as that is not known of all. */
+  #motion() {
+    const lines = this.model.joints.map((joint) => this.reader?.full[joint] ?? this.lines[joint]);
+    return lines.every((one) => one?.values.q) ? lines.map(({ x, values }) => ({ t: x, q: values.q })) : null;
   }
 
   async #settled() {

@@ -1,6 +1,7 @@
 // The signals of a recording as its file has them, joint above joint, with standstill and windows on them.
 
 import { get, lastAsked } from "../api.js";
+import { armBeside } from "../arm/beside.js";
 import { h, put } from "../dom.js";
 import { grouped, number, quantity } from "../format.js";
 import { asked, remember } from "../location.js";
@@ -12,6 +13,7 @@ import { TimeView, timeButtons, timeGroup } from "../signals/time_view.js";
 
 const BUCKETS = 300; // stretches of the screen whose extremes are kept
 const HEIGHT = 128;
+const SI = { deg: Math.PI / 180, mm: 1e-3 };
 
 export class RawStack {
   constructor(measurement, windows, signal) {
@@ -22,7 +24,8 @@ export class RawStack {
     this.said = h("p", { class: "note", id: "zoom-state" });
     this.trouble = h("div");
     this.group = timeGroup(this.view, "Positions and torques of all joints over time.");
-    this.element = h("div", {}, timeButtons(this.view), this.trouble, this.group, this.said);
+    this.arm = armBeside({ robotId: measurement.robot_id, view: this.view, motion: () => this.#motion() }, signal);
+    this.element = h("div", {}, timeButtons(this.view), this.trouble, this.group, this.said, this.arm.element);
     this.view.addEventListener("stretch", () => this.#move(), { signal });
     this.view.addEventListener("settled", () => this.#settled(), { signal });
     windows.addEventListener("change", () => this.plots.forEach(({ plot }) => plot.redraw(false, true)), { signal });
@@ -67,6 +70,16 @@ export class RawStack {
       if (!until.aborted) put(this.trouble, problemBox(error, () => this.#read(stretch)));
     }
     return null;
+  }
+
+  /** Where the joints were, in rad or m. */
+  #motion() {
+    if (!this.full) return null;
+    const { t, signals, units } = this.full;
+    return this.joints.map((joint) => {
+      const unit = SI[units[`q_${joint}`]] ?? 1;
+      return { t, q: signals[`q_${joint}`].map((value) => (value === null ? null : unit * value)) };
+    });
   }
 
   #settled() {

@@ -52,7 +52,7 @@ export function factsIn(element) {
 /** Drive gains that turn currents into torques; `onRobot` is given a robot that has them. */
 export function drivesOf(robot, onRobot) {
   const body = h("div", {}, gainFields(robot.joints));
-  const request = () => ({ ...robot.request, name: named(robot, "with drive gains"), drives: merged(robot.request.drives, factsIn(body).drives) });
+  const request = () => ({ ...robot.request, meshes_of: robot.id, name: named(robot, "with drive gains"), drives: merged(robot.request.drives, factsIn(body).drives) });
   return robotWith(body, request, "Make a robot with these drive gains", onRobot);
 }
 
@@ -65,7 +65,7 @@ export function placesOf(robot, onRobot) {
   const body = h("div", {}, placeFields(joints.map((one) => ({ ...one, locked: locked[one.name] })), request.gravity));
   const wanted = () => {
     const { locked_joints, gravity } = factsIn(body);
-    return { ...request, name: named(robot, "as it is mounted"), locked_joints, gravity };
+    return { ...request, meshes_of: robot.id, name: named(robot, "as it is mounted"), locked_joints, gravity };
   };
   return robotWith(body, wanted, "Make a robot that is so", onRobot);
 }

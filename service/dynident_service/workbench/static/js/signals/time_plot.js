@@ -35,7 +35,8 @@ export function timePlot(target, view, { options, data, linked, onClick = null, 
     one.setSelect(STILL, false);
     view.go({ from, to });
   };
-  const hooks = { ...options.hooks, setSelect: [selected] };
+  const pointed = ({ cursor: { idx, left }, data: [times] }) => left >= 0 && idx !== null && idx !== undefined && view.point(times[idx]);
+  const hooks = { ...options.hooks, setSelect: [selected], setCursor: [...(options.hooks?.setCursor ?? []), pointed] };
   const scales = { ...options.scales, x: { time: false, range: () => [view.range.from, view.range.to] } };
   const made = plot(target, { ...options, cursor, hooks, scales }, data, signal);
   made.over.addEventListener("click", (event) => {

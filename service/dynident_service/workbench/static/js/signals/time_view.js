@@ -5,7 +5,10 @@ import { h } from "../dom.js";
 const SHORTEST = 1e-3;
 const SETTLED = 120;
 
-/** Fires "stretch" when another stretch is to be drawn, at most once a frame, and "settled" once it stays. */
+/**
+ * Fires "stretch" when another stretch is to be drawn, at most once a frame, "settled" once it stays, and "cursor" when
+ * a person points at another moment (`at`, s).
+ */
 export class TimeView extends EventTarget {
   constructor() {
     super();
@@ -22,6 +25,16 @@ export class TimeView extends EventTarget {
   setWhole(from, to) {
     this.whole = { from, to: to > from ? to : from + SHORTEST };
     this.stretch = this.#inside(this.stretch);
+  }
+
+  /** Point at a moment. */
+  point(time) {
+    if (time === this.at) return;
+    this.at = time;
+    this.pointing ??= requestAnimationFrame(() => {
+      this.pointing = null;
+      this.dispatchEvent(new Event("cursor"));
+    });
   }
 
   /** Show a stretch; null: all. */

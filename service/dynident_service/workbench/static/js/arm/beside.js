@@ -1,0 +1,57 @@
+// The arm beside figures over time: where it was at the moment under their cursor. Loaded when it is opened.
+
+import { h, put } from "../dom.js";
+import { problemBox } from "../problem.js";
+
+const FRAMES = 1500;
+
+/**
+ * A part of a page to be opened. `motion()` gives [{ t, q }] of the robot's joints (s, rad or m, q null where there is
+ * no sample), or null as long as nothing is known; the arm follows the "cursor" events of `view`.
+ */
+export function armBeside({ robotId, view, motion }, signal) {
+  const place = h("div");
+  let mounted = null;
+  const open = async () => {
+    if (!element.open || mounted) return;
+    try {
+      const joints = motion();
+      if (!joints) return void put(place, h("p", { class: "note" }, "The signals are still being read …"));
+      const { mountArm } = await import("./arm.js");
+      const { times, positions } = together(joints);
+      mounted = await mountArm(place, { robotId, times, positions, signal });
+      if (view.at !== undefined) mounted.show(view.at);
+    } catch (error) {
+      if (!signal.aborted) put(place, problemBox(error, open));
+    }
+  };
+  view.addEventListener("settled", open, { signal });
+  view.addEventListener("cursor", () => mounted?.show(view.at), { signal });
+  const element = h("details", { class: "arm-beside", ontoggle: open }, h("summary", {}, "The arm at the moment under the cursor"), place);
+  return {
+    element,
+    /** Other signals are shown: the arm is that of these. */
+    forget() {
+      mounted = null;
+      put(place);
+      open();
+    },
+  };
+}
+
+/** Postures at the times of the joint with most of them, each joint where it was last. */
+function together(joints) {
+  const longest = joints.reduce((most, one) => (one.t.length > most.t.length ? one : most));
+  const step = Math.max(1, Math.floor(longest.t.length / FRAMES));
+  const times = longest.t.filter((_, index) => index % step === 0);
+  const last = joints.map(() => 0);
+  const known = joints.map(({ q }) => q.find((value) => value !== null) ?? 0);
+  const positions = times.map((time) => joints.map(({ t, q }, joint) => {
+    while (last[joint] < t.length && t[last[joint]] <= time) {
+      known[joint] = q[last[joint]] ?? known[joint];
+      last[joint] += 1;
+    }
+    return known[joint];
+  }));
+  return { times, positions };
+}

@@ -1,0 +1,86 @@
+"""The arm in a real Chromium: its meshes are sent by mouse, and it follows the cursor of the figures."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_signals_in_the_browser import robot_of, stored
+from test_workbench import ask, model  # noqa: F401
+from two_link_arm import URDF, write_recording
+
+expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
+pytestmark = pytest.mark.slow
+
+TETRAHEDRON = "v 0 0 0\nv 0.5 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def with_meshes() -> str:
+    """The two-link arm whose links are meshes."""
+    content = URDF
+    for link in ("upper", "fore"):
+        mesh = f'<collision><geometry><mesh filename="package://arm/meshes/{link}.obj"/></geometry></collision>'
+        content = content.replace(f'<link name="{link}"/>', f'<link name="{link}">{mesh}</link>')
+    return content
+
+
+def test_the_meshes_of_a_robot_are_chosen_and_drawn(page: Any, heard: Any, tmp_path: Path) -> None:
+    body = {"name": "with meshes", "description": {"format": "urdf", "content": with_meshes()}}
+    robot = page.request.post("/v1/robots", data=body).json()["id"]
+    page.goto(f"/?view=new&robot={robot}")
+    page.click("#robot-picture > summary")
+    expect(page.locator("#robot-picture > summary")).to_have_text("The arm: 2 of 2 meshes missing")
+    expect(page.locator("canvas.arm")).to_have_attribute("data-triangles", "0")
+    for link in ("upper", "fore"):
+        (tmp_path / f"{link}.obj").write_text(TETRAHEDRON)
+    (tmp_path / "wrong").mkdir()
+    (tmp_path / "wrong" / "upper.obj").write_text("no mesh")
+    page.set_input_files("#mesh-files", tmp_path / "wrong" / "upper.obj")
+    expect(page.locator("#robot-picture .box")).to_contain_text("upper.obj cannot be read as a mesh")
+    page.set_input_files("#mesh-files", tmp_path / "upper.obj")
+    expect(page.locator("#robot-picture > summary")).to_have_text("The arm: 1 of 2 meshes missing")
+    expect(page.locator("canvas.arm")).to_have_attribute("data-triangles", "4")
+    page.set_input_files("#mesh-files", tmp_path / "fore.obj")
+    expect(page.locator("canvas.arm")).to_have_attribute("data-triangles", "8")
+    expect(page.locator("#robot-picture > summary")).to_have_text("The arm")
+    assert all(one["sha256"] for one in ask(page, f"/robots/{robot}")["meshes"])
+    # The one refusal is what the browser itself complains of.
+    assert [one for one in heard.complaints if "422" not in one] == []
+
+
+def test_the_arm_is_where_it_was_at_the_moment_under_the_cursor(page: Any, heard: Any, tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "short.csv", seed=3, duration=10.0, rate=100.0)
+    page.goto(f"/?view=recording&measurement={stored(page, robot_of(page), path)}")
+    follows_the_cursor(page, "position ")
+    assert heard.complaints == []
+
+
+def test_the_arm_of_a_comparison_follows_the_cursor_too(page: Any, heard: Any, model: str) -> None:
+    page.goto(f"/?identification={model}&tab=compare")
+    page.locator(".joint-row .u-over").first.wait_for()
+    page.click(".arm-beside > summary")
+    page.locator("canvas.arm").wait_for()
+    before = page.locator("canvas.arm").get_attribute("data-origins")
+    page.locator(".joint-row .u-over").first.hover()
+    expect(page.locator("canvas.arm")).not_to_have_attribute("data-origins", before)
+    assert heard.complaints == []
+
+
+def follows_the_cursor(page: Any, word: str) -> None:
+    """The elbow is half a metre from the shoulder, turned about y by what the figure says."""
+    over = page.locator(".joint-row .u-over").first
+    over.wait_for()
+    page.click(".arm-beside > summary")
+    page.locator("canvas.arm").wait_for()
+    over.hover()
+    values = page.locator(".joint-row .chart-title .note").first
+    expect(values).to_contain_text(word)
+    said = values.inner_text().split(word)[1].replace("\N{MINUS SIGN}", "-")
+    position = float(re.split(r"[^0-9.e-]", said)[0])
+    page.wait_for_timeout(200)
+    origins = json.loads(page.locator("canvas.arm").get_attribute("data-origins"))
+    assert origins[1] == pytest.approx([0.5 * math.cos(position), 0.0, -0.5 * math.sin(position)], abs=0.02)
