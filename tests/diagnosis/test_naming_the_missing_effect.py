@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hidden_effects import (
@@ -228,6 +230,16 @@ def test_what_this_motion_could_not_have_shown_is_said():
     assert "left beside the model" in hidden[(NAMES[5],)].reason
     assert found.next_experiment is not None
     assert "Joint spring" in found.next_experiment.reason
+
+
+def test_what_these_data_are_too_few_to_show_is_said_with_its_size():
+    # The wrist is light and slow: as soft as arms are, it would not be seen among the noise.
+    run = experiment()
+    found = diagnose(run.identification, [run.training], candidates=["joint_elasticity", "offset"])
+    hidden = {item.joints: item.reason for item in found.not_visible if item.effect == "joint_elasticity"}
+    wanted = r"\w+6 is known to ±\S+ rad/\(N m\) only; an arm that has it has about \S+ rad/\(N m\), which need not"
+    assert re.match(wanted, hidden[(NAMES[5],)])
+    assert all(item.effect == "joint_elasticity" for item in found.not_visible)
 
 
 def test_progress_reaches_the_end_and_may_cancel():

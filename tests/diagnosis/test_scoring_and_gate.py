@@ -11,12 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from dynident.diagnosis.candidates.blocks import Blocks
 from dynident.diagnosis.candidates.family import family_wise_p
 from dynident.diagnosis.candidates.gate import JudgedCandidate, indistinguishable, judge, simplest
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import RowStack, folds, folds_of, products
 from dynident.diagnosis.candidates.resampling import share_found_again
-from dynident.diagnosis.candidates.scoring import Score, contributions, held_out_errors, score_candidates
+from dynident.diagnosis.candidates.scoring import (
+    Score,
+    contributions,
+    deviations,
+    held_out_errors,
+    score_candidates,
+)
 from dynident.diagnosis.residuals.stretches import t_of
 from dynident.estimation import FactorAccumulator
 
@@ -76,6 +83,24 @@ class Rows:
                 rest = (self.y[j] - self.wide[j][:, columns] @ chi) ** 2
                 out[fold, j] = rest.reshape(STRETCHES, PER_STRETCH).sum(axis=1)[fold]
         return out
+
+
+@pytest.mark.parametrize("form", [Rows.products, Rows.kept])
+def test_a_candidates_deviation_is_how_much_its_estimate_scatters_from_data_to_data(form):
+    data = Rows(4)
+    told, estimates = [], []
+    for draw in range(200):
+        rng = np.random.default_rng(draw)
+        # Samples of a stretch share their noise: as independent ones they would be believed five times too much.
+        shared = np.repeat(rng.normal(size=(2, STRETCHES)), PER_STRETCH, axis=1)
+        data.y = [sigma * own for sigma, own in zip(NOISE, shared, strict=True)]
+        made = form(data)
+        _, scores = score_candidates(made, BASE, CANDIDATES, NOISE, "interleaved")
+        estimates.append(np.concatenate([score.amplitudes for score in scores]))
+        told.append(np.concatenate(deviations(Blocks.of(made, BASE, CANDIDATES), len(CANDIDATES), NOISE)))
+    scatter = np.std(estimates, axis=0)
+    # Of 13 stretches: sandwiches of few clusters are somewhat too narrow (MacKinnon and White 1985).
+    np.testing.assert_allclose(np.mean(told, axis=0) / scatter, 1.0, atol=0.3)
 
 
 @pytest.mark.parametrize("kind", ["interleaved", "contiguous"])

@@ -59,7 +59,7 @@ def test_the_arm_is_where_it_was_at_the_moment_under_the_cursor(page: Any, heard
     assert heard.complaints == []
 
 
-def test_the_arm_of_a_comparison_follows_the_cursor_too(page: Any, heard: Any, model: str) -> None:
+def test_the_arm_of_a_comparison_follows_the_cursor_too(page: Any, heard: Any, model: str) -> None:  # noqa: F811
     page.goto(f"/?identification={model}&tab=compare")
     page.locator(".joint-row .u-over").first.wait_for()
     page.click(".arm-beside > summary")

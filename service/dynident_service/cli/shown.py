@@ -17,7 +17,7 @@ from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports.change_rows import COLUMNS, change_rows
 from dynident.reports.numbers import estimate, number, percent
-from dynident.reports.words import JUDGED, SHAPES_JUDGED, interval_text, place_text, standing_text
+from dynident.reports.words import JUDGED, SHAPES_JUDGED, hidden_text, interval_text, place_text, standing_text
 from dynident.robot import Robot
 from dynident_service.cli.inputs import Loaded
 from dynident_service.cli.terminal import table
@@ -160,8 +160,7 @@ def show_diagnosis(console: Console, found: Diagnosis, robot: Robot) -> None:
             markup=False,
         )
     if found.not_visible:
-        names = ", ".join(dict.fromkeys(item.effect for item in found.not_visible))
-        console.print(f"  This data could not have shown: {names}", markup=False)
+        console.print(f"  This data could not have shown: {hidden_text(found, robot)}", markup=False)
     if found.next_experiment is not None:
         console.print(f"  Next experiment: {found.next_experiment.reason}", markup=False)
         for step in found.next_experiment.instructions:
@@ -181,8 +180,7 @@ def show_changes(console: Console, found: Diagnosis, robot: Robot) -> None:
         both = "; ".join(choice_text(choice, robot) for choice in found.recommended)
         console.print(f"  Missing in the model before and after: {both}", markup=False)
     if found.not_visible:
-        names = ", ".join(dict.fromkeys(item.effect for item in found.not_visible))
-        console.print(f"  These motions could not have shown: {names}", markup=False)
+        console.print(f"  These motions could not have shown: {hidden_text(found, robot)}", markup=False)
 
 
 def choice_text(choice: EffectChoice, robot: Robot) -> str:

@@ -97,7 +97,11 @@ def _receive(services: Services, files: Sequence[UploadFile], folder: Path) -> d
         require_room(services, folder, file)
         name = file.filename or f"file {place + 1}"
         if name in received:
-            raise unusable(f"{name} comes twice; send it with its folders, as whoever drops a folder does", "/files", title="Ambiguous mesh")
+            raise unusable(
+                f"{name} comes twice; send it with its folders",
+                "/files",
+                title="Ambiguous mesh",
+            )
         received[name] = folder / f"sent-{place}"
         with received[name].open("wb") as target:
             shutil.copyfileobj(file.file, target, 1 << 20)

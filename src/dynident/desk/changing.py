@@ -19,7 +19,7 @@ from dynident.html import block, folded, listed, paragraph, table
 from dynident.identification import Identification
 from dynident.progress import Progress, silent
 from dynident.reports.change_rows import COLUMNS, change_rows
-from dynident.reports.words import title_of
+from dynident.reports.words import hidden_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Changes(Sequence[Change]):
 
     def _repr_html_(self) -> str:
         rows = [row for one in self.items for row in change_rows(one, self.model.robot)]
-        invisible = ", ".join(dict.fromkeys(title_of(one.effect) for one in self.diagnosis.not_visible))
+        invisible = hidden_text(self.diagnosis, self.model.robot)
         return block(
             paragraph(self.summary, strong=True),
             table(COLUMNS, rows, right_from=3) if rows else "",

@@ -20,7 +20,7 @@ from dynident.html import block, listed, paragraph, table
 from dynident.identification import Identification
 from dynident.progress import Progress, silent
 from dynident.reports.numbers import percent
-from dynident.reports.words import place_text, title_of
+from dynident.reports.words import hidden_text, place_text, title_of
 from dynident.robot import Robot
 
 _MOST_BARS, _MOST_PANELS = 12, 8
@@ -85,7 +85,7 @@ class DiagnosedModel:
     def _repr_html_(self) -> str:
         robot, found = self.model.robot, self.diagnosis
         recommended = [f"{title_of(one.effect)} on {place_text(one.joints, robot)}" for one in found.recommended]
-        invisible = ", ".join(dict.fromkeys(title_of(one.effect) for one in found.not_visible))
+        invisible = hidden_text(found, robot)
         return block(
             paragraph(found.summary, strong=True),
             paragraph("Recommended, in this order:") + listed(recommended) if recommended else "",

@@ -9,7 +9,6 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.diagnosis.advice.doubts import doubts_of
 from dynident.diagnosis.advice.next_experiment import next_experiment
-from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.changes import changes_of, summary_of, together, with_companions
@@ -20,13 +19,13 @@ from dynident.diagnosis.residuals.leads import find_leads
 from dynident.diagnosis.residuals.patterns import unknown_patterns
 from dynident.diagnosis.residuals.resolution import resolution
 from dynident.diagnosis.result import Diagnosis, Invisible
-from dynident.diagnosis.search.acceptance import VISIBLE
 from dynident.diagnosis.search.refine import refined
 from dynident.diagnosis.search.search import search
 from dynident.diagnosis.search.source import Source
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.diagnosis.search.sticking import held_at_rest
 from dynident.diagnosis.search.transients import find_contacts
+from dynident.diagnosis.search.unseen import nothing_left, too_uncertain
 from dynident.diagnosis.words import rank_all, summary, verdict_of
 from dynident.diagnosis.wrong_names import found_beside, misnamed
 from dynident.effects import EffectChoice, effect_by_id
@@ -115,7 +114,7 @@ def diagnose(
     missing = tuple(choice for choice in recommended if not is_change(choice, since))
     verdict = verdict_of(missing, unknown)
     told = [one for one in ranked if not is_change(one.choice, since)]
-    invisible = tuple(undetermined.values()) + _invisible(first)
+    hidden = (*undetermined.values(), *nothing_left(first))
     sentences = [summary(verdict, told, unknown, residual, floor, model)]
     if changes is not None:
         sentences.insert(0, summary_of(changes))
@@ -128,12 +127,12 @@ def diagnose(
         candidates=ranked,
         recommended=missing,
         unknown=unknown,
-        not_visible=invisible,
+        not_visible=hidden + too_uncertain(data, pool, start.base, picks, hidden),
         failure_map=failure_map(comparisons),
         next_experiment=next_experiment(
             identification,
             comparisons,
-            doubts_of(picks, recommended, invisible, model.robot, first, candidates or ()),
+            doubts_of(picks, recommended, hidden, model.robot, first, candidates or ()),
             recordings,
         ),
         changes=changes,
@@ -191,21 +190,3 @@ def _compared(
     if grown is identification:
         return list(comparisons)
     return [compare(grown, recording) for recording in recordings]
-
-
-def _invisible(judged: Sequence[JudgedCandidate]) -> tuple[Invisible, ...]:
-    by_effect: dict[tuple[str, tuple[str, ...]], float] = {}
-    for item in judged:
-        if len(item.candidate.joints) > 1:
-            continue
-        key = (item.candidate.effect, item.candidate.joints)
-        by_effect[key] = max(by_effect.get(key, 0.0), item.separability)
-    return tuple(
-        Invisible(
-            effect,
-            joints,
-            f"only {share:.1%} of its column is left beside the model on this motion, so it could not have shown",
-        )
-        for (effect, joints), share in by_effect.items()
-        if share < VISIBLE
-    )

@@ -84,11 +84,12 @@ class UnknownPattern:
 
 @dataclass(frozen=True)
 class Invisible:
-    """An effect that this data could not have shown."""
+    """An effect that this data could not have shown; `brief` says why where many stand beside each other."""
 
     effect: str
     joints: tuple[str, ...]
     reason: str
+    brief: str = ""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from dynident.arrays import FloatArray
 from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
@@ -13,6 +14,11 @@ from dynident.identification.judgement import ParameterJudgement
 from dynident.identification.shape_constants import ShapeConstant, ShapeJudgement
 from dynident.reports.numbers import estimate
 from dynident.robot import Robot
+from dynident.robot.pointers import listed
+
+if TYPE_CHECKING:
+    # Many who need words need no diagnosis, which takes long to load.
+    from dynident.diagnosis import Diagnosis
 
 _MANY_JOINTS = 8
 
@@ -22,6 +28,18 @@ def place_text(joints: tuple[str, ...], robot: Robot) -> str:
     if len(joints) == robot.n > 1:
         return "all joints"
     return ", ".join(joints) or "the whole robot"
+
+
+def hidden_text(found: Diagnosis, robot: Robot) -> str:
+    """What the data could not have shown: each effect once, with its joints where it is not all of them."""
+    joints: dict[str, set[str]] = {}
+    for item in found.not_visible:
+        joints.setdefault(item.effect, set()).update(item.joints or robot.joint_names)
+    texts = []
+    for effect, names in joints.items():
+        where = f" on {listed(name for name in robot.joint_names if name in names)}" if len(names) < robot.n else ""
+        texts.append(f"{effect_by_id(effect).title}{where}")
+    return "; ".join(texts)
 
 
 def shape_text(choice: EffectChoice) -> str:

@@ -12,11 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IndexArray
+from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.blocks import Blocks
 from dynident.diagnosis.candidates.fit import StretchesFit
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products, folds_of
+
+_SPANNED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +113,28 @@ def contributed(blocks: Blocks, count: int, noise: FloatArray) -> list[FloatArra
         for member, columns, unit in zip(portion.members, portion.columns, fit.units(number), strict=True):
             scores[member] = found[:, columns] @ unit
     return scores
+
+
+def deviations(blocks: Blocks, count: int, noise: FloatArray) -> list[FloatArray]:
+    """(k,) of every candidate with k columns: the standard deviations of its parameters fitted beside the model.
+
+    From what every stretch adds to the scores: samples of one stretch need not be independent (White 1980, by
+    clusters). Infinite where the model and the other columns of the candidate can say the same.
+    """
+    scores = contributed(blocks, count, noise)
+    fit = StretchesFit(blocks.summed(noise), blocks.portions)
+    more = blocks.n_stretches / max(blocks.n_stretches - 1, 1)
+    found = [np.zeros(0)] * count
+    for number, portion in enumerate(blocks.portions):
+        for member, unit in zip(portion.members, fit.units(number), strict=True):
+            spread = scores[member] @ unit.T
+            found[member] = np.where(_told(unit), np.sqrt(more * (spread**2).sum(axis=0)), np.inf)
+    return found
+
+
+def _told(unit: FloatArray) -> BoolArray:
+    """(k,): which of the parameters the directions `unit` (k, k) span, those of which nothing is left being zero."""
+    return np.asarray(np.abs(1.0 - np.einsum("ij,ji->i", unit, np.linalg.pinv(unit))) < _SPANNED)
 
 
 def fitted_errors(

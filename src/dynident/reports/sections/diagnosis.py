@@ -180,7 +180,9 @@ def _invisible(diagnosis: Diagnosis, robot: Robot) -> Iterator[InvisibleRow]:
         items = [item for item in diagnosis.not_visible if item.effect == effect]
         joints = tuple(dict.fromkeys(name for item in items for name in item.joints))
         yield InvisibleRow(
-            effect_by_id(effect).title, place_text(joints, robot), tuple(dict.fromkeys(item.reason for item in items))
+            effect_by_id(effect).title,
+            place_text(joints, robot),
+            tuple(dict.fromkeys(item.brief or item.reason for item in items)),
         )
 
 

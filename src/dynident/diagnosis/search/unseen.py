@@ -1,0 +1,123 @@
+"""Effects that the data could not have shown: too little of them is left beside the model, or too little is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dynident.diagnosis.candidates.blocks import Blocks
+from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.scoring import deviations
+from dynident.diagnosis.result import Invisible
+from dynident.diagnosis.search.acceptance import VISIBLE
+from dynident.diagnosis.search.state import Finding, noise_left
+from dynident.effects import effect_by_id
+
+SEEN = 5.0
+"""Standard deviations that an effect has to have to be found nearly always: the largest of some hundred candidates
+reaches four by chance in one arm of a hundred (`gate.ALPHA`); what has one more falls short of that in one of six."""
+_DIGITS = 2
+
+Key = tuple[str, tuple[str, ...]]
+
+
+def nothing_left(first: Sequence[JudgedCandidate]) -> tuple[Invisible, ...]:
+    """Effects on a joint of whose columns, whatever their shape constants, next to nothing is left beside the model.
+
+    Parameters
+    ----------
+    first : sequence of JudgedCandidate
+        All candidates beside the model alone.
+    """
+    shares: dict[Key, float] = {}
+    for item in first:
+        if len(item.candidate.joints) <= 1:
+            key = (item.candidate.effect, item.candidate.joints)
+            shares[key] = max(shares.get(key, 0.0), item.separability)
+    why = "of its column is left beside the model on this motion, so it could not have shown"
+    return tuple(
+        Invisible(*key, f"only {share:.1%} {why}", f"{share:.1%} left")
+        for key, share in shares.items()
+        if share < VISIBLE
+    )
+
+
+def too_uncertain(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], picks: Sequence[Finding], hidden: Sequence[Invisible]
+) -> tuple[Invisible, ...]:
+    """Effects on a joint that would not show although there were as much of them as arms have that have them.
+
+    Parameters
+    ----------
+    base : the model's columns as it was diagnosed
+    picks : what was found, beside which everything else would have to show
+    hidden : what could not have shown for other reasons
+    """
+    whole = tuple(dict.fromkeys((*base, *(column for finding in picks for column in _columns(finding, pool)))))
+    told = {(one.effect, one.joints) for one in hidden}
+    named = {
+        (one.candidate.effect, joint)
+        for finding in picks
+        for one in (finding.judged, *finding.equal)
+        for joint in one.candidate.joints or pool.observation.robot.joint_names
+    }
+    return tuple(
+        one
+        for one in _too_uncertain(data, pool, whole)
+        if (one.effect, one.joints) not in told and not {(one.effect, joint) for joint in one.joints} & named
+    )
+
+
+def _columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
+    """The pool's columns of what was found: of the shape constants nearest to those that it was found with."""
+    choice = finding.judged.candidate.choice
+    alike = [one for one in pool.candidates if one.choice.effect == choice.effect and one.joints == choice.joints]
+
+    def apart(other: Candidate) -> float:
+        pairs = [(choice.shape_values.get(name, 0.0), value) for name, value in other.shape]
+        return sum(abs(a - b) / max(abs(a), abs(b), 1e-12) for a, b in pairs) + (other.runs != choice.runs)
+
+    return min(alike, key=apart).columns if alike else ()
+
+
+def _too_uncertain(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterator[Invisible]:
+    """What would not show although an arm had as much of it as arms have that have it."""
+    best: dict[Key, tuple[float, Invisible]] = {}
+    for candidate, spreads in _spreads(data, pool, base):
+        key = (candidate.effect, candidate.joints)
+        for size, told in _sizes(pool, candidate, spreads):
+            if key not in best or size > best[key][0]:
+                best[key] = size, told
+    yield from (told for size, told in best.values() if size < SEEN)
+
+
+def _spreads(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterator[tuple[Candidate, Sequence[float]]]:
+    """Standard deviations of the parameters of every candidate on a single joint, each beside the model alone."""
+    here = set(base)
+    alone = [one for one in pool.at_first if len(one.joints) == 1 and not one.runs and not here & set(one.columns)]
+    sets: dict[tuple[bool, bool], list[Candidate]] = {}
+    for candidate in alone:
+        sets.setdefault(data.kinds(candidate.columns), []).append(candidate)
+    noise = noise_left(data, base)
+    for kinds, members in sets.items():
+        rows = data.beside(base, np.array(kinds))
+        blocks = Blocks.of(rows, np.array(base, dtype=np.intp), members)
+        yield from zip(members, deviations(blocks, len(members), noise), strict=True)
+
+
+def _sizes(pool: Pool, candidate: Candidate, spreads: Sequence[float]) -> Iterator[tuple[float, Invisible]]:
+    """How many of its standard deviations each parameter has where an arm has the effect; and that in words."""
+    robot = pool.observation.robot
+    joint = robot.joint_names.index(candidate.joints[0])
+    usual = effect_by_id(candidate.effect).usual(robot, joint)
+    for place, spread in zip(candidate.columns, spreads, strict=True):
+        column = pool.observation.columns[place]
+        size = abs(usual.values.get(column.parameter, 0.0)) if usual is not None else 0.0
+        if size > 0 and spread > 0:
+            known = f"{column.name} is known to ±{spread:.{_DIGITS}g} {column.unit} only"
+            why = f"an arm that has it has about {size:.{_DIGITS}g} {column.unit}, which need not have shown"
+            brief = f"{column.name} ±{spread:.{_DIGITS}g} of {size:.{_DIGITS}g} {column.unit}"
+            yield size / spread, Invisible(candidate.effect, candidate.joints, f"{known}; {why}", brief)
