@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import sys
+import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -107,6 +110,8 @@ def test_a_robot_made_from_another_one_has_its_meshes_and_so_has_its_bundle(live
     live.robots.send_meshes(first, folder_with(tmp_path, one=rod(), two=rod(0.2)))
     second = live.robots.create("arm on a wall", urdf=ARM, gravity=[9.81, 0, 0], meshes_of=first.id)
     assert [one["sha256"] for one in second["meshes"]] == [one["sha256"] for one in live.robots.get(first)["meshes"]]
+    with zipfile.ZipFile(io.BytesIO(b"".join(live.robots.bundle(second)))) as bundle:
+        assert {one["sha256"] for one in second["meshes"]} <= {name.rpartition("/")[2] for name in bundle.namelist()}
     live.robots.delete(first)
     assert top_of(live, second, 1) == pytest.approx(0.2)
     with pytest.raises(ProblemError) as refused:
@@ -142,3 +147,23 @@ def test_a_stock_arm_is_there_as_a_picture_of_a_few_thousand_triangles(live: Cli
     geometry = live.robots.geometry(robot)
     assert geometry["notes"] == []
     assert 500 < sum(len(one["triangles"]) for one in geometry["surfaces"]) <= 10_000
+
+
+@pytest.mark.parametrize("names", [("m/" + 300 * "x" + ".stl", "two.stl"), ("arm.stl", "arm.stl/two.stl")])
+def test_names_that_no_files_can_have_are_refused_with_the_name(
+    live: Client, tmp_path: Path, names: tuple[str, str]
+) -> None:
+    urdf = ARM.replace("package://arm/meshes/one.stl", names[0]).replace("package://arm/meshes/two.stl", names[1])
+    robot = live.robots.create("arm", urdf=urdf)
+    (tmp_path / "a.stl").write_bytes(rod())
+    with pytest.raises(ProblemError, match="no file can have the name of the mesh"):
+        live._transport.put_files(f"/v1/robots/{robot.id}/meshes", dict.fromkeys(names, tmp_path / "a.stl"))
+
+
+def test_meshes_that_come_at_once_are_all_there_and_in_the_picture(live: Client, tmp_path: Path) -> None:
+    robot = live.robots.create("arm", urdf=ARM)
+    folders = [folder_with(tmp_path / name, **{name: rod()}) for name in ("one", "two")]
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda folder: live.robots.send_meshes(robot, folder), folders))
+    assert all(one["sha256"] for one in live.robots.get(robot)["meshes"])
+    assert {one["frame"] for one in live.robots.geometry(robot)["surfaces"]} == {0, 1}

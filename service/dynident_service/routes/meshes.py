@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +17,7 @@ from dynident_service.models.robots import MeshesView
 from dynident_service.problems import unusable
 from dynident_service.routes.measurements import require_room
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.meshes import GEOMETRY, meshes_of, role_of
+from dynident_service.storage.meshes import GEOMETRY, meshes_of, named_meshes, role_of
 from dynident_service.storage.records import Owned
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
@@ -27,10 +27,11 @@ TAKE = "dynident_service.work.awaited:take_meshes"
 
 @dataclass(frozen=True)
 class Taken:
-    """Meshes of a robot, and what is stored for them."""
+    """Meshes that were read: what the robot is to own, of which files its geometry is (by name), what was no mesh."""
 
-    meshes: list[dict[str, Any]]
+    named: list[dict[str, Any]]
     objects: tuple[Owned, ...]
+    files: Mapping[str, Owned]
     unused: tuple[str, ...] = ()
 
 
@@ -50,12 +51,15 @@ async def put_meshes(
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as name:
         sent = await to_thread.run_sync(_receive, services, files, Path(name))
-        kept = meshes_of(robot)
-        taken = await _taken(request, services, robot.request, sent, kept, Path(name))
-        stored = await to_thread.run_sync(
-            services.resources.attach, "robot", robot_id, {"meshes": taken.meshes}, taken.objects
-        )
-    return MeshesView.model_validate({"meshes": (stored.result or {})["meshes"], "unused": taken.unused})
+        taken = await _taken(request, services, robot.request, sent, meshes_of(robot), Path(name))
+        unused = taken.unused
+        while True:
+            told = {"meshes": taken.named}
+            robot = await to_thread.run_sync(services.resources.attach, "robot", robot_id, told, taken.objects)
+            if meshes_of(robot) == taken.files:
+                return MeshesView.model_validate({"meshes": named_meshes(robot), "unused": unused})
+            # Others came meanwhile: the geometry is that of all of them.
+            taken = await _taken(request, services, robot.request, {}, meshes_of(robot), Path(name))
 
 
 @router.get("/{robot_id}/geometry")
@@ -86,9 +90,14 @@ async def inherited(
     kept = {name: file for name, file in meshes_of(source).items() if name in named}
     if not kept:
         return dict(described), ()
-    with tempfile.TemporaryDirectory(dir=services.settings.uploads_dir) as name:
+    folder = services.settings.uploads_dir
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as name:
         taken = await _taken(request, services, asked, {}, kept, Path(name))
-    return {**described, "meshes": taken.meshes}, taken.objects
+    owned = [
+        replace(taken.files[one["name"]], role=role_of(k)) for k, one in enumerate(taken.named) if one["name"] in kept
+    ]
+    return dict(described), (*taken.objects, *owned)
 
 
 def _receive(services: Services, files: Sequence[UploadFile], folder: Path) -> dict[str, Path]:
@@ -127,18 +136,13 @@ async def _taken(
     found = await services.awaited.call(request, TAKE, asked)
 
     def stored() -> Taken:
-        objects = [_put(services, GEOMETRY, geometry, "application/json")]
-        meshes = []
+        files = dict(kept)
+        new = [_put(services, GEOMETRY, geometry, "application/json")]
         for place, mesh in enumerate(found["meshes"]):
-            name, role = mesh["name"], role_of(place)
-            own = kept.get(name)
-            if name in found["chosen"]:
-                own = _put(services, role, sent[found["chosen"][name]], "application/octet-stream")
-            if own is not None:
-                objects.append(Owned(role, own.key, own.size, own.media_type))
-                mesh = {**mesh, "sha256": own.key, "size": own.size}
-            meshes.append(mesh)
-        return Taken(meshes, tuple(objects), tuple(found["unused"]))
+            if (file := found["chosen"].get(mesh["name"])) is not None:
+                files[mesh["name"]] = _put(services, role_of(place), sent[file], "application/octet-stream")
+                new.append(files[mesh["name"]])
+        return Taken(found["meshes"], tuple(new), files, tuple(found["unused"]))
 
     return await to_thread.run_sync(stored)
 

@@ -10,6 +10,7 @@ from dynident_service.models.robots import RobotRequest, RobotView
 from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, make, page_of
 from dynident_service.routes.meshes import inherited
 from dynident_service.services import ServicesDep
+from dynident_service.storage.meshes import named_meshes
 from dynident_service.storage.records import NewResource, Resource
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
@@ -50,6 +51,7 @@ def show(resource: Resource) -> RobotView:
     return RobotView.model_validate(
         {
             **(resource.result or {}),
+            "meshes": named_meshes(resource),
             "id": resource.id,
             "name": resource.name,
             "created_at": resource.created_at,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from dynident_service.storage.records import Owned, Resource
 
 GEOMETRY = "geometry"
@@ -17,3 +19,12 @@ def meshes_of(robot: Resource) -> dict[str, Owned]:
     named = enumerate((robot.result or {}).get("meshes", []))
     owned = ((one["name"], robot.objects.get(role_of(place))) for place, one in named)
     return {name: found for name, found in owned if found is not None}
+
+
+def named_meshes(robot: Resource) -> list[dict[str, Any]]:
+    """All meshes that a robot's description names, with hash and size of the files that it has."""
+    files = meshes_of(robot)
+    return [
+        {**one, "sha256": files[one["name"]].key, "size": files[one["name"]].size} if one["name"] in files else one
+        for one in (robot.result or {}).get("meshes", [])
+    ]

@@ -13,7 +13,14 @@ _PREFIXES = ("package://", "model://", "file://")
 
 def mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
     """The file that a mesh's name means, below one of the folders; `None` where there is none."""
-    return next((one for one in sought_files(uri, folders) if one.is_file()), None)
+    return next((one for one in sought_files(uri, folders) if _is_file(one)), None)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that no file can have
+        return False
 
 
 def sought_files(uri: str, folders: Iterable[Path]) -> list[Path]:
@@ -41,12 +48,22 @@ def _tails(path: Path, packaged: bool) -> list[Path]:
 
 
 def placed_below(folder: Path, files: Mapping[str, Path]) -> None:
-    """Make links in a folder, so that `mesh_file` finds there the files of meshes (by name)."""
+    """Make links in a folder, so that `mesh_file` finds there the files of meshes (by name).
+
+    Raises
+    ------
+    DynidentError
+        No file can have the name of a mesh, beside those of the others.
+    """
     for uri, file in files.items():
         link = sought_files(uri, [folder])[0]
-        link.parent.mkdir(parents=True, exist_ok=True)
-        if not link.exists():
-            link.symlink_to(file.resolve())
+        try:
+            link.parent.mkdir(parents=True, exist_ok=True)
+            if not link.exists():
+                link.symlink_to(file.resolve())
+        except (OSError, ValueError) as error:
+            detail = f"no file can have the name of the mesh {uri[:200]!r} ({error.__class__.__name__}); rename it"
+            raise DynidentError(detail, pointer="/files", title="Unusable name of a mesh") from None
 
 
 def matched(uris: Iterable[str], names: Sequence[str]) -> dict[str, str]:
