@@ -51,7 +51,10 @@ class Robots(Labelled[Robot]):
         found = [one for one in sorted(below.rglob("*")) if one.is_file() and one.name.casefold() in needed]
         if not found:
             raise ValueError(f"no file below {below} has the name of a mesh of the robot: {', '.join(sorted(needed))}")
-        files = {one.relative_to(below.parent).as_posix(): one for one in found}
+        return self.put_meshes(robot, {one.relative_to(below.parent).as_posix(): one for one in found})
+
+    def put_meshes(self, robot: Robot | str, files: Mapping[str, Path]) -> dict[str, Any]:
+        """Send files of meshes by their names, as `send_meshes` does those of a folder."""
         return dict(self._transport.put_files(f"{self.path}/{id_of(robot)}/meshes", files))
 
     def bundle(self, robot: Robot | str) -> Iterator[bytes]:

@@ -136,7 +136,7 @@ def test_what_is_no_mesh_of_the_robot_is_refused_with_its_name(live: Client, tmp
     assert [bool(one["sha256"]) for one in answer["meshes"]] == [True, False]
     table = live.robots.create("table", modified_dh={"joints": [{"alpha": 0, "d": 0, "theta": 0, "r": 0, "sigma": 0}]})
     with pytest.raises(ProblemError, match="names no meshes"):
-        live._transport.put_files(f"/v1/robots/{table.id}/meshes", {"one.stl": tmp_path / "arm/meshes/one.stl"})
+        live.robots.put_meshes(table, {"one.stl": tmp_path / "arm/meshes/one.stl"})
 
 
 def test_a_stock_arm_is_there_as_a_picture_of_a_few_thousand_triangles(live: Client) -> None:
@@ -157,7 +157,7 @@ def test_names_that_no_files_can_have_are_refused_with_the_name(
     robot = live.robots.create("arm", urdf=urdf)
     (tmp_path / "a.stl").write_bytes(rod())
     with pytest.raises(ProblemError, match="no file can have the name of the mesh"):
-        live._transport.put_files(f"/v1/robots/{robot.id}/meshes", dict.fromkeys(names, tmp_path / "a.stl"))
+        live.robots.put_meshes(robot, dict.fromkeys(names, tmp_path / "a.stl"))
 
 
 def test_meshes_that_come_at_once_are_all_there_and_in_the_picture(live: Client, tmp_path: Path) -> None:
