@@ -69,6 +69,34 @@ def test_the_windows_that_were_used_are_among_the_commands(
     assert again.held_out.relative_total == pytest.approx(found.held_out.relative_total, rel=1e-6)
 
 
+@pytest.mark.slow
+def test_files_with_other_columns_and_units_are_read_again_by_what_the_report_says(
+    desk: Path, robot: dy.Robot, tmp_path: Path
+) -> None:
+    lines = (desk / "run1.csv").read_text().splitlines()
+    ours = lines[0].replace('"', "").split(",")
+    place = next(index for index, name in enumerate(ours) if name.startswith("q"))
+    theirs = ["stamp" if name == "t" else f"axis {name}" for name in ours]
+    rows = [[float(value) for value in line.split(",")] for line in lines[1:]]
+    for row in rows:
+        row[place] = float(np.rad2deg(row[place]))
+    text = "\n".join([",".join(theirs), *(",".join(map(repr, row)) for row in rows)])
+    (tmp_path / "foreign.csv").write_text(text + "\n")
+    columns = dict(zip(ours, theirs, strict=True))
+    runs = dy.read_recordings(tmp_path / "foreign.csv", robot=robot, columns=columns, units={ours[place]: "deg"})
+    model = dy.identify(robot, runs)
+    page = dy.report(model).html
+    (line,) = (unescape(one) for one in re.findall(r"<li><code>(dynident .+?)</code></li>", page))
+    for name, content in re.findall(r"<dt>(\S+\.json)</dt><dd><code>(.+?)</code></dd>", page):
+        (tmp_path / name).write_text(unescape(content))
+    words = [{ROBOT: str(desk / "arm.urdf"), "foreign": "foreign.csv"}.get(word, word) for word in shlex.split(line)]
+    program = Path(sys.executable).with_name("dynident")
+    done = subprocess.run([program, *words[1:]], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+    again = dy.load_model(tmp_path / "model1.npz")
+    np.testing.assert_allclose(again.identification.values, model.identification.values, rtol=1e-6, atol=1e-9)
+
+
 def test_what_only_one_run_has_is_said_behind_its_command_and_not_put_into_all(
     runs: dy.Recordings, robot: dy.Robot
 ) -> None:

@@ -79,11 +79,12 @@ def file_options(reading: Reading, roles: Mapping[Path, str] | None = None) -> F
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """A checked measurement, and the file that it is from."""
+    """A checked measurement, the file that it is from, and what was said of it."""
 
     recording: Recording
     checks: tuple[Check, ...]
     path: Path
+    said: RecordingMetadata
 
 
 def robot_of(text: str, gains: str = "") -> Robot:
@@ -162,7 +163,8 @@ def _load(
         # Which of the files: the science knows columns, rows and times alone.
         error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
         raise
-    return Loaded(recording, tuple(replace(one, detail=_reworded(one.detail, metadata.name)) for one in checks), path)
+    told = tuple(replace(one, detail=_reworded(one.detail, metadata.name)) for one in checks)
+    return Loaded(recording, told, path, metadata)
 
 
 def _reworded(detail: str, name: str) -> str:

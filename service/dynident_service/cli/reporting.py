@@ -21,5 +21,7 @@ def reported_runs(
     for index, (item, tried) in enumerate(everything):
         share = part(progress, index / len(everything), (index + 1) / len(everything))
         compared = compare(identification, item.recording, share)
-        runs.append(ReportedRun(item.recording, compared, tried, item.checks, sha256=digest_of(item.path)))
+        runs.append(
+            ReportedRun(item.recording, compared, tried, item.checks, sha256=digest_of(item.path), said=item.said)
+        )
     return runs

@@ -13,13 +13,13 @@ from dynident.progress import part
 from dynident.reports import ReportedRun, ReportedValidation, html_report, pdf_of
 from dynident_service.adapters.answers import show_errors, show_figures
 from dynident_service.adapters.diagnoses import diagnosis_of
-from dynident_service.adapters.revisions import checks_of, revision_of
+from dynident_service.adapters.revisions import checks_of, metadata_of, revision_of
 from dynident_service.adapters.stored_designs import design_of
 from dynident_service.adapters.validation_tables import reported
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.measurements import MeasurementResult
+from dynident_service.models.measurements import MeasurementMetadata, MeasurementResult
 from dynident_service.models.reports import ReportFormat, ReportRequest, ReportResult
 from dynident_service.models.validations import ValidationResult
 from dynident_service.storage.records import Resource
@@ -70,10 +70,12 @@ def _runs(task: Task, request: ReportRequest, identification: Resource) -> list[
         progress = part(task.progress, 0.8 * index / len(shown), 0.8 * (index + 1) / len(shown))
         recording = recording_by_id(task, identifier)
         held_out = identifier not in asked.measurement_ids
-        shown_as = MeasurementResult.model_validate(task.resources.get("measurement", identifier).result)
+        stored = task.resources.get("measurement", identifier)
+        shown_as = MeasurementResult.model_validate(stored.result)
+        said = metadata_of(MeasurementMetadata.model_validate(stored.request))
         checks, edits = checks_of(shown_as.checks), tuple(revision_of(one) for one in shown_as.edits)
         compared = compare(model, recording, progress)
-        runs.append(ReportedRun(recording, compared, held_out, checks, edits, shown_as.sha256))
+        runs.append(ReportedRun(recording, compared, held_out, checks, edits, shown_as.sha256, said))
     return runs
 
 

@@ -91,7 +91,7 @@ def report(
     for index, (item, held_out) in enumerate(everything):
         share = part(progress, 0.8 * index / len(everything), 0.8 * (index + 1) / len(everything))
         comparison = compare(model.identification, item.recording, share)
-        said = ((), "") if item.source is None else (item.source.edits, item.source.sha256)
+        said = () if item.source is None else (item.source.edits, item.source.sha256, item.source.metadata)
         runs.append(ReportedRun(item.recording, comparison, held_out, item.checks, *said))
     heading = title or f"Identification of {model.robot.name}"
     page = html_report(

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
+from types import MappingProxyType
 
 from dynident.asking import default_of, said_of
 from dynident.effects import EffectChoice
 from dynident.effects.written import effect_text
 from dynident.identification import Identification, IdentificationChoices
 from dynident.kinds import Kind
-from dynident.recordings import Preprocessing, Recording
+from dynident.recordings import Preprocessing, Recording, RecordingMetadata
 from dynident.recordings.types import Windows
 
 ROBOT = "ROBOT"
@@ -19,7 +21,37 @@ ROBOT = "ROBOT"
 _DIGITS = ".9g"
 
 
-def commands(identification: Identification, recordings: Sequence[Recording] = ()) -> tuple[str, ...]:
+Said = Mapping[str, RecordingMetadata]
+"""What was said of the files of recordings, by the recordings' names."""
+
+
+def metadata_files(said: Said) -> dict[str, str]:
+    """The files for `--metadata` that the commands name, with what is in them: one of each recording that needs one."""
+    return {
+        _metadata_file(name): json.dumps(
+            {
+                "columns": dict(one.columns),
+                "units": dict(one.units),
+                **({} if one.effort_kind is None else {"effort_kind": one.effort_kind}),
+            }
+        )
+        for name, one in said.items()
+        if _is_needed(one)
+    }
+
+
+def _metadata_file(name: str) -> str:
+    return f"{name}.columns.json"
+
+
+def _is_needed(one: RecordingMetadata) -> bool:
+    """Whether a file cannot be read without what was said of it."""
+    return bool(one.columns or one.units or one.effort_kind)
+
+
+def commands(
+    identification: Identification, recordings: Sequence[Recording] = (), said: Said = MappingProxyType({})
+) -> tuple[str, ...]:
     """One command for the first model of a ladder and one for every rung; recordings go by their names.
 
     A rung for which something else was changed than the effects is identified anew. What only some runs have is said
@@ -29,12 +61,15 @@ def commands(identification: Identification, recordings: Sequence[Recording] = (
     ----------
     recordings : sequence of Recording, optional
         Those of the model, for the windows that were used of them.
+    said : mapping, optional
+        What was said of their files: see `metadata_files`.
     """
     found = []
     windows = {one.name: one.windows for one in recordings}
     for number, rung in enumerate(identification.ladder(), 1):
         files = [*rung.measurement_names, *(part for name in rung.validation_names for part in ("-v", name))]
-        files += _windows([*rung.measurement_names, *rung.validation_names], windows)
+        names = [*rung.measurement_names, *rung.validation_names]
+        files += [*_windows(names, windows), *_metadata(names, said)]
         before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
         if rung.parent is not None and rung.added:
             texts = ",".join(effect_text(choice, _DIGITS) for choice in rung.added)
@@ -53,6 +88,14 @@ def _windows(names: Sequence[str], windows: Mapping[str, Windows]) -> Iterator[s
     said = [(name, *one) for name in names for one in windows.get(name, ())]
     if said:
         yield from ("--windows", ",".join(f"{name}={start:{_DIGITS}}:{end:{_DIGITS}}" for name, start, end in said))
+
+
+def _metadata(names: Sequence[str], said: Said) -> Iterator[str]:
+    for name in names:
+        if name in said and _is_needed(said[name]):
+            yield from ("--metadata", f"{name}={_metadata_file(name)}")
+    for check in dict.fromkeys(check for name in names if name in said for check in said[name].accept):
+        yield from ("--accept", check)
 
 
 def _in_some_runs(choices: Sequence[EffectChoice]) -> str:

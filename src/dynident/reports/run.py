@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynident.diagnosis import Comparison
-from dynident.recordings import Check, Recording, Revision
+from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 
 
 @dataclass(frozen=True, eq=False)
@@ -13,7 +13,7 @@ class ReportedRun:
     """One recording, the checks it passed, and the model's prediction beside it.
 
     `held_out` is true where no parameter was fitted to it; `edits` is what was said of its file since it was uploaded,
-    `sha256` the file's own, "" where nobody knows it.
+    `sha256` the file's own, "" where nobody knows it; `said` what was said of it when it was read, where that is known.
     """
 
     recording: Recording
@@ -22,6 +22,7 @@ class ReportedRun:
     checks: tuple[Check, ...] = ()
     edits: tuple[Revision, ...] = ()
     sha256: str = ""
+    said: RecordingMetadata | None = None
 
     @property
     def name(self) -> str:

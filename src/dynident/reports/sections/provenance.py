@@ -10,7 +10,7 @@ from hashlib import sha256
 from importlib.metadata import version
 
 from dynident.identification import Identification
-from dynident.reports.commands import commands
+from dynident.reports.commands import commands, metadata_files
 from dynident.reports.run import ReportedRun
 from dynident.reports.section import Section
 from dynident.version import __version__
@@ -20,10 +20,12 @@ _PACKAGES = ("casadi", "numpy", "scipy", "pin", "pyarrow")
 
 @dataclass(frozen=True)
 class ProvenanceContent:
-    """Names and values; the commands that make the model again; where it can be looked at, "" where nobody knows."""
+    """Names and values; the commands that make the model again, and the files that these name, with what is in them;
+    where it can be looked at, "" where nobody knows."""
 
     facts: tuple[tuple[str, str], ...]
     commands: tuple[str, ...]
+    files: tuple[tuple[str, str], ...] = ()
     address: str = ""
 
 
@@ -46,5 +48,7 @@ def provenance_section(
         *((f"said anew of {run.name}", "; then ".join(map(str, run.edits))) for run in runs if run.edits),
         ("models before this one", str(len(list(identification.ladder())) - 1)),
     )
-    made = commands(identification, [run.recording for run in runs])
-    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts, made, address))
+    told = {run.name: run.said for run in runs if run.said is not None}
+    made = commands(identification, [run.recording for run in runs], told)
+    files = tuple(metadata_files(told).items())
+    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts, made, files, address))
