@@ -117,6 +117,10 @@ def _sizes(pool: Pool, candidate: Candidate, spreads: Sequence[float]) -> Iterat
         column = pool.observation.columns[place]
         size = abs(usual.values.get(column.parameter, 0.0)) if usual is not None else 0.0
         if size > 0 and spread > 0:
+            if not np.isfinite(spread):
+                why = f"beside the model and what was found these data do not determine {column.name}"
+                yield 0.0, Invisible(candidate.effect, candidate.joints, why, f"{column.name} undetermined")
+                continue
             known = f"{column.name} is known to ±{spread:.{_DIGITS}g} {column.unit} only"
             why = f"an arm that has it has about {size:.{_DIGITS}g} {column.unit}, which need not have shown"
             brief = f"{column.name} ±{spread:.{_DIGITS}g} of {size:.{_DIGITS}g} {column.unit}"
