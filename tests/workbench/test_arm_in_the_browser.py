@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from test_signals_in_the_browser import robot_of, stored
-from test_workbench import ask, model  # noqa: F401
+from test_workbench import ask
 from two_link_arm import URDF, write_recording
 
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
@@ -56,17 +56,6 @@ def test_the_arm_is_where_it_was_at_the_moment_under_the_cursor(page: Any, heard
     path = write_recording(tmp_path / "short.csv", seed=3, duration=10.0, rate=100.0)
     page.goto(f"/?view=recording&measurement={stored(page, robot_of(page), path)}")
     follows_the_cursor(page, "position ")
-    assert heard.complaints == []
-
-
-def test_the_arm_of_a_comparison_follows_the_cursor_too(page: Any, heard: Any, model: str) -> None:  # noqa: F811
-    page.goto(f"/?identification={model}&tab=compare")
-    page.locator(".joint-row .u-over").first.wait_for()
-    page.click(".arm-beside > summary")
-    page.locator("canvas.arm").wait_for()
-    before = page.locator("canvas.arm").get_attribute("data-origins")
-    page.locator(".joint-row .u-over").first.hover()
-    expect(page.locator("canvas.arm")).not_to_have_attribute("data-origins", before)
     assert heard.complaints == []
 
 

@@ -246,6 +246,17 @@ def test_a_zoom_fetches_every_sample_of_the_stretch(page: Any, model: str) -> No
     expect(page.locator("#zoom-state")).not_to_contain_text(f"{whole} samples")
 
 
+def test_the_arm_of_a_comparison_follows_the_cursor_too(page: Any, heard: Any, model: str) -> None:
+    page.goto(f"/?identification={model}&tab=compare")
+    page.locator(".joint-row .u-over").first.wait_for()
+    page.click(".arm-beside > summary")
+    page.locator("canvas.arm").wait_for()
+    before = page.locator("canvas.arm").get_attribute("data-origins")
+    page.locator(".joint-row .u-over").first.hover()
+    expect(page.locator("canvas.arm")).not_to_have_attribute("data-origins", before)
+    assert heard.complaints == []
+
+
 def test_an_effect_by_hand_that_does_not_help_is_added_with_a_warning(page: Any, model: str) -> None:
     open_tab(page, "Missing")
     page.locator("#by-hand > summary").click()

@@ -62,15 +62,15 @@ async def put_meshes(
             taken = await _taken(request, services, robot.request, {}, meshes_of(robot), Path(name))
 
 
-@router.get("/{robot_id}/geometry")
-def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView:
+@router.get("/{robot_id}/geometry", response_model=GeometryView)
+def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Response:
     """Show where the robot's links are: the frames of its joints, capsules around its collision geometry, and meshes.
 
     Meshes are there once their files have been sent to the robot's `meshes`.
     """
     robot = services.resources.get("robot", robot_id)
     if (stored := robot.objects.get(GEOMETRY)) is not None:
-        return Response(services.objects.get(stored.key), media_type="application/json")  # type: ignore[return-value]
+        return Response(services.objects.get(stored.key), media_type="application/json")
     from dynident_service.adapters.geometry import describe_geometry
     from dynident_service.adapters.robots import robot_of
 
@@ -127,13 +127,16 @@ async def _taken(
 ) -> Taken:
     """Have a child read the meshes, then put what came into the object store."""
     geometry = folder / "geometry.json"
-    asked = {
-        "request": dict(robot),
-        "sent": {name: str(file) for name, file in sent.items()},
-        "kept": {name: str(services.objects.path(one.key)) for name, one in kept.items()},
-        "destination": str(geometry),
-    }
-    found = await services.awaited.call(request, TAKE, asked)
+
+    def asked() -> dict[str, Any]:  # in a thread: files that are kept are compared with their hashes
+        return {
+            "request": dict(robot),
+            "sent": {name: str(file) for name, file in sent.items()},
+            "kept": {name: str(services.objects.path(one.key)) for name, one in kept.items()},
+            "destination": str(geometry),
+        }
+
+    found = await services.awaited.call(request, TAKE, await to_thread.run_sync(asked))
 
     def stored() -> Taken:
         files = dict(kept)

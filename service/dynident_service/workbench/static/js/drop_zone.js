@@ -2,7 +2,7 @@
 
 import { h, newId } from "./dom.js";
 
-/** `onFiles` is given the files that were dropped or chosen; of `folders` all that is below, each with its `pathInFolder`. */
+/** `onFiles` is given the files that were dropped or chosen; of `folders` all that is below and accepted, if any, each with its `pathInFolder`. */
 export function dropZone(text, { accept, multiple = false, folders = false, id = newId("files") }, onFiles) {
   const input = h("input", { type: "file", id, accept, multiple, onchange: () => take(input.files) });
   const zone = h("div", { class: "drop" }, h("label", { for: id }, text), input);
@@ -19,7 +19,7 @@ export function dropZone(text, { accept, multiple = false, folders = false, id =
   zone.addEventListener("drop", (event) => {
     event.preventDefault();
     zone.classList.remove("over");
-    if (folders) below(event.dataTransfer, accept.split(",")).then(take);
+    if (folders) below(event.dataTransfer, accept.split(",")).then(onFiles);
     else take(event.dataTransfer.files);
   });
   return zone;

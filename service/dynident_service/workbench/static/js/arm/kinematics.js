@@ -34,15 +34,15 @@ export function surfacesAt(geometry, frames) {
 /** The segments that the robot is drawn of, at these frames: { start, end, radius, frame }, in the base frame. */
 export function segmentsAt(geometry, frames, thin) {
   const segments = [];
-  const capped = new Set();
   // What has meshes is drawn by these.
-  const covered = new Set(geometry.surfaces.map((one) => one.frame));
-  for (const { frame, start, end, radius } of geometry.capsules.filter((one) => !covered.has(one.frame))) {
+  const meshed = new Set(geometry.surfaces.map((one) => one.frame));
+  const covered = new Set(meshed);
+  for (const { frame, start, end, radius } of geometry.capsules) {
+    if (meshed.has(frame)) continue;
     const pose = frame === null ? BASE : frames[frame];
-    capped.add(frame);
+    covered.add(frame);
     if (pose) segments.push({ start: placed(pose, start), end: placed(pose, end), radius, frame });
   }
-  for (const frame of capped) covered.add(frame);
   geometry.frames.forEach(({ parent }, place) => {
     // A link without geometry is a rod from its joint's origin to those of the next.
     if (!frames[place] || covered.has(parent)) return;

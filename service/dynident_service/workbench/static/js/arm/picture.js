@@ -44,6 +44,7 @@ function meshesForm(robot, onSent, signal) {
   const said = h("div");
   const rows = robot.meshes.map((one) => h("li", {}, one.sha256 ? "✓ " : "missing: ", h("code", {}, one.name), ` of ${one.links.join(", ")}`));
   const send = async (files) => {
+    if (!files.length) return void put(said, h("p", { class: "note" }, "There is no STL, OBJ, DAE or PLY file in it."));
     const given = new AbortController();
     signal.addEventListener("abort", () => given.abort());
     const stop = h("button", { type: "button", class: "small", onclick: () => given.abort() }, "Cancel");
