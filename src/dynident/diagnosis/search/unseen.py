@@ -121,7 +121,8 @@ def _sizes(pool: Pool, candidate: Candidate, spreads: Sequence[float]) -> Iterat
                 why = f"beside the model and what was found these data do not determine {column.name}"
                 yield 0.0, Invisible(candidate.effect, candidate.joints, why, f"{column.name} undetermined")
                 continue
-            known = f"{column.name} is known to ±{spread:.{_DIGITS}g} {column.unit} only"
-            why = f"an arm that has it has about {size:.{_DIGITS}g} {column.unit}, which need not have shown"
-            brief = f"{column.name} ±{spread:.{_DIGITS}g} of {size:.{_DIGITS}g} {column.unit}"
+            unit = "" if column.unit == "-" else f" {column.unit}"
+            known = f"{column.name} is known to ±{spread:.{_DIGITS}g}{unit} only"
+            why = f"an arm that has it has about {size:.{_DIGITS}g}{unit}, which need not have shown"
+            brief = f"{column.name} ±{spread:.{_DIGITS}g} of {size:.{_DIGITS}g}{unit}"
             yield size / spread, Invisible(candidate.effect, candidate.joints, f"{known}; {why}", brief)
