@@ -13,7 +13,6 @@ import { TimeView, timeButtons, timeGroup } from "../signals/time_view.js";
 
 const BUCKETS = 300; // stretches of the screen whose extremes are kept
 const HEIGHT = 128;
-const SI = { deg: Math.PI / 180, mm: 1e-3 };
 
 export class RawStack {
   constructor(measurement, windows, signal) {
@@ -75,11 +74,8 @@ export class RawStack {
   /** Where the joints were, in rad or m. */
   #motion() {
     if (!this.full) return null;
-    const { t, signals, units } = this.full;
-    return this.joints.map((joint) => {
-      const unit = SI[units[`q_${joint}`]] ?? 1;
-      return { t, q: signals[`q_${joint}`].map((value) => (value === null ? null : unit * value)) };
-    });
+    const { t, signals } = this.full;
+    return this.joints.map((joint) => ({ t, q: signals[`q_${joint}`] }));
   }
 
   #settled() {
