@@ -278,6 +278,10 @@ class Effect(ABC):
         """Whether this is friction that shows where its joint starts and stops: at low speed, or after a halt."""
         return False
 
+    def steep_at_rest(self, shape: Mapping[str, float]) -> bool:
+        """Whether this is a law of the speed that rises from rest, the steeper the slower the joint moves."""
+        return False
+
     def usual(self, robot: Robot, joint: int) -> Usual | None:
         """How large it is on a joint of a real arm (any, where the scope is the robot); None: nobody knows."""
         return None
