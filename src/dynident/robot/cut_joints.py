@@ -28,13 +28,21 @@ class End:
 class Loop:
     """Two frames that coincide: wholly, in their origins (a ball joint), or in the xy plane of the first (a pin).
 
-    `where` is its place in the description, for messages.
+    `equations` are those of its kind that count, all of them by default; `where`, `line` its place in the description,
+    for messages.
     """
 
     name: str
     kind: LoopKind
     ends: tuple[End, End]
     where: str = ""
+    line: int = 0
+    equations: tuple[int, ...] | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of its equations."""
+        return EQUATIONS[self.kind] if self.equations is None else len(self.equations)
 
 
 def sparse(matrix: FloatArray) -> ca.SX:
@@ -62,6 +70,11 @@ def frames_of_joints(joints: Sequence[Joint], q: ca.SX) -> list[tuple[ca.SX, ca.
 
 def gap_of(loop: Loop, frames: Sequence[tuple[ca.SX, ca.SX]]) -> ca.SX:
     """How far the two frames of a loop are apart, SX (equations, 1): m, and rad where they coincide wholly."""
+    whole = _whole_gap(loop, frames)
+    return whole if loop.equations is None else whole[list(loop.equations)]
+
+
+def _whole_gap(loop: Loop, frames: Sequence[tuple[ca.SX, ca.SX]]) -> ca.SX:
     (turned, first), (other, second) = (_placed(end, frames) for end in loop.ends)
     apart = ca.mtimes(turned.T, second - first)
     if loop.kind == "planar":

@@ -16,6 +16,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.cut_joints import Loop
+from dynident.robot.loop_equations import without_repeated
 from dynident.robot.loops import SINGULAR, Closure
 from dynident.robot.loops import TITLE as CLOSURE_TITLE
 from dynident.robot.pointers import listed
@@ -134,11 +135,15 @@ def followers_locked(ties: Mapping[str, Tie], locked: Mapping[str, float]) -> di
 
 @dataclass(frozen=True)
 class Cuts:
-    """What a description says of closed loops: the loops, the passive joints in them, where joints start (rad or m)."""
+    """What a description says of closed loops: the loops, the passive joints in them, where joints start (rad or m).
+
+    `repeated`: equations may say again what others say, and are then left out.
+    """
 
     loops: tuple[Loop, ...] = ()
     passive: tuple[str, ...] = ()
     starts: Mapping[str, float] = field(default_factory=dict)
+    repeated: bool = False
 
 
 def linked(
@@ -224,6 +229,8 @@ def _closure(
     low, high = (np.array(one) for one in zip(*bounds[: len(driven)], strict=True))
     names = tuple(joint.name for joint in free)
     closure = Closure(tree.joints, cuts.loops, ratios, offsets, start, low, high, names)
+    if cuts.repeated:
+        closure = without_repeated(closure)
     closure.check()
     return closure
 

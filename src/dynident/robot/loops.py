@@ -18,7 +18,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
-from dynident.robot.cut_joints import EQUATIONS, Loop, frames_of_joints, gap_of, sparse
+from dynident.robot.cut_joints import Loop, frames_of_joints, gap_of, sparse
 from dynident.robot.loop_numbers import condition_of, products
 from dynident.robot.model import Joint
 from dynident.robot.pointers import listed
@@ -117,11 +117,11 @@ class Closure:
 
     def movers(self, passive: int) -> tuple[int, ...]:
         """The driven joints that a passive coordinate moves with."""
-        return next((tuple(driven) for _, unknowns, driven in self._groups if passive in unknowns), ())
+        return next((tuple(driven) for _, unknowns, driven in self.groups if passive in unknowns), ())
 
     def conditions(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Largest gap (m,) in m or rad, and the condition (m,) of ∂φ/∂x, at driven positions (m, n)."""
-        gap, slopes = self._evaluated(q, self.passive(q))
+        gap, slopes = self.evaluated(q, self.passive(q))
         return np.abs(gap).max(axis=1), condition_of(slopes)
 
     def check(self) -> FloatArray:
@@ -134,8 +134,8 @@ class Closure:
             passive joint free, or are singular where they start.
         """
         self._check_counts()
-        posture = self._closed_start()
-        _, slopes = self._evaluated(posture[None, : self.n], posture[None, self.n :])
+        posture = self.closed_start()
+        _, slopes = self.evaluated(posture[None, : self.n], posture[None, self.n :])
         condition = float(condition_of(slopes)[0])
         if condition > SINGULAR:
             self._check_rank(posture)
@@ -152,7 +152,7 @@ class Closure:
         while sum(map(len, kept)) < count:
             q = rng.uniform(self.low, self.high, (2 * count, self.n))
             x, fine = self.follow(q)
-            fine &= condition_of(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
+            fine &= condition_of(self.evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
             self._check_reach(fine)
             kept.append(q[fine])
         return np.vstack(kept)[:count]
@@ -170,7 +170,7 @@ class Closure:
         for k in range(1, count + 1):
             here, before = posture[: self.n] + away * (k / count), x
             for _ in range(2 if k < count else 5):
-                gap, slopes = self._evaluated(here, x)
+                gap, slopes = self.evaluated(here, x)
                 good = condition_of(slopes) < SINGULAR
                 fine &= good
                 slopes[~fine] = np.eye(self.p)
@@ -178,7 +178,7 @@ class Closure:
                 x = x - np.linalg.solve(slopes, gap[:, :, None])[:, :, 0]
             # What leaps has left its branch.
             fine &= np.abs(x - before).max(axis=1) < _LEAP
-        gap, slopes = self._evaluated(q, x)
+        gap, slopes = self.evaluated(q, x)
         return x, fine & (np.abs(gap).max(axis=1) < _FOUND) & (condition_of(slopes) < SINGULAR)
 
     @cached_property
@@ -206,7 +206,7 @@ class Closure:
     def _passive(self) -> Program:
         return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])))
 
-    def _evaluated(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def evaluated(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """φ (m, e) and ∂φ/∂x (m, e, p)."""
         values = self._program(np.ascontiguousarray(q), np.ascontiguousarray(x))
         whole = values.reshape(len(q), 1 + self.p, -1)
@@ -214,8 +214,8 @@ class Closure:
 
     def _check_counts(self) -> None:
         touched: set[int] = set()
-        for rows, unknowns, driven in self._groups:
-            loop = self._loop_of(rows[0])
+        for rows, unknowns, driven in self.groups:
+            loop = self.loop_of(rows[0])
             touched |= set(unknowns)
             if not driven:
                 raise _error(
@@ -249,11 +249,11 @@ class Closure:
         """Raise where equations say the same thing twice wherever one looks."""
         rng = np.random.default_rng(0)
         near = posture + 0.2 * rng.uniform(-1, 1, (20, len(posture)))
-        _, slopes = self._evaluated(near[:, : self.n], near[:, self.n :])
-        for rows, unknowns, _ in self._groups:
+        _, slopes = self.evaluated(near[:, : self.n], near[:, self.n :])
+        for rows, unknowns, _ in self.groups:
             part = slopes[:, rows][:, :, unknowns]
             if np.all(np.linalg.cond(part) > SINGULAR):
-                loop = self._loop_of(rows[0])
+                loop = self.loop_of(rows[0])
                 raise _error(
                     f"Loop '{loop.name}' has redundant constraints: its {len(rows)} equations are not independent in "
                     "any posture nearby, so that they cannot determine "
@@ -262,30 +262,38 @@ class Closure:
                     loop,
                 )
 
-    def _closed_start(self) -> FloatArray:
+    def closed_start(self) -> FloatArray:
+        """The posture (n + p,) in which the loops are closed with the driven joints at their start.
+
+        Raises
+        ------
+        DynidentError
+            There is none near the start (gap there, and at best).
+        """
         posture = self.start.copy()
-        first, _ = self._evaluated(posture[None, : self.n], posture[None, self.n :])
+        first, _ = self.evaluated(posture[None, : self.n], posture[None, self.n :])
         for _ in range(_ROUNDS):
-            gap, slopes = self._evaluated(posture[None, : self.n], posture[None, self.n :])
+            gap, slopes = self.evaluated(posture[None, : self.n], posture[None, self.n :])
             if np.abs(gap).max() < 1e-14 * max(1.0, self.size):
                 break
             move = np.linalg.lstsq(slopes[0], -gap[0], rcond=1e-10)[0]
             posture[self.n :] += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
-        gap, _ = self._evaluated(posture[None, : self.n], posture[None, self.n :])
+        gap, _ = self.evaluated(posture[None, : self.n], posture[None, self.n :])
         if np.abs(gap).max() > CLOSED:
             row = int(np.argmax(np.abs(gap[0])))
-            loop = self._loop_of(row)
-            rows = self._rows_of(loop)
+            loop = self.loop_of(row)
+            rows = self.rows_of(loop)
             raise _error(
                 f"Loop '{loop.name}' does not close: with the driven joints at their start its frames are "
                 f"{float(np.linalg.norm(first[0, rows])):.3g} m apart, and {float(np.linalg.norm(gap[0, rows])):.3g} m "
-                "at best. Correct the lengths, or state a `start` of the joints near a posture in which it closes.",
+                "at best. Correct the lengths, or state a `start` of the joints near a posture in which it closes (in "
+                "MJCF: the first <key qpos=…/>).",
                 loop,
             )
         return posture
 
     @cached_property
-    def _groups(self) -> list[tuple[list[int], list[int], list[int]]]:
+    def groups(self) -> list[tuple[list[int], list[int], list[int]]]:
         """Equations, passive coordinates and driven joints that hang together."""
         over_driven, over_passive = (np.asarray(ca.DM(one.sparsity(), 1.0).full() != 0) for one in self.slopes)
         left = set(range(over_passive.shape[0]))
@@ -310,7 +318,7 @@ class Closure:
         q = rng.uniform(self.low, self.high, (_SAMPLES, self.n))
         q[: _SAMPLES // 8] = self._posture[: self.n] + 0.3 * (q[: _SAMPLES // 8] - self._posture[: self.n])
         x, fine = self.follow(q)
-        fine &= condition_of(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
+        fine &= condition_of(self.evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
         self._check_reach(fine)
         q, x = q[fine], x[fine]
         work = self._step.n_instructions()
@@ -336,7 +344,7 @@ class Closure:
         middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
         scaled, symbols = (q - middle) / half, (driven - ca.DM(middle)) / ca.DM(half)
         guess = ca.SX.zeros(self.p, 1)
-        for _, unknowns, movers in self._groups:
+        for _, unknowns, movers in self.groups:
             own = min(degree, _HIGHEST.get(len(movers), 4))
             terms = np.stack([np.ones(len(q)), *products(list(scaled[:, movers].T), own)], axis=1)
             weights = np.linalg.lstsq(terms, x[:, unknowns], rcond=1e-12)[0]
@@ -360,7 +368,7 @@ class Closure:
                 return rounds + 1
             if np.quantile(far, 0.998) < _NEARLY:
                 return rounds + 2
-            gap, slopes = self._evaluated(q, found)
+            gap, slopes = self.evaluated(q, found)
             found = found - np.linalg.solve(slopes, gap[:, :, None])[:, :, 0]
         return None
 
@@ -373,17 +381,19 @@ class Closure:
                 self.loops[0],
             )
 
-    def _loop_of(self, row: int) -> Loop:
-        return next(loop for loop in self.loops if row in self._rows_of(loop))
+    def loop_of(self, row: int) -> Loop:
+        """The loop that an equation is of."""
+        return next(loop for loop in self.loops if row in self.rows_of(loop))
 
-    def _rows_of(self, loop: Loop) -> list[int]:
+    def rows_of(self, loop: Loop) -> list[int]:
+        """Places of a loop's equations."""
         first = 0
         for other in self.loops:
             if other is loop:
                 break
-            first += EQUATIONS[other.kind]
-        return list(range(first, first + EQUATIONS[loop.kind]))
+            first += other.count
+        return list(range(first, first + loop.count))
 
 
 def _error(detail: str, loop: Loop) -> DynidentError:
-    return DynidentError(detail, pointer=loop.where, title=TITLE)
+    return DynidentError(f"line {loop.line}: {detail}" if loop.line else detail, pointer=loop.where, title=TITLE)

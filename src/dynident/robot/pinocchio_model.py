@@ -81,7 +81,7 @@ def from_pinocchio(
         detail = f"The description has {len(moving)} moving joints; at most {MOST_JOINTS} are supported."
         raise DynidentError(detail, pointer=pointer, title="Unusable robot description")
     check_names(settings, moving, fixed)
-    model = _locked(model, settings.locked_joints)
+    model = locked(model, settings.locked_joints)
     joints = tuple(
         replace(
             joint,
@@ -109,7 +109,8 @@ def from_pinocchio(
     )
 
 
-def _locked(model: PinocchioModel, values: Mapping[str, float]) -> PinocchioModel:
+def locked(model: PinocchioModel, values: Mapping[str, float]) -> PinocchioModel:
+    """The model with joints held at positions (rad, m) by their names; its frames stay."""
     if not values:
         return model
     configuration = pin.neutral(model)
