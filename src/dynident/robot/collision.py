@@ -52,7 +52,7 @@ class CollisionGeometry:
 def collision_geometry(
     robot: Robot, *, mesh_folders: Sequence[Path] = (), link_radius: float | None = None
 ) -> CollisionGeometry:
-    """The collision geometry of a robot's description.
+    """The collision geometry of a robot's description; its joints are those of the robot's tree.
 
     A URDF has it in <collision>: boxes, cylinders, spheres, capsules, and meshes, which count by the convex hulls of a
     few slices. A modified Denavit-Hartenberg table has it in `capsules`. The shapes of an MJCF are not read.
@@ -70,6 +70,7 @@ def collision_geometry(
     DynidentError
         A shape in the description is not one (line, link); or folders are named, and none holds any of the meshes.
     """
+    robot = robot.tree
     shapes: dict[int, list[Shape]] = {index: [] for index in range(BASE, robot.n)}
     surfaces: dict[int, list[Surface]] = {index: [] for index in range(BASE, robot.n)}
     names = {BASE: "base"}

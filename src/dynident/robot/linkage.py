@@ -69,15 +69,14 @@ class Linkage:
         if self.closure is None:
             return np.broadcast_to(self.ratios, (len(q), *self.ratios.shape))
         n, x = q.shape[1], self.closure.passive(q)
-        slopes = np.array([np.asarray(self.closure.rates(*state)) for state in zip(q, x, strict=True)])
+        slopes = self.closure.rates_at(q, x)
         return np.asarray(self.ratios[:, :n] + self.ratios[:, n:] @ slopes)
 
     def motion(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Position, velocity and acceleration of all joints (m, N) from those of the driven ones (m, n)."""
         if self.closure is None:
             return self.positions(q), dq @ self.ratios.T, ddq @ self.ratios.T
-        states = zip(q, self.closure.passive(q), dq, ddq, strict=True)
-        passive = np.array([np.asarray(self.closure.accelerations(*state)).ravel() for state in states])
+        passive = self.closure.accelerations_at(q, self.closure.passive(q), dq, ddq)
         speed = np.einsum("mij,mj->mi", self.rates(q), dq)
         return self.positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
 

@@ -30,7 +30,9 @@ CLOSED = 1e-9
 """Gap of a closed loop (m, rad): rounding."""
 SINGULAR = 1e3
 """Condition of ∂φ/∂x above which a posture counts as singular."""
-_FOUND, _LEAP, _FAR_FROM_SINGULAR = 1e-13, 1.0, 30.0
+FAR_FROM_SINGULAR = 30.0
+"""Condition below which passive positions are known surely; designs stay there."""
+_FOUND, _LEAP = 1e-13, 1.0
 _STEP, _MOST_STEPS, _ROUNDS = 0.1, 80, 40
 _PIVOT_SAMPLES, _LEAST_REACHED = 200, 0.02
 
@@ -113,6 +115,35 @@ class Closure:
         """(∂φ/∂x)⁻¹ right, SX (p, k) of expressions SX (equations, k)."""
         return solved(self.slopes[1], right, self._pivots)
 
+    def rates_at(self, q: FloatArray, x: FloatArray) -> FloatArray:
+        """∂x/∂q_a (m, p, n) at driven and passive positions (m, n) and (m, p)."""
+        values = self._rates(np.ascontiguousarray(q), np.ascontiguousarray(x))
+        return np.swapaxes(values.reshape(len(q), self.n, self.p), 1, 2)
+
+    def accelerations_at(self, q: FloatArray, x: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        """ẍ (m, p) of driven motions q, dq, ddq (m, n) and passive positions x (m, p)."""
+        return self._accelerations(*(np.ascontiguousarray(one) for one in (q, x, dq, ddq)))
+
+    def nearness(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """ln of the condition (m,) of ∂φ/∂x, and its slopes (m, n) over the driven positions q (m, n).
+
+        Where the loops are open or singular it is infinite, without a slope.
+        """
+        x = self.passive(q)
+        gap, slopes = self.evaluated(q, x)
+        known = (np.abs(gap).max(axis=1) < CLOSED) & (condition_of(slopes) < SINGULAR)
+        left, values, right = np.linalg.svd(np.where(known[:, None, None], slopes, np.eye(self.p)))
+        bends = self._bends(np.ascontiguousarray(q), np.ascontiguousarray(x))
+        bends = bends.reshape(len(q), self.n, self.p, self.p).swapaxes(2, 3)
+
+        def slope_of(k: int) -> FloatArray:
+            """∂ ln σ_k / ∂q_a (m, n)."""
+            along = np.einsum("mi,mjik,mk->mj", left[:, :, k], bends, right[:, k])
+            return np.asarray(along / values[:, k, None])
+
+        found = np.where(known, np.log(values[:, 0] / values[:, -1]), np.inf)
+        return found, np.where(known[:, None], slope_of(0) - slope_of(-1), 0.0)
+
     def passive(self, q: FloatArray) -> FloatArray:
         """Passive coordinates (m, p) at driven positions (m, n)."""
         return self._passive(np.ascontiguousarray(q, dtype=np.float64))
@@ -154,7 +185,7 @@ class Closure:
         while sum(map(len, kept)) < count:
             q = rng.uniform(self.low, self.high, (2 * count, self.n))
             x, fine = self.follow(q)
-            fine &= condition_of(self.evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
+            fine &= condition_of(self.evaluated(q, x)[1]) < FAR_FROM_SINGULAR
             self._check_reach(fine)
             kept.append(q[fine])
         return np.vstack(kept)[:count]
@@ -171,7 +202,7 @@ class Closure:
         at_low, at_high = rng.uniform(size=(2, *q[edge].shape)) < 0.35
         q[edge] = np.where(at_low, self.low, np.where(at_high, self.high, q[edge]))
         x, fine = self.follow(q)
-        fine &= condition_of(self.evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
+        fine &= condition_of(self.evaluated(q, x)[1]) < FAR_FROM_SINGULAR
         self._check_reach(fine)
         return q[fine], x[fine]
 
@@ -218,6 +249,25 @@ class Closure:
     @cached_property
     def _program(self) -> Program:
         return Program(list(self.symbols), ca.densify(ca.horzcat(self.gaps, self.slopes[1])))
+
+    @cached_property
+    def _rates(self) -> Program:
+        return Program(list(self.symbols), ca.densify(self.rates(*self.symbols)))
+
+    @cached_property
+    def _accelerations(self) -> Program:
+        rate, acceleration = ca.SX.sym("dqa", self.n), ca.SX.sym("ddqa", self.n)
+        value = self.accelerations(*self.symbols, rate, acceleration)
+        return Program([*self.symbols, rate, acceleration], ca.densify(value))
+
+    @cached_property
+    def _bends(self) -> Program:
+        """d(∂φ/∂x)/dq_a, each driven joint's p x p behind that of the one before."""
+        free, rates = ca.vertcat(*self.symbols), self.rates(*self.symbols)
+        ways = ca.vertcat(ca.SX.eye(self.n), rates)
+        flat = ca.vec(ca.densify(self.slopes[1]))
+        made = [ca.jtimes(flat, free, ca.densify(ways[:, j])) for j in range(self.n)]
+        return Program(list(self.symbols), ca.densify(ca.vertcat(*made)))
 
     @cached_property
     def _passive(self) -> Program:
