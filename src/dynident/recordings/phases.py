@@ -8,7 +8,7 @@ within what the filters smear: only friction that remembers the path (presliding
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from math import ceil
@@ -69,6 +69,8 @@ class Phase(IntEnum):
     MOVING = 0
     REVERSING = 1
     STANDING = 2
+    PASSIVE_HALT = 3
+    """It moves, but a joint with friction that follows it turns round or stands."""
 
 
 PhaseArray = NDArray[np.int8]
@@ -152,8 +154,13 @@ _known: WeakKeyDictionary[Recording, Phases] = WeakKeyDictionary()
 def phases_of(recording: Recording) -> Phases:
     """The phases of a recording, found once."""
     if recording not in _known:
-        _known[recording] = Phases(tuple(_in_segment(recording, k) for k in range(len(recording.segments))))
+        _known[recording] = phases_of_others(recording, lambda q: q, recording.n)
     return _known[recording]
+
+
+def phases_of_others(recording: Recording, positions: Callable[[FloatArray], FloatArray], n: int) -> Phases:
+    """The phases of n joints whose positions (m, n) follow from those of the recorded joints, sample by sample."""
+    return Phases(tuple(_in_segment(recording, k, positions, n) for k in range(len(recording.segments))))
 
 
 def phase_shares(recording: Recording) -> PhaseShares:
@@ -172,19 +179,21 @@ def phase_shares(recording: Recording) -> PhaseShares:
     return PhaseShares(shares[Phase.STANDING], shares[Phase.REVERSING])
 
 
-def _in_segment(recording: Recording, index: int) -> tuple[Halts, ...]:
-    """The halts of all joints in a segment, from its raw positions, read twice in blocks."""
+def _in_segment(
+    recording: Recording, index: int, positions: Callable[[FloatArray], FloatArray], n: int
+) -> tuple[Halts, ...]:
+    """The halts of n joints in a segment, from its raw positions, read twice in blocks."""
     segment, rate = recording.segments[index], recording.sampling_rate
 
     def blocks() -> Iterator[FloatArray]:
         for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH):
-            yield rows.q
+            yield positions(rows.q)
 
-    paths = _survey(blocks(), recording.n, rate)
+    paths = _survey(blocks(), n, rate)
     whole = segment.start_time, segment.start_time + max(segment.length - 1, 0) / rate
     runs = [_Runs() if path.moves else None for path in paths]
     reach = max((path.reach for path in paths), default=1)
-    held, first = np.zeros((0, recording.n)), 0
+    held, first = np.zeros((0, n)), 0
     for q in blocks():
         joined = np.concatenate([held, q])
         for j, (path, run) in enumerate(zip(paths, runs, strict=True)):

@@ -142,7 +142,7 @@ def gather(
     collected = Collected([len(columns) for _, columns in layout], _KINDS, int(total / usual) + several)
     done, free = 0.0, np.ones(n, dtype=bool)
     for recording, periods in zip(recordings, repeats, strict=True):
-        phases = RowPhases.of(observation, recording, preprocessing).about(frictional)
+        phases = RowPhases.of(observation, recording, preprocessing, n_base).about(frictional)
         free &= phases.free
         if samples_of is None:
             given: Iterable[FilteredSamples] = filtered_samples(
