@@ -18,6 +18,7 @@ from dynident.errors import DynidentError
 from dynident.export.mjcf import to_mjcf
 from dynident.export.urdf import to_urdf
 from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.identification.imports.inspecting import inspect_file
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot, to_pinocchio
 from dynident.robot.modified_dh import robot_from_modified_dh
@@ -127,3 +128,16 @@ def test_the_palletiser_of_the_page_is_read() -> None:
     robot = robot_from_modified_dh("palletiser", text[1])
     assert robot.joint_names == ("yaw", "arm", "lever", "flange")
     assert json.loads(text[1])["loops"] == palletiser()["loops"]
+
+
+def test_a_file_of_a_machine_with_loops_is_understood_from_its_driven_joints(tmp_path: Path) -> None:
+    robot = machine("palletiser")
+    rows = next(iter(recorded(robot, 1).source.rows(0, 3000, 3000)))
+    t = np.arange(3000) / RATE
+    names = ["t", *(f"q_{name}" for name in robot.joint_names), *(f"tau_{name}" for name in robot.joint_names)]
+    np.savetxt(
+        tmp_path / "run.csv", np.column_stack([t, rows.q, rows.tau]), delimiter=",", header=",".join(names), comments=""
+    )
+    found = inspect_file(tmp_path / "run.csv", robot)
+    told = {one.field: one.value for one in found.proposal.guesses}
+    assert told["effort_kind"] == "joint_torque"
