@@ -86,11 +86,13 @@ class RowPhases:
         standing = self.phases.at(segment, t, self.margin) == Phase.STANDING
         return np.asarray(~standing | ~self.starting)
 
-    def partial(self, found: PhaseArray, held: FloatArray | None) -> BoolArray:
-        """(m, n): rows beside a halt that say something of motion.
+    def partial(self, segment: int, t: FloatArray, found: PhaseArray, held: FloatArray | None) -> BoolArray:
+        """(m, n): rows beside a halt that say something of motion, where no joint that follows halts as well.
 
         Parameters
         ----------
+        segment, t
+            Number of the segment, and times (m,) of the rows.
         found : (m, n)
             Phases of the rows.
         held : (m, n), optional
@@ -98,16 +100,21 @@ class RowPhases:
         """
         if held is None:
             return np.zeros(found.shape, dtype=bool)
-        return np.asarray((found == Phase.STANDING) & (held > _TOLD) & self.starting)
+        beside = (found == Phase.STANDING) & (held > _TOLD) & self.starting
+        return np.asarray(beside & ~self._followers_halt(segment, t, 0.0))
+
+    def _followers_halt(self, segment: int, t: FloatArray, after: float) -> BoolArray:
+        """(m, n): where a rubbed joint that follows, and that the joint moves, turns round or stands."""
+        if self.passive is None or self.felt is None:
+            return np.zeros((len(t), len(self.frictional)), dtype=bool)
+        halts = self.passive.at(segment, t, self.width, after) != Phase.MOVING
+        return np.asarray((halts[:, None, :] & self.felt).any(axis=2))
 
     def at(self, segment: int, t: FloatArray, after: float = 0.0) -> PhaseArray:
         """(m, n): phases at times t (m,) of a segment; `after`: seconds that a halt is felt beside the filters."""
         found = self.phases.at(segment, t, self.width, after)
         found[:, ~self.frictional] = Phase.MOVING
-        if self.passive is not None and self.felt is not None:
-            halts = self.passive.at(segment, t, self.width, after) != Phase.MOVING
-            beside = (halts[:, None, :] & self.felt).any(axis=2)
-            found[beside & (found != Phase.STANDING)] = Phase.PASSIVE_HALT
+        found[self._followers_halt(segment, t, after) & (found != Phase.STANDING)] = Phase.PASSIVE_HALT
         return found
 
     def used(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:

@@ -287,7 +287,7 @@ def reduce_recordings(
         for samples in given:
             rows = samples.rows(layout)
             phase = phases.at(samples.segment, samples.t)
-            partial = phases.partial(phase, samples.held)
+            partial = phases.partial(samples.segment, samples.t, phase, samples.held)
             beside = None
             if resting is not None and samples.at_rest is not None:
                 beside = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in range(n)]

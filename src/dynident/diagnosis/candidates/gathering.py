@@ -156,7 +156,7 @@ def gather(
                 segment = samples.segment
                 stretches.begin_run(recording.run_label(segment), periods[segment])
             phase = phases.at(segment, samples.t)
-            beside = phases.partial(phase, samples.held)
+            beside = phases.partial(segment, samples.t, phase, samples.held)
             collected.push(
                 stretches.of(samples.t),
                 samples.rows(layout),
