@@ -134,10 +134,15 @@ def test_a_file_of_a_machine_with_loops_is_understood_from_its_driven_joints(tmp
     robot = machine("palletiser")
     rows = next(iter(recorded(robot, 1).source.rows(0, 3000, 3000)))
     t = np.arange(3000) / RATE
-    names = ["t", *(f"q_{name}" for name in robot.joint_names), *(f"tau_{name}" for name in robot.joint_names)]
-    np.savetxt(
-        tmp_path / "run.csv", np.column_stack([t, rows.q, rows.tau]), delimiter=",", header=",".join(names), comments=""
-    )
-    found = inspect_file(tmp_path / "run.csv", robot)
-    told = {one.field: one.value for one in found.proposal.guesses}
-    assert told["effort_kind"] == "joint_torque"
+    passive = robot.linkage.positions(rows.q)[:, list(robot.linkage.passive)]
+    # Encoders of passive joints, whose names begin as those of driven ones: forearm and arm, and a rod.
+    of_passive = [f"q_{robot.tree.joint_names[j]}" for j in robot.linkage.passive]
+    of_driven = [f"{signal}_{name}" for signal in ("q", "tau") for name in robot.joint_names]
+    columns = np.column_stack([t, passive, rows.q, rows.tau])
+    header = ",".join(["t", *of_passive, *of_driven])
+    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header=header, comments="")
+    found = inspect_file(tmp_path / "run.csv", robot).proposal
+    assert found.effort_kind == "joint_torque"
+    assert found.is_sure
+    assert [found.columns[f"q{k}"] for k in range(1, 5)] == [f"q_{name}" for name in robot.joint_names]
+    assert any("q_forearm, q_rod" in one.value and "not driven" in one.reason for one in found.guesses)
