@@ -13,8 +13,9 @@ from resting import COULOMB, MOVES, NOISE, PERIOD, resting_motion, resting_torqu
 from test_scoring_and_gate import judged
 
 from dynident.diagnosis import compare, diagnose
+from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.search import choosing
-from dynident.diagnosis.search.acceptance import shadowed
+from dynident.diagnosis.search.acceptance import acceptable, shadowed
 from dynident.diagnosis.search.state import State
 from dynident.diagnosis.search.sticking import Halts, extrapolated, halts_of
 from dynident.effects import CATALOGUE, EffectChoice
@@ -244,3 +245,18 @@ def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_mi
     for rival, name in ((offset, "offset"), (poor, "gravity_compensator")):
         found = choosing.choose(data, None, state, [spring, rival])
         assert (found and found[0].candidate.effect, found and found[0].p) == (name, 0.008)
+
+
+def test_a_cable_that_helps_one_of_its_two_joints_alone_is_a_function_of_that_joint():
+    data = SimpleNamespace(counts=lambda columns: np.ones((40, 2)))
+    state = State((), np.ones(2), 0.1 * np.ones(2), ())
+    before = np.column_stack([np.linspace(4.0, 5.0, 40), np.linspace(9.0, 10.0, 40)])
+
+    def cable(left: tuple[float, float]) -> JudgedCandidate:
+        return judged(
+            np.ones(40), name="cable_force", joints=(0, 1), before=before, after=before * left, p=1e-3, drop=0.8
+        )
+
+    assert acceptable(state, data, cable((0.5, 0.1)))
+    assert not acceptable(state, data, cable((1.0, 0.1)))
+    assert not acceptable(state, data, cable((0.99, 0.1)))

@@ -97,3 +97,22 @@ def test_free_turns_are_never_taken_for_sticking(frequency, amplitude, rate, cou
 def test_the_width_of_a_halt_is_that_of_the_lower_filter():
     assert width_of(Preprocessing(10.0, 5.0), 1000.0) == pytest.approx(0.2005)
     assert width_of(Preprocessing(None, None), 100.0) == pytest.approx(0.015)
+
+
+def test_what_hardly_creeps_in_one_run_stands_there_and_is_no_slow_joint():
+    rate = 400.0
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 8.0, 1.0 / rate)
+    sweep = 0.8 * np.sin(2 * np.pi * 0.3 * t)
+    # Some 0.4 mrad/s: an encoder that counts four times a second says nothing of the direction.
+    creep = 0.8 + 3e-3 * t / t[-1]
+    q = np.concatenate([sweep, creep])[:, None] + 0.2 * QUANTUM * rng.normal(size=(2 * len(t), 1))
+    time = np.concatenate([t, t + 60.0])
+    made = recording_from_arrays(
+        time, np.round(q / QUANTUM) * QUANTUM, np.zeros_like(q), joint_names=("joint1",), name="two runs"
+    )
+    assert len(made.segments) == 2
+    inside = np.arange(0.5, 7.5, 0.01)
+    moving, creeping = (phases_of(made).at(k, made.segments[k].start_time + inside, 0.0)[:, 0] for k in (0, 1))
+    assert (moving == Phase.STANDING).mean() < 0.1
+    assert (creeping == Phase.STANDING).all()

@@ -37,7 +37,8 @@ from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.threads import single_threaded
 
-DEFAULT_MOST_EFFECTS = 8
+DEFAULT_MOST_EFFECTS = 12
+"""Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds how long it takes."""
 # Hz, where the torque is not filtered: an arm's motion and what answers to it.
 _BAND = 20.0
 

@@ -207,7 +207,8 @@ class Effect(ABC):
 
     `is_inertia`: the links' and rotors' own, which are the robot itself. `of_position`: a function of positions and the
     direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of the
-    session. `is_rough`: its formula only resembles what it stands for. `sits_on`: where some joints follow others,
+    session. `is_rough`: its formula only resembles what it stands for. `pulls_on_each`: it acts on all joints that it
+    reaches, and on each by enough to be seen there. `sits_on`: where some joints follow others,
     links hang on all joints of the tree, motors on the driven ones alone. `in_some_runs`: it is the same function as
     the model itself unless it is in some of the runs only. `holds_at_rest`: all of its one parameter holds a joint that
     stands, whatever its shape constants, of which one says how fast it falls off. `may_change`: a robot gets it, or
@@ -235,6 +236,7 @@ class Effect(ABC):
     is_inertia: ClassVar[bool] = False
     is_friction: ClassVar[bool] = False
     is_rough: ClassVar[bool] = False
+    pulls_on_each: ClassVar[bool] = False
     of_position: ClassVar[bool] = False
     first_order: ClassVar[bool] = False
     needs_load: ClassVar[bool] = False
@@ -274,6 +276,10 @@ class Effect(ABC):
 
     def at_starts(self, shape: Mapping[str, float]) -> bool:
         """Whether this is friction that shows where its joint starts and stops: at low speed, or after a halt."""
+        return False
+
+    def steep_at_rest(self, shape: Mapping[str, float]) -> bool:
+        """Whether this is a law of the speed that rises from rest, the steeper the slower the joint moves."""
         return False
 
     def usual(self, robot: Robot, joint: int) -> Usual | None:

@@ -217,6 +217,10 @@ class ViscousNonlinear(_OneColumnFriction):
 
     def at_starts(self, shape: Mapping[str, float]) -> bool:
         """A power below one is steepest where the joint starts."""
+        return self.steep_at_rest(shape)
+
+    def steep_at_rest(self, shape: Mapping[str, float]) -> bool:
+        """A power below one is."""
         return shape["p"] < 1.0
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:

@@ -109,6 +109,7 @@ class CableForce(Effect):
     confused_with = ("joint_spring",)
     covers = ("joint_spring", "gravity_compensator", "torque_ripple", "offset", "coulomb_asymmetric")
     is_rough = True
+    pulls_on_each = True
     of_position = True
     sources = ("Khalil and Dombre 2002, chapter 9",)
 

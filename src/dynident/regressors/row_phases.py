@@ -11,6 +11,7 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.effects import Column, Signals, effect_by_id
+from dynident.effects.sizes import velocity_scale
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.phases import Phase, PhaseArray, Phases, phases_of, phases_of_others, width_of
 from dynident.regressors.observation import Observation
@@ -19,6 +20,10 @@ from dynident.robot.model import Robot
 
 # A velocity of nothing but its direction.
 _TOUCH = 1e-9
+
+_SLOWEST = 0.02
+"""Share of a joint's largest speed at which friction that is steep at rest is taken there: hardly a row that is no part
+of a turn or a halt is slower, so that what such a law says below is no more than its continuation."""
 
 _SMEARED = 0.125
 """Share of 1 / cut-off of the position filter by which a halt is longer, at either end, as far as it hides what the
@@ -189,24 +194,27 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
 
     Row j is about joint j alone: it has no speed but a direction, and its path lies all in that direction. Of friction
     are also columns with predicted Coulomb friction in them, which jumps with noise about a speed of zero. No
-    other column has an entry: those are the same at rest.
+    other column has an entry: those are the same at rest. A joint with a law that is steep at rest is held by what
+    rubs it at the slowest speed that it was seen to move at.
     """
     jumps = signals.predicted.drive("Fc")
     friction = [
         (c.effect != "" and effect_by_id(c.effect).is_friction) or ca.depends_on(c.torque, jumps) for c in columns
     ]
+    steep = _steep_at_rest(robot, columns)
     rows = []
     memory = {signal: signals.memory(signal) for signal in signals.memory_signals}
     for direction in (1.0, -1.0):
         for j in range(robot.n):
             states = [symbol for signal, symbol in memory.items() if j in robot.position_movers(signal.joint)]
             known = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
-            still = ca.vertcat(direction * _TOUCH, 0.0, *([direction] * len(states)))
+            speeds = (_TOUCH, _SLOWEST * velocity_scale(robot, j) if steep[j] else _TOUCH)
+            still, slow = (ca.vertcat(direction * v, 0.0, *([direction] * len(states))) for v in speeds)
             # What becomes zero at rest is an entry still, so that it is known to have changed.
             rows.append(
                 ca.horzcat(
                     *(
-                        ca.densify(ca.substitute(c.torque[j], known, still))
+                        ca.densify(ca.substitute(c.torque[j], known, still if _peaks_at_rest(c) else slow))
                         if f and not c.torque[j].is_zero()
                         else ca.SX(1, 1)
                         for c, f in zip(columns, friction, strict=True)
@@ -214,6 +222,23 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
                 )
             )
     return Observation.of_matrix(robot, columns, ca.vertcat(*rows), signals)
+
+
+def _steep_at_rest(robot: Robot, columns: Sequence[Column]) -> BoolArray:
+    """(n,): joints with a law of the speed among the columns that is steepest at rest."""
+    found = np.zeros(robot.n, dtype=bool)
+    for c in columns:
+        if c.effect and c.link in robot.tree.joint_names and effect_by_id(c.effect).steep_at_rest(dict(c.shape)):
+            found[list(robot.movers(c.link))] = True
+    return found
+
+
+def _peaks_at_rest(column: Column) -> bool:
+    """Whether a column is friction that is largest where the joint starts, and falls off with speed or on its way."""
+    if not column.effect:
+        return False
+    effect, shape = effect_by_id(column.effect), dict(column.shape)
+    return effect.at_starts(shape) and not effect.steep_at_rest(shape)
 
 
 def changed_at_rest(at_rest: Observation) -> BoolArray:

@@ -16,7 +16,7 @@ def diagnose(
     candidates: Annotated[
         str, typer.Option("--candidates", metavar="EFFECT,…", help="Only these effects; the whole catalogue otherwise.")
     ] = "",
-    max_effects: Annotated[int, typer.Option("--max-effects", min=1, help="Recommend at most so many.")] = 8,
+    max_effects: Annotated[int | None, typer.Option("--max-effects", min=1, help="Recommend at most so many.")] = None,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -27,6 +27,7 @@ def diagnose(
     import json
 
     from dynident.diagnosis import diagnose as diagnose_model
+    from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
     from dynident.progress import part
     from dynident_service.adapters.diagnoses import describe_diagnosis
     from dynident_service.cli import inputs, shown, terminal
@@ -44,7 +45,7 @@ def diagnose(
             identification,
             inputs.recordings_of(given),
             candidates=names,
-            most_effects=max_effects,
+            most_effects=max_effects or DEFAULT_MOST_EFFECTS,
             progress=part(progress, 0.3, 1.0),
         )
     document = plain(describe_diagnosis(found, robot.name))

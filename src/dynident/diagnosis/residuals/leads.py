@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+import numpy as np
+
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.residuals.bursts import bursts
-from dynident.diagnosis.residuals.lines import AngleLines, angle_lines, time_lines
+from dynident.diagnosis.residuals.lines import AngleLines, angle_lines, motion_lines
 from dynident.diagnosis.residuals.vibration import shaking
 from dynident.identification import Identification
 from dynident.recordings import Recording
@@ -47,11 +49,12 @@ def find_leads(
     since: tuple[str, ...] = (),
 ) -> Leads:
     """What the residual of the model and the recordings themselves suggest; `since`: labels of the later runs."""
-    lines = time_lines(comparisons, identification.preprocessing)
+    highest = identification.preprocessing.torque_cutoff or 0.25 / float(np.median(np.diff(comparisons[0].t)))
+    motion = motion_lines(comparisons, highest)
     signals, reference = identification.model.signals, identification.next_reference()
     return Leads(
         angle_lines=angle_lines(comparisons, identification.model.robot),
-        time_lines=lines.beside_the_motion(shaking(comparisons, signals, reference, lines.residual)),
+        time_lines=tuple(shaking(comparisons, signals, reference, highest, motion)),
         bursts=tuple(
             (recording.run_label(segment), start, end)
             for comparison, recording in zip(comparisons, recordings, strict=True)

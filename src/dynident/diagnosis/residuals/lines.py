@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from scipy import fft
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.recordings import Preprocessing
 from dynident.robot.model import Robot
 
 _LINE_RATIO = 12.0
@@ -24,7 +23,7 @@ _CLEAR = 0.5
 # Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
 _SURROUNDINGS = 181
 # Hz: slower than this, a motion's own lines hide everything else.
-_SLOWEST_VIBRATION, _MOST_TIME_LINES, _TIME_LINE_RATIO, _MOTION_LINE_RATIO = 1.0, 2, 6.0, 3.0
+SLOWEST_VIBRATION, _MOTION_LINE_RATIO = 1.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
         k = 2 * np.pi * fft.rfftfreq(size, span / n_bins)
         shown = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
         k, power = k[shown], np.abs(fft.rfft(sums, size)[shown]) ** 2
-        found = _peaks(k, power, _LINE_RATIO)[:_LINES_A_JOINT]
+        found = peaks(k, power, _LINE_RATIO)[:_LINES_A_JOINT]
         slow, share = _slow_wave(q, residual, low, span)
         found += [slow] if share > _CLEAR else []
         # A wave beside each, so that what a line is off by is not taken for something else.
@@ -97,42 +96,47 @@ def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> 
 
 
 @dataclass(frozen=True)
-class TimeLines:
-    """Lines (Hz) over time: of the `residual`, those that the motion has not; and all that the `motion` has.
+class MotionLines:
+    """Lines (Hz) over time that the motion has; lines nearer than `apart` are the same."""
 
-    Lines nearer than `apart` are the same.
-    """
-
-    residual: tuple[float, ...] = ()
-    motion: tuple[float, ...] = ()
+    lines: tuple[float, ...] = ()
     apart: float = 0.0
 
-    def beside_the_motion(self, lines: Sequence[float]) -> tuple[float, ...]:
+    def beside(self, lines: Sequence[float]) -> list[float]:
         """Those of some lines that are none of the motion."""
-        return tuple(f for f in lines if all(abs(f - other) > self.apart for other in self.motion))
+        return [f for f in lines if all(abs(f - other) > self.apart for other in self.lines)]
 
 
-def time_lines(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> TimeLines:
-    """Lines in the spectra of all joints' residuals and motions over time."""
-    period = float(np.median(np.diff(comparisons[0].t)))
-    highest = preprocessing.torque_cutoff or 0.25 / period
-    pieces = [(c, rows) for c in comparisons for rows in runs_of(c)]
-    longest = max(float(c.t[rows[-1]] - c.t[rows[0]]) for c, rows in pieces)
-    if longest <= 0.0 or highest <= _SLOWEST_VIBRATION:
-        return TimeLines()
-    size = fft.next_fast_len(4 * round(longest / period) + 4, real=True)
+def motion_lines(comparisons: Sequence[Comparison], highest: float) -> MotionLines:
+    """Lines in the spectrum of all joints' velocities over time, below `highest` in Hz."""
+    pieces = pieces_of(comparisons)
+    period, size = clock_of(pieces)
+    if not size or highest <= SLOWEST_VIBRATION:
+        return MotionLines()
     frequency = fft.rfftfreq(size, period)
-    residual, motion = np.zeros(len(frequency)), np.zeros(len(frequency))
-    spread = {id(c): (np.maximum(c.errors.rms, 1e-300), np.maximum(c.dq.std(axis=0), 1e-300)) for c in comparisons}
+    motion = np.zeros(len(frequency))
+    spread = {id(c): np.maximum(c.dq.std(axis=0), 1e-300) for c in comparisons}
     for c, rows in pieces:
-        own, speed = spread[id(c)]
-        residual += _periodogram(c.t[rows], c.told[rows] / own, period, size)
-        motion += _periodogram(c.t[rows], c.dq[rows] / speed, period, size)
-    shown = (frequency >= _SLOWEST_VIBRATION) & (frequency < highest)
-    frequency, residual, motion = frequency[shown], residual[shown], motion[shown]
-    found = TimeLines(motion=tuple(_peaks(frequency, motion, _MOTION_LINE_RATIO)), apart=1.0 / longest)
-    lines = found.beside_the_motion(_peaks(frequency, residual, _TIME_LINE_RATIO))
-    return replace(found, residual=lines[:_MOST_TIME_LINES])
+        motion += _periodogram(c.t[rows], c.dq[rows] / spread[id(c)], period, size)
+    shown = (frequency >= SLOWEST_VIBRATION) & (frequency < highest)
+    longest = max(float(c.t[rows[-1]] - c.t[rows[0]]) for c, rows in pieces)
+    return MotionLines(tuple(peaks(frequency[shown], motion[shown], _MOTION_LINE_RATIO)), 1.0 / longest)
+
+
+Piece = tuple[Comparison, NDArray[np.intp]]
+"""A comparison and the rows of one of its segments."""
+
+
+def pieces_of(comparisons: Sequence[Comparison]) -> list[Piece]:
+    """All segments of all comparisons."""
+    return [(c, rows) for c in comparisons for rows in runs_of(c)]
+
+
+def clock_of(pieces: Sequence[Piece]) -> tuple[float, int]:
+    """Seconds between rows, and the length of a spectrum that resolves the longest piece's lines; 0: there are none."""
+    period = float(np.median(np.diff(pieces[0][0].t)))
+    longest = max(float(c.t[rows[-1]] - c.t[rows[0]]) for c, rows in pieces)
+    return period, fft.next_fast_len(4 * round(longest / period) + 4, real=True) if longest > 0.0 else 0
 
 
 def runs_of(comparison: Comparison) -> list[NDArray[np.intp]]:
@@ -150,7 +154,7 @@ def _periodogram(t: FloatArray, values: FloatArray, period: float, size: int) ->
     return np.asarray((np.abs(fft.rfft(grid, size, axis=0)) ** 2).sum(axis=1) / max(len(t), 1))
 
 
-def _peaks(k: FloatArray, power: FloatArray, least: float) -> list[float]:
+def peaks(k: FloatArray, power: FloatArray, least: float) -> list[float]:
     """Peaks of at least so many times their surroundings, the highest first."""
     if len(power) < 3:
         return []

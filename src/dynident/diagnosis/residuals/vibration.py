@@ -6,51 +6,93 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
+from scipy import fft
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.residuals.lines import SLOWEST_VIBRATION, MotionLines, clock_of, peaks, pieces_of
 from dynident.effects import Signals
 from dynident.expressions import Program
 
 _AROUND, _STEPS_A_WIDTH = 0.3, 4
+_STANDS_OUT, _MOST_LINES = 6.0, 2
+"""Times what frequencies beside it explain (clean arms reach three), and the most frequencies that are tried."""
+_SOLVABLE = 1e-9
 _MOST_ROWS = 6000
 
 
 def shaking(
-    comparisons: Sequence[Comparison], signals: Signals, reference: FloatArray, lines: Sequence[float]
+    comparisons: Sequence[Comparison], signals: Signals, reference: FloatArray, highest: float, motion: MotionLines
 ) -> list[float]:
-    """Frequencies (Hz) near spectral lines at which a shaking base explains most of the residual, one a cluster.
+    """Frequencies (Hz) at which a shaking base explains far more of the residual than at others beside, best first.
+
+    Sought in what every joint would feel of it in its posture, not in the spectra of single joints: there it is spread
+    over side lobes, and drowned by what noise other joints have.
 
     Parameters
     ----------
     reference : (14 n,)
         Parameters that torque is predicted with.
-    lines : Hz
-        Peaks of the residual's spectrum over time.
+    highest : Hz
+        Nothing faster is looked for.
+    motion : MotionLines
+        What the motion itself repeats tells of the model, not of the base.
     """
-    if not lines:
-        return []
     columns = [_sensitivities(c, signals, reference) for c in comparisons]
+    frequency, gains = _spectrum(comparisons, columns, highest)
+    lines = motion.beside(peaks(frequency, gains, _STANDS_OUT))[:_MOST_LINES]
     longest = max(float(c.t[-1] - c.t[0]) for c in comparisons)
-    step = 1.0 / (_STEPS_A_WIDTH * longest)
+    step = 1.0 / (_STEPS_A_WIDTH * max(longest, np.finfo(float).tiny))
     found: list[float] = []
     for line in lines:
         if any(abs(line - other) <= 2 * _AROUND for other in found):
             continue
         tried = np.arange(max(line - _AROUND, step), line + _AROUND, step)
-        gains = [_gain(comparisons, columns, float(value)) for value in tried]
-        found.append(float(tried[int(np.argmax(gains))]))
-    return found
+        refined = [_gain(comparisons, columns, float(value)) for value in tried]
+        found.append(float(tried[int(np.argmax(refined))]))
+    return motion.beside(found)
+
+
+def _spectrum(
+    comparisons: Sequence[Comparison], columns: Sequence[FloatArray], highest: float
+) -> tuple[FloatArray, FloatArray]:
+    """Frequencies (f,) in Hz, and the squared residual that a base shaking at each explains; a phase for every segment.
+
+    The normal equations of all frequencies at once: products with waves are Fourier transforms.
+    """
+    own = {id(c): values for c, values in zip(comparisons, columns, strict=True)}
+    pieces = pieces_of(comparisons)
+    period, size = clock_of(pieces)
+    if not size or highest <= SLOWEST_VIBRATION:
+        return np.zeros(0), np.zeros(0)
+    shown = np.flatnonzero((fft.rfftfreq(size, period) >= SLOWEST_VIBRATION) & (fft.rfftfreq(size, period) < highest))
+    gains = np.zeros(len(shown))
+    for c, rows in pieces:
+        felt, y = own[id(c)][rows], c.told[rows] * _weights(c)
+        place = np.round((c.t[rows] - c.t[rows[0]]) / period).astype(np.intp)
+        right, squares = np.zeros((place[-1] + 1, 3)), np.zeros((place[-1] + 1, 9))
+        right[place] = np.einsum("mja,mj->ma", felt, y)
+        squares[place] = np.einsum("mja,mjb->mab", felt, felt).reshape(-1, 9)
+        wave = fft.fft(right, size, axis=0)[shown]
+        twice = fft.fft(squares, size, axis=0)[(2 * shown) % size].reshape(-1, 3, 3)
+        still = squares.sum(axis=0).reshape(3, 3)
+        w = np.block([[still + twice.real, -twice.imag], [-twice.imag, still - twice.real]]) / 2.0
+        b = np.concatenate([wave.real, -wave.imag], axis=1)[..., None]
+        w += _SOLVABLE * np.trace(still) * np.eye(6)
+        gains += (b * np.linalg.solve(w, b)).sum(axis=(1, 2))
+    return fft.rfftfreq(size, period)[shown], gains
 
 
 def _sensitivities(comparison: Comparison, signals: Signals, reference: FloatArray) -> FloatArray:
-    """(m, n, 3): torque of every joint for one m/s² of gravity along each axis, over the joint's usual residual."""
+    """(m, n, 3): torque of every joint for one m/s² of gravity along each axis, over the joint's usual residual.
+
+    Zero where the joint's equation does not tell.
+    """
     n = signals.robot.n
     torque = ca.horzcat(*(ca.densify(signals.predicted.gravity_torque(axis)) for axis in np.eye(3)))
     program = Program([signals.q, signals.reference], torque)
-    every = max(1, len(comparison.t) // _MOST_ROWS)
-    values = program(comparison.q[::every], reference).reshape(-1, 3, n).transpose(0, 2, 1)
-    return np.asarray(values * _weights(comparison)[:, None])
+    values = program(comparison.q, reference).reshape(-1, 3, n).transpose(0, 2, 1)
+    return np.asarray(values * (comparison.telling * _weights(comparison))[:, :, None])
 
 
 def _weights(comparison: Comparison) -> FloatArray:
@@ -66,7 +108,7 @@ def _gain(comparisons: Sequence[Comparison], columns: Sequence[FloatArray], freq
         every = max(1, len(c.t) // _MOST_ROWS)
         angle = 2 * np.pi * frequency * c.t[::every]
         waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        w = (sensitivity[..., None] * waves[:, None, None, :]).reshape(-1, 6)
+        w = (sensitivity[::every, ..., None] * waves[:, None, None, :]).reshape(-1, 6)
         y = (c.told[::every] * _weights(c)).reshape(-1)
         right = w.T @ y
         total += float(right @ np.linalg.lstsq(w.T @ w, right, rcond=1e-9)[0])

@@ -54,6 +54,9 @@ def acceptable(state: State, data: PhasedProducts, item: JudgedCandidate) -> boo
         return False
     if any(shadowed(item, finding.judged, state.floor) for finding in state.picks):
         return False
+    # What pulls at two joints, and explains one of them alone, is a function of that joint.
+    if effect.pulls_on_each and not all(gains_on(state, data, item, j) for j in item.joints):
+        return False
     if not item.candidate.runs:
         return True
     return item.drop >= (_LEAST_OF_CHANGE if is_change(item.candidate.choice, state.since) else _LEAST_OF_RUNS)
@@ -63,6 +66,17 @@ def too_small(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool
     """Whether a candidate removes less of the sensors' noise than its kind has to."""
     most = max(gain_over_floor(item, j, state.floor, data) for j in item.joints)
     return most < least_gain(effect_by_id(item.candidate.effect))
+
+
+def gains_on(state: State, data: PhasedProducts, item: JudgedCandidate, joint: int) -> bool:
+    """Whether a candidate that acts on several joints lowers the error of this one: enough, and evenly."""
+    before = item.before[:, joint] / state.noise[joint] ** 2
+    gain = before - item.after[:, joint] / state.noise[joint] ** 2
+    share = float(gain.sum()) / max(float(before.sum()), np.finfo(float).tiny)
+    spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
+    even = float(gain.mean()) >= (JOINT_T if share < LARGE_DROP else JOINT_T_OF_LARGE) * spread
+    large = gain_over_floor(item, joint, state.floor, data) >= least_gain(effect_by_id(item.candidate.effect))
+    return share >= JOINT_DROP and even and large
 
 
 def shadowed(item: JudgedCandidate, finding: JudgedCandidate, floor: FloatArray) -> bool:

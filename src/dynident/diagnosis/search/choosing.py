@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from dynident.arrays import IndexArray
 from dynident.diagnosis.candidates.gate import ALPHA, SMALLEST_ERROR_DROP, JudgedCandidate, gains_more, simplest
 from dynident.diagnosis.candidates.gathering import PhasedProducts
@@ -14,17 +12,7 @@ from dynident.diagnosis.candidates.plausible import plausible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, other_name, share_found_again
 from dynident.diagnosis.residuals.stretches import t_of
-from dynident.diagnosis.search.acceptance import (
-    JOINT_DROP,
-    JOINT_T,
-    JOINT_T_OF_LARGE,
-    LARGE_DROP,
-    VISIBLE,
-    acceptable,
-    gain_over_floor,
-    least_gain,
-    too_small,
-)
+from dynident.diagnosis.search.acceptance import VISIBLE, acceptable, gains_on, too_small
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.effects import effect_by_id
 from dynident.effects.catalogue import is_change
@@ -260,19 +248,10 @@ def without_idle_joints(
     """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
     if len(chosen.candidate.joints) < 2:
         return chosen
-    effect = effect_by_id(chosen.candidate.effect)
-    keep = []
-    for name in chosen.candidate.joints:
-        j = pool.observation.robot.movers(name)[0]
-        gain = (chosen.before[:, j] - chosen.after[:, j]) / state.noise[j] ** 2
-        spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
-        share = float(gain.sum()) / max(float((chosen.before[:, j] / state.noise[j] ** 2).sum()), 1e-300)
-        large = gain_over_floor(chosen, j, state.floor, data) >= least_gain(effect)
-        even = gain.mean() >= (JOINT_T if share < LARGE_DROP else JOINT_T_OF_LARGE) * spread
-        if share >= JOINT_DROP and even and large:
-            keep.append(name)
+    movers = pool.observation.robot.movers
+    keep = [name for name in chosen.candidate.joints if gains_on(state, data, chosen, movers(name)[0])]
     if not keep or len(keep) == len(chosen.candidate.joints):
         return chosen
     columns = tuple(k for k in chosen.candidate.columns if pool.observation.columns[k].link in keep)
-    smaller = Candidate(effect.id, tuple(keep), chosen.candidate.shape, columns, chosen.candidate.runs)
+    smaller = Candidate(chosen.candidate.effect, tuple(keep), chosen.candidate.shape, columns, chosen.candidate.runs)
     return judge_all(data, pool, state.base, [smaller], state.noise)[0]

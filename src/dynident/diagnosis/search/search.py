@@ -18,6 +18,7 @@ from dynident.diagnosis.search.contest import settled
 from dynident.diagnosis.search.one_name import by_one_name
 from dynident.diagnosis.search.pruning import pruned
 from dynident.diagnosis.search.reconsidering import Rows, is_of_position, reconsidered
+from dynident.diagnosis.search.siblings import with_siblings
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.effects import effect_by_id
 from dynident.progress import Progress
@@ -77,6 +78,7 @@ def search(
         if not remaining:
             break
         judged = judge_all(data, pool, state.base, remaining, state.noise)
+    state = with_siblings(data, pool, state, most)
     state = by_one_name(rows, data, pool, reconsidered(rows, data, pool, state))
     return pruned(data, pool, state).picks
 
