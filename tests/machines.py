@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import Any
 
@@ -167,9 +168,11 @@ def mjcf(robot: Robot, *, friction: dict[str, tuple[float, float]] | None = None
         x, y, z, w = pin.Quaternion(joint.placement[:3, :3]).coeffs()
         coulomb, damping = (friction or {}).get(joint.name, (0.0, 0.0))
         kind = "hinge" if joint.kind == "revolute" else "slide"
+        reach = joint.limits.position
+        bounded = "" if reach is None else f'range="{numbers(reach)}" '
         return (
             f'<body name="b{j}" pos="{numbers(joint.placement[:3, 3])}" quat="{numbers((w, x, y, z))}">'
-            f'<joint name="{joint.name}" type="{kind}" axis="{numbers(joint.axis)}" damping="{damping!r}" '
+            f'<joint name="{joint.name}" type="{kind}" axis="{numbers(joint.axis)}" {bounded}damping="{damping!r}" '
             f'frictionloss="{coulomb!r}" solreffriction="0.0004 1" solimpfriction="0.9999 0.9999 0.001 0.5 2"/>'
             f'<inertial pos="{numbers(inertia.lever)}" mass="{inertia.mass!r}" '
             f'fullinertia="{numbers((i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]))}"/>{inside(j)}</body>'
@@ -181,10 +184,15 @@ def mjcf(robot: Robot, *, friction: dict[str, tuple[float, float]] | None = None
         [(other, ratio)] = tie.ratios.items()
         equalities.append(f'<joint joint1="{name}" joint2="{other}" polycoef="0 {ratio!r} 0 0 0" {hard}/>')
     motors = "".join(f'<motor name="{name}" joint="{name}"/>' for name in robot.joint_names)
+    bodies, key = inside(-1), ""
+    if linkage.closure is not None:
+        at = linkage.ratios @ linkage.closure.check() + linkage.offsets
+        order = [tree.joint_names.index(name) for name in re.findall(r'<joint name="(\w+)"', bodies)]
+        key = f'<keyframe><key qpos="{numbers(at[order])}"/></keyframe>'
     return (
         f'<mujoco><compiler angle="radian" inertiafromgeom="false"/>'
         f'<option gravity="{numbers(robot.gravity)}" timestep="0.0002" integrator="implicitfast" tolerance="1e-14"'
-        f' iterations="200" cone="elliptic"/><worldbody>{inside(-1)}</worldbody>'
+        f' iterations="200" cone="elliptic"/><worldbody>{bodies}</worldbody>{key}'
         f"<equality>{''.join(equalities)}</equality><actuator>{motors}</actuator></mujoco>"
     )
 

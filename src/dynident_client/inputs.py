@@ -23,19 +23,21 @@ class Robots(Labelled[Robot]):
         name: str,
         *,
         urdf: Path | str | None = None,
+        mjcf: Path | str | None = None,
         modified_dh: Mapping[str, Any] | str | None = None,
         **more: Any,
     ) -> Robot:
-        """Store a robot from its URDF (a path, or the text) or its modified Denavit-Hartenberg table.
+        """Store a robot from its URDF or MJCF (a path, or the text) or its modified Denavit-Hartenberg table.
 
         `more`: limits, drives, locked_joints, gravity, meshes_of, base_parameters_tolerance, as in the contract.
         """
-        if (urdf is None) == (modified_dh is None):
-            raise ValueError("give either urdf or modified_dh")
-        if urdf is not None:
-            content: Any = urdf.read_text() if isinstance(urdf, Path) else urdf
-            return self._post({"name": name, "description": {"format": "urdf", "content": content}, **more})
-        return self._post({"name": name, "description": {"format": "modified_dh", "content": modified_dh}, **more})
+        described = {"urdf": urdf, "mjcf": mjcf, "modified_dh": modified_dh}
+        given = {form: content for form, content in described.items() if content is not None}
+        if len(given) != 1:
+            raise ValueError("give one of urdf, mjcf and modified_dh")
+        [(form, content)] = given.items()
+        text = content.read_text() if isinstance(content, Path) else content
+        return self._post({"name": name, "description": {"format": form, "content": text}, **more})
 
     def geometry(self, robot: Robot | str) -> dict[str, Any]:
         """Read where the robot's links are: the frames of its joints capsules around what they carry, and meshes."""

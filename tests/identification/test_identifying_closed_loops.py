@@ -18,6 +18,7 @@ from dynident.errors import DynidentError
 from dynident.export.mjcf import to_mjcf
 from dynident.export.urdf import to_urdf
 from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.identification.imports.inspecting import inspect_file
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot, to_pinocchio
 from dynident.robot.modified_dh import robot_from_modified_dh
@@ -127,3 +128,21 @@ def test_the_palletiser_of_the_page_is_read() -> None:
     robot = robot_from_modified_dh("palletiser", text[1])
     assert robot.joint_names == ("yaw", "arm", "lever", "flange")
     assert json.loads(text[1])["loops"] == palletiser()["loops"]
+
+
+def test_a_file_of_a_machine_with_loops_is_understood_from_its_driven_joints(tmp_path: Path) -> None:
+    robot = machine("palletiser")
+    rows = next(iter(recorded(robot, 1).source.rows(0, 3000, 3000)))
+    t = np.arange(3000) / RATE
+    passive = robot.linkage.positions(rows.q)[:, list(robot.linkage.passive)]
+    # Encoders of passive joints, whose names begin as those of driven ones: forearm and arm, and a rod.
+    of_passive = [f"q_{robot.tree.joint_names[j]}" for j in robot.linkage.passive]
+    of_driven = [f"{signal}_{name}" for signal in ("q", "tau") for name in robot.joint_names]
+    columns = np.column_stack([t, passive, rows.q, rows.tau])
+    header = ",".join(["t", *of_passive, *of_driven])
+    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header=header, comments="")
+    found = inspect_file(tmp_path / "run.csv", robot).proposal
+    assert found.effort_kind == "joint_torque"
+    assert found.is_sure
+    assert [found.columns[f"q{k}"] for k in range(1, 5)] == [f"q_{name}" for name in robot.joint_names]
+    assert any("q_forearm, q_rod" in one.value and "not driven" in one.reason for one in found.guesses)

@@ -35,7 +35,7 @@ BAD = {
     "unknown format": (
         {"description": Description("sdf", "")},  # type: ignore[arg-type]
         "/description/format",
-        "Unknown format 'sdf'; expected urdf or modified_dh",
+        "Unknown format 'sdf'; expected urdf, mjcf, modified_dh",
     ),
     "limits of an unknown joint": (
         {"limits": {"knee": Limits()}},

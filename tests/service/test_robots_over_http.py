@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from machines import machine, mjcf
 from service_helpers import TWO_JOINTS
 
 BODY: dict[str, Any] = {
@@ -39,6 +40,21 @@ def test_a_modified_dh_table_may_be_json_or_its_text(client: TestClient) -> None
     as_text = {**BODY, "description": {"format": "modified_dh", "content": json.dumps(TWO_JOINTS)}}
     one, other = (client.post("/v1/robots", json=body).json() for body in (BODY, as_text))
     assert one["base_parameters"] == other["base_parameters"]
+
+
+def test_a_machine_with_a_loop_is_made_from_its_mjcf_and_a_bad_one_is_refused_with_the_line(client: TestClient) -> None:
+    text = mjcf(machine("five_bar"))
+    body = {"name": "five-bar", "description": {"format": "mjcf", "content": text}}
+    answer = client.post("/v1/robots", json=body)
+    assert answer.status_code == 201
+    assert [joint["name"] for joint in answer.json()["joints"]] == ["left", "right"]
+    again = client.get(f"/v1/robots/{answer.json()['id']}").json()
+    assert again["base_parameters"]["count"] > 5
+    body["description"]["content"] = "<mujoco>\n<include file='/etc/hosts'/></mujoco>"
+    refused = client.post("/v1/robots", json=body)
+    assert refused.status_code == 422
+    assert refused.json()["errors"][0]["pointer"] == "/description/content"
+    assert "line 2: <include> brings in" in refused.json()["errors"][0]["detail"]
 
 
 def test_a_retry_with_the_same_idempotency_key_makes_no_second_robot(client: TestClient) -> None:

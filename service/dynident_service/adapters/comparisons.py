@@ -16,7 +16,9 @@ from dynident_service.models.measurements import PhasesView
 
 def describe_comparison(found: Comparison, judged: Judgement, held_out: bool | None) -> wire.ComparisonResult:
     """Describe a comparison for the wire; `held_out` None where nobody knows."""
-    phases = PhasesView(standing=_share(found.phase, Phase.STANDING), reversing=_share(found.phase, Phase.REVERSING))
+    phases = PhasesView(
+        standing=_share(found.phase, Phase.STANDING), reversing=_share(found.phase, Phase.REVERSING, Phase.PASSIVE_HALT)
+    )
     return shown(
         wire.ComparisonResult,
         found,
@@ -47,6 +49,6 @@ def _chosen(points: int, standing: BoolArray, *signals: FloatArray) -> IndexArra
     return np.unique(np.concatenate([edges, *picked])).astype(np.intp)
 
 
-def _share(phases: PhaseArray, phase: Phase) -> list[float]:
-    """Share of every joint's rows that are of a phase."""
-    return [float(share) for share in (phases == phase).mean(axis=0)]
+def _share(phases: PhaseArray, *wanted: Phase) -> list[float]:
+    """Share of every joint's rows that are of some phases."""
+    return [float(share) for share in np.isin(phases, wanted).mean(axis=0)]

@@ -14,8 +14,8 @@ RobotArgument = Annotated[
     str,
     typer.Argument(
         metavar="ROBOT",
-        help="A URDF file, a JSON file (a modified Denavit-Hartenberg table, or a robot as the service takes it), or "
-        f"a well-known arm: {', '.join(known_arms())}.",
+        help="A URDF or MJCF file, a JSON file (a modified Denavit-Hartenberg table, or a robot as the service takes "
+        f"it), or a well-known arm: {', '.join(known_arms())}.",
         show_default=False,
     ),
     A_ROBOT,

@@ -56,7 +56,8 @@ def write_trajectory(design: Design, path: Path) -> None:
 def comparison_table(found: Comparison) -> pa.Table:
     """Columns t, segment, and for every joint measured_, predicted_, lower_, upper_, residual_, band_, q_, dq_, phase_.
 
-    The phase is moving, reversing or standing; where a joint stands, lower and upper are what static friction may hold.
+    The phase is moving, reversing, standing, or passive_halt where a joint that follows turns round or stands; where a
+    joint stands, lower and upper are what static friction may hold.
     """
     columns: dict[str, Any] = {"t": found.t, "segment": found.segment.astype(np.int64)}
     for signal in _SIGNALS:

@@ -65,9 +65,11 @@ class BaselineValues(CriterionValues):
 class Margin(Shown):
     """How near the motion comes to a limit, on a fine grid."""
 
-    joint: str = Field(description="The joint; of a clearance, the two that come near each other")
+    joint: str = Field(
+        description="The joint; of a clearance, the two that come near each other; of a condition: loops"
+    )
     limit: str = Field(
-        description="position_min, position_max, velocity, …, torque, power, clearance, tool_min or tool_max"
+        description="position_min, position_max, velocity, …, torque, power, clearance, tool_min, tool_max or condition"
     )
     value: float = Field(description="The extreme one")
     bound: float

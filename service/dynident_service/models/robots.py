@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from dynident.robot.model import DescriptionFormat
 from dynident_service.models.common import Asked, Limits, Name, Shown
 from dynident_service.models.labels import Labelled
 
@@ -14,8 +15,10 @@ from dynident_service.models.labels import Labelled
 class Description(Asked):
     """What the robot is made from."""
 
-    format: Literal["urdf", "modified_dh"]
-    content: str | dict[str, Any] = Field(description="The URDF; or the modified Denavit-Hartenberg table, as JSON.")
+    format: DescriptionFormat
+    content: str | dict[str, Any] = Field(
+        description="The URDF or MJCF; or the modified Denavit-Hartenberg table, as JSON."
+    )
 
 
 class Drive(Asked):

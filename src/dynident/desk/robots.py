@@ -12,9 +12,12 @@ from typing import Any
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
 from dynident.robot.json_fields import expect_mapping, expect_number, expect_numbers, expect_text, parse_json
+from dynident.robot.model import FORMATS, DescriptionFormat
+from dynident.robot.pointers import listed
 
 _TITLE = "Unusable robot"
-_URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')
+_NAMED = re.compile(r'<(?:robot\b[^>]*?\bname|mujoco\b[^>]*?\bmodel)="([^"<]+)"')
+_MJCF = re.compile(r"(?:\s|<\?[^>]*>|<!--.*?-->)*<mujoco\b", re.DOTALL)
 _FIELDS = ("name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance")
 _CONTENT = "/description/content"
 _DRIVE = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
@@ -38,8 +41,9 @@ def load_robot(
     Parameters
     ----------
     source : str or path
-        A URDF file; a JSON file with a modified Denavit-Hartenberg table (see `dynident.robot.modified_dh`) or with a
-        robot as `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as "ur10".
+        A URDF or MJCF file; a JSON file with a modified Denavit-Hartenberg table (see `dynident.robot.modified_dh`) or
+        with a robot as `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as
+        "ur10".
     name : str
         What to call it; otherwise what the file calls it, or the file itself is called.
     limits : mapping of joint name to Limits
@@ -103,9 +107,9 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
     place_of_content = _CONTENT
     try:
         if content.lstrip().startswith("<"):
-            named = _URDF_NAME.search(content)
+            named = _NAMED.search(content)
             called = name or (named[1] if named else path.stem)
-            return robot_from_description(called, Description("urdf", content), **stated)
+            return robot_from_description(called, Description(_kind_of_xml(content), content), **stated)
         document = _parsed(content)
         if not (isinstance(document, dict) and "description" in document):
             return robot_from_description(name or path.stem, Description("modified_dh", content), **stated)
@@ -119,11 +123,16 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         raise
 
 
+def _kind_of_xml(content: str) -> DescriptionFormat:
+    """MJCF where the root is <mujoco>."""
+    return "mjcf" if _MJCF.match(content) else "urdf"
+
+
 def _parsed(content: str) -> Any:
     try:
         return parse_json(content, "", _TITLE)
     except DynidentError as error:
-        raise DynidentError(f"this is neither XML (URDF) nor JSON: {error.detail}", title=error.title) from error
+        raise DynidentError(f"this is neither XML (URDF, MJCF) nor JSON: {error.detail}", title=error.title) from error
 
 
 def _known(name: str) -> Robot:
@@ -175,8 +184,8 @@ def _object(document: Mapping[str, Any], field: str) -> Mapping[str, Any]:
 def _description(value: object) -> Description:
     fields = expect_mapping(value, ("format", "content"), "/description", _TITLE)
     form = fields.get("format")
-    if form not in ("urdf", "modified_dh"):
-        raise DynidentError("Expected urdf or modified_dh.", pointer="/description/format", title=_TITLE)
+    if form not in FORMATS:
+        raise DynidentError(f"Expected {listed(FORMATS)}.", pointer="/description/format", title=_TITLE)
     content = fields.get("content")
     if form == "modified_dh" and isinstance(content, (dict, list)):
         content = json.dumps(content)

@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from dynident.arrays import FloatArray
 from dynident.effects import Role, effect_by_id
 from dynident.export.completion import Completion, complete
 from dynident.export.summary import effect_line
 from dynident.identification import Identification
-from dynident.robot import to_pinocchio
 from dynident.robot.model import Robot
+from dynident.robot.pinocchio_model import described_torque
 
 SMALL = 1e-9
 """Share of the torque that is rounding."""
@@ -94,10 +93,7 @@ def rigid_torque(
     robot: Robot, inertias: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, rotors: FloatArray
 ) -> FloatArray:
     """(m, n): torque that links with these inertias (N, 10) and rotors (N,) need, by Newton's and Euler's recursion."""
-    model = to_pinocchio(replace(robot.tree, inertias=inertias))
-    data = model.createData()
-    motion = (q, dq, ddq) if robot.linkage is None else robot.linkage.motion(q, dq, ddq)
-    torque = np.array([pin.rnea(model, data, *state) for state in zip(*motion, strict=True)]) + rotors * motion[2]
     if robot.linkage is None:
-        return torque
-    return np.asarray(np.einsum("mji,mj->mi", robot.linkage.rates(q), torque))
+        return np.asarray(described_torque(replace(robot, inertias=inertias), q, dq, ddq, rotors))
+    tree = replace(robot.linkage.tree, inertias=inertias)
+    return np.asarray(described_torque(replace(robot, linkage=replace(robot.linkage, tree=tree)), q, dq, ddq, rotors))

@@ -20,7 +20,7 @@ from dynident.identification import Identification
 from dynident.robot.model import Joint
 from dynident.robot.pinocchio_model import dynamic_parameters
 from dynident.robot.urdf_writer import link_names
-from dynident.robot.urdf_xml import Element, number_text, write
+from dynident.robot.xml_text import Element, number_text, write
 
 HELD: tuple[Role, ...] = ("link", "rotor", "dry", "damping", "stiffness", "at_zero")
 """Roles of the parameters that the format has words for."""

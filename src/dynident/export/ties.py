@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import pinocchio as pin
 
+from dynident.robot.linkage import Linkage
 from dynident.robot.model import Robot
-from dynident.robot.urdf_xml import Element, number_text
+from dynident.robot.xml_text import Element, number_text
 
 # As hard as a constraint is to be had, so that it hardly gives: two steps' time constant.
 _HARD = {"solref": "0.002 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
@@ -46,4 +47,23 @@ def held_together(robot: Robot, world: Element, bodies: Sequence[Element]) -> li
             (world if end.joint < 0 else bodies[end.joint]).children.append(Element("site", {"name": site, **place}, 0))
         kind = "weld" if loop.kind == "full" else "connect"
         equality.children.append(Element(kind, {"site1": sites[0], "site2": sites[1], **_HARD}, 0))
-    return [tendons, equality]
+    return [tendons, equality, _key_frame(linkage, world)]
+
+
+def _key_frame(linkage: Linkage, world: Element) -> Element:
+    """The posture in which the description's loops are closed: MuJoCo starts at q = 0, where they may be open."""
+    frames = Element("keyframe", {}, 0)
+    if linkage.closure is not None:
+        q = linkage.ratios @ linkage.closure.check() + linkage.offsets
+        places = [linkage.tree.joint_names.index(name) for name in _joints_in(world)]
+        frames.children.append(Element("key", {"name": "closed", "qpos": number_text(*q[places])}, 0))
+    return frames
+
+
+def _joints_in(element: Element) -> Iterator[str]:
+    """Names of joints in the order of MuJoCo's coordinates."""
+    for child in element.children:
+        if child.tag == "joint":
+            yield child.attributes["name"]
+        elif child.tag == "body":
+            yield from _joints_in(child)

@@ -22,7 +22,7 @@ from dynident.export.summary import SIGNS, identification_lines, origin
 from dynident.identification import Identification
 from dynident.robot import urdf_from_robot
 from dynident.robot.urdf_writer import inertial_element
-from dynident.robot.urdf_xml import Element, number_text, write
+from dynident.robot.xml_text import Element, number_text, write
 
 HELD: tuple[Role, ...] = ("link", "rotor", "dry", "damping")
 """Roles of the parameters that the format has words for."""

@@ -8,7 +8,7 @@ within what the filters smear: only friction that remembers the path (presliding
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from math import ceil
@@ -71,6 +71,8 @@ class Phase(IntEnum):
     MOVING = 0
     REVERSING = 1
     STANDING = 2
+    PASSIVE_HALT = 3
+    """It moves, but a joint with friction that follows it turns round or stands."""
 
 
 PhaseArray = NDArray[np.int8]
@@ -154,15 +156,21 @@ _known: WeakKeyDictionary[Recording, Phases] = WeakKeyDictionary()
 def phases_of(recording: Recording) -> Phases:
     """The phases of a recording, found once."""
     if recording not in _known:
-        surveys = [_survey(_positions(recording, segment), recording.n) for segment in recording.segments]
-        usual = _usual_speed(surveys, recording.sampling_rate)
-        _known[recording] = Phases(
-            tuple(
-                _in_segment(recording, segment, survey.paths(usual, recording.sampling_rate))
-                for segment, survey in zip(recording.segments, surveys, strict=True)
-            )
-        )
+        _known[recording] = phases_of_others(recording, lambda q: q, recording.n)
     return _known[recording]
+
+
+def phases_of_others(recording: Recording, positions: Callable[[FloatArray], FloatArray], n: int) -> Phases:
+    """The phases of n joints whose positions (m, n) follow from those of the recorded joints, sample by sample."""
+    rate = recording.sampling_rate
+    surveys = [_survey(_blocks(recording, segment, positions), n) for segment in recording.segments]
+    usual = _usual_speed(surveys, rate)
+    return Phases(
+        tuple(
+            _in_segment(recording, segment, survey.paths(usual, rate), positions)
+            for segment, survey in zip(recording.segments, surveys, strict=True)
+        )
+    )
 
 
 def phase_shares(recording: Recording) -> PhaseShares:
@@ -181,19 +189,24 @@ def phase_shares(recording: Recording) -> PhaseShares:
     return PhaseShares(shares[Phase.STANDING], shares[Phase.REVERSING])
 
 
-def _positions(recording: Recording, segment: Segment) -> Iterator[FloatArray]:
+_Positions = Callable[[FloatArray], FloatArray]
+
+
+def _blocks(recording: Recording, segment: Segment, positions: _Positions) -> Iterator[FloatArray]:
     for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH):
-        yield rows.q
+        yield positions(rows.q)
 
 
-def _in_segment(recording: Recording, segment: Segment, paths: Sequence[_Path]) -> tuple[Halts, ...]:
+def _in_segment(
+    recording: Recording, segment: Segment, paths: Sequence[_Path], positions: _Positions
+) -> tuple[Halts, ...]:
     """The halts of all joints in a segment, from its raw positions, read in blocks once more."""
     rate = recording.sampling_rate
     whole = segment.start_time, segment.start_time + max(segment.length - 1, 0) / rate
     runs = [_Runs() if path.moves else None for path in paths]
     reach = max((path.reach for path in paths), default=1)
-    held, first = np.zeros((0, recording.n)), 0
-    for q in _positions(recording, segment):
+    held, first = np.zeros((0, len(paths))), 0
+    for q in _blocks(recording, segment, positions):
         joined = np.concatenate([held, q])
         for j, (path, run) in enumerate(zip(paths, runs, strict=True)):
             if run is not None:

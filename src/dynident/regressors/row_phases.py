@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -12,8 +13,9 @@ from dynident.arrays import BoolArray, FloatArray
 from dynident.effects import Column, Signals, effect_by_id
 from dynident.effects.sizes import velocity_scale
 from dynident.recordings import Preprocessing, Recording
-from dynident.recordings.phases import Phase, PhaseArray, Phases, phases_of, width_of
+from dynident.recordings.phases import Phase, PhaseArray, Phases, phases_of, phases_of_others, width_of
 from dynident.regressors.observation import Observation
+from dynident.robot.linkage import Linkage
 from dynident.robot.model import Robot
 
 # A velocity of nothing but its direction.
@@ -40,7 +42,8 @@ class RowPhases:
     `remembering` (n,): joints with friction that remembers the path: what it does shows where they turn
     round; `free` (n,): joints that never stick there, so that anything that depends on the speed shows as well.
     `starting` (n,): joints with friction that shows where they start and stop; `margin`: seconds by which
-    a halt is longer in filtered positions, to either side.
+    a halt is longer in filtered positions, to either side. `passive`: phases of the joints that follow others, in the
+    order of `Linkage.passive`; `felt` (n, p): which of these are rubbed, and moved by which joint.
     """
 
     phases: Phases
@@ -50,11 +53,19 @@ class RowPhases:
     remembering: BoolArray
     free: BoolArray
     starting: BoolArray
+    passive: Phases | None = None
+    felt: BoolArray | None = None
 
     @classmethod
-    def of(cls, observation: Observation, recording: Recording, preprocessing: Preprocessing) -> RowPhases:
-        """What holds for the rows of a recording."""
-        frictional = joints_with_friction(observation)
+    def of(
+        cls,
+        observation: Observation,
+        recording: Recording,
+        preprocessing: Preprocessing,
+        first: int | None = None,
+    ) -> RowPhases:
+        """What holds for the rows of a recording, with the friction of the first so many columns, or of all."""
+        frictional = joints_with_friction(observation, first)
         remembering = np.zeros(observation.robot.n, dtype=bool)
         for signal in observation.memory:
             remembering[list(observation.robot.position_movers(signal.joint))] = True
@@ -63,7 +74,10 @@ class RowPhases:
         # A thousandth of a period more, so that rounding does not decide.
         margin = (0.0 if cutoff is None else _SMEARED / cutoff) + 1e-3 * recording.period
         phases = phases_of(recording)
-        return cls(phases, width, margin, frictional, remembering, phases.free, starting_joints(observation))
+        starting = starting_joints(observation)
+        felt = _passive_friction(observation, first)
+        passive = _passive_phases(recording, observation.robot.linkage) if felt.any() else None
+        return cls(phases, width, margin, frictional, remembering, phases.free, starting, passive, felt)
 
     def about(self, frictional: BoolArray) -> RowPhases:
         """The same where these joints (n,) have friction, and each may have any kind of it."""
@@ -77,11 +91,13 @@ class RowPhases:
         standing = self.phases.at(segment, t, self.margin) == Phase.STANDING
         return np.asarray(~standing | ~self.starting)
 
-    def partial(self, found: PhaseArray, held: FloatArray | None) -> BoolArray:
-        """(m, n): rows beside a halt that say something of motion.
+    def partial(self, segment: int, t: FloatArray, found: PhaseArray, held: FloatArray | None) -> BoolArray:
+        """(m, n): rows beside a halt that say something of motion, where no joint that follows halts as well.
 
         Parameters
         ----------
+        segment, t
+            Number of the segment, and times (m,) of the rows.
         found : (m, n)
             Phases of the rows.
         held : (m, n), optional
@@ -89,21 +105,63 @@ class RowPhases:
         """
         if held is None:
             return np.zeros(found.shape, dtype=bool)
-        return np.asarray((found == Phase.STANDING) & (held > _TOLD) & self.starting)
+        beside = (found == Phase.STANDING) & (held > _TOLD) & self.starting
+        return np.asarray(beside & ~self._followers_halt(segment, t, 0.0))
+
+    def _followers_halt(self, segment: int, t: FloatArray, after: float) -> BoolArray:
+        """(m, n): where a rubbed joint that follows, and that the joint moves, turns round or stands."""
+        if self.passive is None or self.felt is None:
+            return np.zeros((len(t), len(self.frictional)), dtype=bool)
+        halts = self.passive.at(segment, t, self.width, after) != Phase.MOVING
+        return np.asarray((halts[:, None, :] & self.felt).any(axis=2))
 
     def at(self, segment: int, t: FloatArray, after: float = 0.0) -> PhaseArray:
         """(m, n): phases at times t (m,) of a segment; `after`: seconds that a halt is felt beside the filters."""
         found = self.phases.at(segment, t, self.width, after)
         found[:, ~self.frictional] = Phase.MOVING
+        found[self._followers_halt(segment, t, after) & (found != Phase.STANDING)] = Phase.PASSIVE_HALT
         return found
 
     def used(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:
-        """(m, n): which rows a model is fitted to: all but those at which the joint stands.
+        """(m, n): which rows a model is fitted to."""
+        return fitted(self.at(segment, t, after))
 
-        Where it turns round in one sweep, the sign of its friction changes at a known instant, as in W.
-        """
-        found = self.at(segment, t, after)
-        return np.asarray(found != Phase.STANDING)
+
+def fitted(phase: PhaseArray) -> BoolArray:
+    """Which rows a model is fitted to: all but those at which the joint, or a passive one that it moves, stands.
+
+    Where it turns round in one sweep, the sign of its friction changes at a known instant, as in W. That of a passive
+    joint's friction changes when the speeds of several joints say so, each with its error.
+    """
+    return np.asarray((phase == Phase.MOVING) | (phase == Phase.REVERSING))
+
+
+_known: WeakKeyDictionary[Recording, WeakKeyDictionary[Linkage, Phases]] = WeakKeyDictionary()
+
+
+def _passive_phases(recording: Recording, linkage: Linkage | None) -> Phases | None:
+    """The phases of joints that follow others, found once."""
+    if linkage is None:
+        return None
+    of_linkages = _known.setdefault(recording, WeakKeyDictionary())
+    if linkage not in of_linkages:
+        places = list(linkage.passive)
+        of_linkages[linkage] = phases_of_others(recording, lambda q: linkage.positions(q)[:, places], len(places))
+    return of_linkages[linkage]
+
+
+def _passive_friction(observation: Observation, first: int | None) -> BoolArray:
+    """(n, p): which joints move which of those that follow, as far as these have friction among the first columns."""
+    robot = observation.robot
+    if robot.linkage is None:
+        return np.zeros((robot.n, 0), dtype=bool)
+    names = {c.link for c in observation.columns[:first] if c.effect and effect_by_id(c.effect).is_friction}
+    found = np.zeros((robot.n, len(robot.linkage.passive)), dtype=bool)
+    for k, place in enumerate(robot.linkage.passive):
+        # One that turns with a single joint halts when that does.
+        if robot.tree.joint_names[place] in names and not robot.linkage.repeats(place):
+            found[list(robot.linkage.movers(place)), k] = True
+    return found
 
 
 def joints_with_friction(observation: Observation, first: int | None = None) -> BoolArray:

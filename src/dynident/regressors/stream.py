@@ -15,7 +15,7 @@ from dynident.progress import Progress, silent
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
 from dynident.recordings.phases import Phase, PhaseArray
 from dynident.regressors.observation import Observation
-from dynident.regressors.row_phases import RowPhases, changed_at_rest
+from dynident.regressors.row_phases import RowPhases, changed_at_rest, fitted
 
 _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
@@ -287,11 +287,11 @@ def reduce_recordings(
         for samples in given:
             rows = samples.rows(layout)
             phase = phases.at(samples.segment, samples.t)
-            partial = phases.partial(phase, samples.held)
+            partial = phases.partial(samples.segment, samples.t, phase, samples.held)
             beside = None
             if resting is not None and samples.at_rest is not None:
                 beside = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in range(n)]
-            yield EquationRows(samples.t, rows, samples.segment, (phase != Phase.STANDING) | partial, beside)
+            yield EquationRows(samples.t, rows, samples.segment, fitted(phase) | partial, beside)
 
     columns = [columns for _, columns in layout]
     return folded(rows_of, columns, observation.n_columns, recordings, progress, resting is not None)

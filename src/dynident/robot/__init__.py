@@ -1,9 +1,10 @@
-"""What a machine is: joints on a tree, limits, drive chains; from URDF or a modified Denavit-Hartenberg table."""
+"""What a machine is: joints on a tree, limits, drive chains; from URDF, MJCF or a modified Denavit-Hartenberg table."""
 
 from dynident.robot.collision import CollisionGeometry, collision_geometry
 from dynident.robot.description import robot_from_description
 from dynident.robot.drive_chain import coupling_matrix
 from dynident.robot.kinematics import joint_frames, tool_path
+from dynident.robot.mjcf import robot_from_mjcf
 from dynident.robot.model import INERTIAL_NAMES, Description, Drive, Joint, Limits, Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.robot.pinocchio_model import to_pinocchio
@@ -27,6 +28,7 @@ __all__ = [
     "library_table",
     "robot_from_description",
     "robot_from_library",
+    "robot_from_mjcf",
     "robot_from_modified_dh",
     "robot_from_urdf",
     "to_pinocchio",

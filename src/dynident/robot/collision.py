@@ -18,7 +18,8 @@ from dynident.robot.pointers import listed
 from dynident.robot.shapes import Capsule, Shape
 from dynident.robot.surfaces import Surface
 from dynident.robot.urdf_collision import CollisionReader, LinkParts, mesh_names, origin_of
-from dynident.robot.urdf_xml import Element, parse
+from dynident.robot.urdf_xml import parse
+from dynident.robot.xml_text import Element
 
 BASE = -1
 """The joint of what does not move."""
@@ -51,10 +52,10 @@ class CollisionGeometry:
 def collision_geometry(
     robot: Robot, *, mesh_folders: Sequence[Path] = (), link_radius: float | None = None
 ) -> CollisionGeometry:
-    """The collision geometry of a robot's description.
+    """The collision geometry of a robot's description; its joints are those of the robot's tree.
 
     A URDF has it in <collision>: boxes, cylinders, spheres, capsules, and meshes, which count by the convex hulls of a
-    few slices. A modified Denavit-Hartenberg table has it in `capsules`.
+    few slices. A modified Denavit-Hartenberg table has it in `capsules`. The shapes of an MJCF are not read.
 
     Parameters
     ----------
@@ -69,12 +70,12 @@ def collision_geometry(
     DynidentError
         A shape in the description is not one (line, link); or folders are named, and none holds any of the meshes.
     """
+    robot = robot.tree
     shapes: dict[int, list[Shape]] = {index: [] for index in range(BASE, robot.n)}
     surfaces: dict[int, list[Surface]] = {index: [] for index in range(BASE, robot.n)}
     names = {BASE: "base"}
     unread: list[str] = []
-    described = _of_urdf(robot, mesh_folders, unread) if robot.description.format == "urdf" else _of_table(robot)
-    for link, joint, found in described:
+    for link, joint, found in _described(robot, mesh_folders, unread):
         if joint == BASE and link and found.shapes and not shapes[BASE]:
             names[BASE] = link
         shapes[joint].extend(found.shapes)
@@ -101,6 +102,14 @@ def collision_geometry(
 def collision_meshes(robot: Robot) -> dict[str, tuple[str, ...]]:
     """The meshes that a robot's description names for collisions, in its order, each with the links it is of."""
     return mesh_names(parse(robot.description.content)) if robot.description.format == "urdf" else {}
+
+
+def _described(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> Iterator[tuple[str, int, LinkParts]]:
+    """The links of a description, the joints that carry them and their shapes; of an MJCF none is read."""
+    if robot.description.format == "urdf":
+        yield from _of_urdf(robot, mesh_folders, unread)
+    elif robot.description.format == "modified_dh":
+        yield from _of_table(robot)
 
 
 def _of_urdf(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> Iterator[tuple[str, int, LinkParts]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import casadi as ca
+import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.robot.model import Joint
@@ -28,13 +29,21 @@ class End:
 class Loop:
     """Two frames that coincide: wholly, in their origins (a ball joint), or in the xy plane of the first (a pin).
 
-    `where` is its place in the description, for messages.
+    `equations` are those of its kind that count, all of them by default; `where`, `line` its place in the description,
+    for messages.
     """
 
     name: str
     kind: LoopKind
     ends: tuple[End, End]
     where: str = ""
+    line: int = 0
+    equations: tuple[int, ...] | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of its equations."""
+        return EQUATIONS[self.kind] if self.equations is None else len(self.equations)
 
 
 def sparse(matrix: FloatArray) -> ca.SX:
@@ -42,11 +51,52 @@ def sparse(matrix: FloatArray) -> ca.SX:
     return ca.sparsify(ca.SX(ca.DM(matrix)))
 
 
-def frames_of_joints(joints: Sequence[Joint], q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-    """Rotation (3, 3) and origin (3, 1) of every joint's frame in the base frame."""
-    frames: list[tuple[ca.SX, ca.SX]] = []
-    for index, joint in enumerate(joints):
-        rotation, origin = (ca.SX.eye(3), ca.SX(3, 1)) if joint.parent < 0 else frames[joint.parent]
+def gap_of(loop: Loop, joints: Sequence[Joint], q: ca.SX) -> ca.SX:
+    """How far the two frames of a loop are apart, SX (equations, 1): m, and rad where they coincide wholly.
+
+    Both are seen from the last joint that carries them both, whose motion closes or opens nothing. A plane that is
+    fixed there is not turned with the first frame.
+    """
+    chains = [_carriers(joints, end.joint) for end in loop.ends]
+    shared = len([a for a, b in zip(*chains, strict=False) if a == b])
+    (turned, first), (other, second) = (
+        _frame_of(joints, chain[shared:], end.frame, q) for chain, end in zip(chains, loop.ends, strict=True)
+    )
+    apart = second - first
+    if loop.kind == "planar":
+        plane = ca.SX(ca.DM(_across(turned[:, 2]))) if turned[:, 2].is_constant() else turned[:, :2].T
+        whole = ca.mtimes(ca.sparsify(plane), apart)
+    elif loop.kind == "point":
+        whole = apart
+    else:
+        between = ca.mtimes(turned.T, other)
+        twist = 0.5 * (between - between.T)
+        whole = ca.vertcat(apart, twist[2, 1], twist[0, 2], twist[1, 0])
+    return whole if loop.equations is None else whole[list(loop.equations)]
+
+
+def _across(normal: ca.SX) -> FloatArray:
+    """Two unit vectors (2, 3) across a constant one."""
+    axis = np.asarray(ca.DM(normal)).ravel()
+    first = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
+    first /= np.linalg.norm(first)
+    return np.array([np.cross(axis, first), first])
+
+
+def _carriers(joints: Sequence[Joint], joint: int) -> list[int]:
+    """Joints that move a frame, the base's first."""
+    chain = []
+    while joint >= 0:
+        chain.append(joint)
+        joint = joints[joint].parent
+    return chain[::-1]
+
+
+def _frame_of(joints: Sequence[Joint], chain: Sequence[int], frame: FloatArray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Rotation (3, 3) and origin (3, 1) of a frame at the end of a chain of joints, from where the chain starts."""
+    rotation, origin = ca.SX.eye(3), ca.SX(3, 1)
+    for index in chain:
+        joint = joints[index]
         origin = origin + ca.mtimes(rotation, sparse(joint.placement[:3, 3:]))
         rotation = ca.mtimes(rotation, sparse(joint.placement[:3, :3]))
         axis = sparse(joint.axis[:, None])
@@ -56,24 +106,5 @@ def frames_of_joints(joints: Sequence[Joint], q: ca.SX) -> list[tuple[ca.SX, ca.
             along = ca.mtimes(axis, axis.T)
             turn = ca.cos(q[index]) * (ca.SX.eye(3) - along) + ca.sin(q[index]) * ca.skew(ca.densify(axis)) + along
             rotation = ca.mtimes(rotation, ca.sparsify(turn))
-        frames.append((rotation, origin))
-    return frames
-
-
-def gap_of(loop: Loop, frames: Sequence[tuple[ca.SX, ca.SX]]) -> ca.SX:
-    """How far the two frames of a loop are apart, SX (equations, 1): m, and rad where they coincide wholly."""
-    (turned, first), (other, second) = (_placed(end, frames) for end in loop.ends)
-    apart = ca.mtimes(turned.T, second - first)
-    if loop.kind == "planar":
-        return apart[:2]
-    if loop.kind == "point":
-        return apart
-    between = ca.mtimes(turned.T, other)
-    twist = 0.5 * (between - between.T)
-    return ca.vertcat(apart, twist[2, 1], twist[0, 2], twist[1, 0])
-
-
-def _placed(end: End, frames: Sequence[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
-    rotation, origin = (ca.SX.eye(3), ca.SX(3, 1)) if end.joint < 0 else frames[end.joint]
-    place = origin + ca.mtimes(rotation, sparse(end.frame[:3, 3:]))
-    return ca.mtimes(rotation, sparse(end.frame[:3, :3])), place
+    place = origin + ca.mtimes(rotation, sparse(frame[:3, 3:]))
+    return ca.mtimes(rotation, sparse(frame[:3, :3])), place

@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from dynident.errors import DynidentError
-from dynident.robot.model import Description, Drive, Limits, Robot
+from dynident.robot.mjcf import robot_from_mjcf
+from dynident.robot.model import FORMATS, Description, Drive, Limits, Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
+from dynident.robot.pointers import listed
 from dynident.robot.urdf import robot_from_urdf
 
 _POINTER = "/description/content"
@@ -28,6 +30,9 @@ class _Reader(Protocol):
     ) -> Robot: ...
 
 
+_READERS: dict[str, _Reader] = {"urdf": robot_from_urdf, "mjcf": robot_from_mjcf, "modified_dh": robot_from_modified_dh}
+
+
 def robot_from_description(
     name: str,
     description: Description,
@@ -44,7 +49,7 @@ def robot_from_description(
     name : str
         Name of the robot.
     description : Description
-        A URDF, or a modified Denavit-Hartenberg table as JSON text (`dynident.robot.modified_dh`).
+        A URDF, an MJCF, or a modified Denavit-Hartenberg table as JSON text (`dynident.robot.modified_dh`).
     limits, drives : mapping of joint name
         Limits win over the description's, field by field. Drive chains [12.17].
     locked_joints : mapping of joint name to position (rad or m)
@@ -57,13 +62,10 @@ def robot_from_description(
     DynidentError
         Its pointer says where: "/description/content/…", "/limits/<joint>/position", "/locked_joints/<joint>", ….
     """
-    if description.format == "urdf":
-        reader: _Reader = robot_from_urdf
-    elif description.format == "modified_dh":
-        reader = robot_from_modified_dh
-    else:
+    reader = _READERS.get(description.format)
+    if reader is None:
         raise DynidentError(
-            f"Unknown format '{description.format}'; expected urdf or modified_dh.",
+            f"Unknown format '{description.format}'; expected {listed(FORMATS)}.",
             pointer="/description/format",
             title="Unusable robot description",
         )

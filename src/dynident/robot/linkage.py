@@ -16,6 +16,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.cut_joints import Loop
+from dynident.robot.loop_equations import without_repeated
 from dynident.robot.loops import SINGULAR, Closure
 from dynident.robot.loops import TITLE as CLOSURE_TITLE
 from dynident.robot.pointers import listed
@@ -68,15 +69,14 @@ class Linkage:
         if self.closure is None:
             return np.broadcast_to(self.ratios, (len(q), *self.ratios.shape))
         n, x = q.shape[1], self.closure.passive(q)
-        slopes = np.array([np.asarray(self.closure.rates(*state)) for state in zip(q, x, strict=True)])
+        slopes = self.closure.rates_at(q, x)
         return np.asarray(self.ratios[:, :n] + self.ratios[:, n:] @ slopes)
 
     def motion(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Position, velocity and acceleration of all joints (m, N) from those of the driven ones (m, n)."""
         if self.closure is None:
             return self.positions(q), dq @ self.ratios.T, ddq @ self.ratios.T
-        states = zip(q, self.closure.passive(q), dq, ddq, strict=True)
-        passive = np.array([np.asarray(self.closure.accelerations(*state)).ravel() for state in states])
+        passive = self.closure.accelerations_at(q, self.closure.passive(q), dq, ddq)
         speed = np.einsum("mij,mj->mi", self.rates(q), dq)
         return self.positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
 
@@ -134,11 +134,15 @@ def followers_locked(ties: Mapping[str, Tie], locked: Mapping[str, float]) -> di
 
 @dataclass(frozen=True)
 class Cuts:
-    """What a description says of closed loops: the loops, the passive joints in them, where joints start (rad or m)."""
+    """What a description says of closed loops: the loops, the passive joints in them, where joints start (rad or m).
+
+    `repeated`: equations may say again what others say, and are then left out.
+    """
 
     loops: tuple[Loop, ...] = ()
     passive: tuple[str, ...] = ()
     starts: Mapping[str, float] = field(default_factory=dict)
+    repeated: bool = False
 
 
 def linked(
@@ -224,6 +228,8 @@ def _closure(
     low, high = (np.array(one) for one in zip(*bounds[: len(driven)], strict=True))
     names = tuple(joint.name for joint in free)
     closure = Closure(tree.joints, cuts.loops, ratios, offsets, start, low, high, names)
+    if cuts.repeated:
+        closure = without_repeated(closure)
     closure.check()
     return closure
 

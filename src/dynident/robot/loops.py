@@ -18,9 +18,11 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
-from dynident.robot.cut_joints import EQUATIONS, Loop, frames_of_joints, gap_of, sparse
-from dynident.robot.loop_numbers import condition_of, products
+from dynident.robot.cut_joints import Loop, gap_of, sparse
+from dynident.robot.elimination import Pivots, pivots_of, solved
+from dynident.robot.loop_numbers import condition_of
 from dynident.robot.model import Joint
+from dynident.robot.passive_positions import passive_positions
 from dynident.robot.pointers import listed
 
 TITLE = "Unusable closed loop"
@@ -28,12 +30,11 @@ CLOSED = 1e-9
 """Gap of a closed loop (m, rad): rounding."""
 SINGULAR = 1e3
 """Condition of ∂φ/∂x above which a posture counts as singular."""
-_FOUND, _LEAP, _FAR_FROM_SINGULAR = 1e-13, 1.0, 30.0
+FAR_FROM_SINGULAR = 30.0
+"""Condition below which passive positions are known surely; designs stay there."""
+_FOUND, _LEAP = 1e-13, 1.0
 _STEP, _MOST_STEPS, _ROUNDS = 0.1, 80, 40
-_SAMPLES, _EXACT, _MOST_ROUNDS = 3000, 1e-12, 5
-_NEARLY, _LEAST_REACHED = 1e-7, 0.02
-_DEGREES = (1, 3, 5, 7, 9, 11, 13)
-_HIGHEST = {1: 13, 2: 13, 3: 7}
+_PIVOT_SAMPLES, _LEAST_REACHED = 200, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +73,7 @@ class Closure:
     def gaps(self) -> ca.SX:
         """φ SX (equations, 1): m, and rad where frames coincide wholly."""
         q = ca.mtimes(sparse(self.ratios), ca.vertcat(*self.symbols)) + ca.DM(self.offsets)
-        frames = frames_of_joints(self.joints, q)
-        return ca.vertcat(*(gap_of(loop, frames) for loop in self.loops))
+        return ca.sparsify(ca.vertcat(*(gap_of(loop, self.joints, q) for loop in self.loops)))
 
     @cached_property
     def slopes(self) -> tuple[ca.SX, ca.SX]:
@@ -84,32 +84,65 @@ class Closure:
     @cached_property
     def rates(self) -> ca.Function:
         """(q_a, x) -> ∂x/∂q_a SX (p, n)."""
-        over_driven, over_passive = self.slopes
-        return ca.Function("rates", list(self.symbols), [-ca.solve(over_passive, ca.densify(over_driven))])
+        return ca.Function("rates", list(self.symbols), [-self.solve(self.slopes[0])])
 
     @cached_property
     def accelerations(self) -> ca.Function:
         """(q_a, x, q̇_a, q̈_a) -> ẍ SX (p, 1)."""
         driven, passive = self.symbols
         rate, acceleration = ca.SX.sym("dqa", self.n), ca.SX.sym("ddqa", self.n)
-        over_driven, over_passive = self.slopes
         moving = ca.vertcat(rate, ca.mtimes(self.rates(driven, passive), rate))
         speed = ca.SX.sym("speed", self.n + self.p)
         free = ca.vertcat(driven, passive)
         gap_rate = ca.jtimes(self.gaps, free, speed)
         turning = ca.substitute(ca.jtimes(gap_rate, free, speed), speed, moving)
-        value = -ca.solve(over_passive, turning + ca.mtimes(over_driven, acceleration))
+        value = -self.solve(turning + ca.mtimes(self.slopes[0], acceleration))
         return ca.Function("accelerations", [driven, passive, rate, acceleration], [value])
 
     @cached_property
     def solution(self) -> ca.Function:
         """(q_a) -> x SX (p, 1)."""
-        driven = self.symbols[0]
-        guess, rounds = self._guess
-        value = guess(driven)
-        for _ in range(rounds):
-            value = self._step(driven, value)
-        return ca.Function("solution", [driven], [value])
+        found = passive_positions(self)
+        if found is None:
+            raise loop_error(
+                "The loops come too near singular postures within the limits of the driven joints for the passive "
+                "positions to be found everywhere. State narrower limits of the driven joints.",
+                self.loops[0],
+            )
+        return found
+
+    def solve(self, right: ca.SX) -> ca.SX:
+        """(∂φ/∂x)⁻¹ right, SX (p, k) of expressions SX (equations, k)."""
+        return solved(self.slopes[1], right, self._pivots)
+
+    def rates_at(self, q: FloatArray, x: FloatArray) -> FloatArray:
+        """∂x/∂q_a (m, p, n) at driven and passive positions (m, n) and (m, p)."""
+        values = self._rates(np.ascontiguousarray(q), np.ascontiguousarray(x))
+        return np.swapaxes(values.reshape(len(q), self.n, self.p), 1, 2)
+
+    def accelerations_at(self, q: FloatArray, x: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        """ẍ (m, p) of driven motions q, dq, ddq (m, n) and passive positions x (m, p)."""
+        return self._accelerations(*(np.ascontiguousarray(one) for one in (q, x, dq, ddq)))
+
+    def nearness(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """ln of the condition (m,) of ∂φ/∂x, and its slopes (m, n) over the driven positions q (m, n).
+
+        Where the loops are open or singular it is infinite, without a slope.
+        """
+        x = self.passive(q)
+        gap, slopes = self.evaluated(q, x)
+        known = (np.abs(gap).max(axis=1) < CLOSED) & (condition_of(slopes) < SINGULAR)
+        left, values, right = np.linalg.svd(np.where(known[:, None, None], slopes, np.eye(self.p)))
+        bends = self._bends(np.ascontiguousarray(q), np.ascontiguousarray(x))
+        bends = bends.reshape(len(q), self.n, self.p, self.p).swapaxes(2, 3)
+
+        def slope_of(k: int) -> FloatArray:
+            """∂ ln σ_k / ∂q_a (m, n)."""
+            along = np.einsum("mi,mjik,mk->mj", left[:, :, k], bends, right[:, k])
+            return np.asarray(along / values[:, k, None])
+
+        found = np.where(known, np.log(values[:, 0] / values[:, -1]), np.inf)
+        return found, np.where(known[:, None], slope_of(0) - slope_of(-1), 0.0)
 
     def passive(self, q: FloatArray) -> FloatArray:
         """Passive coordinates (m, p) at driven positions (m, n)."""
@@ -117,11 +150,11 @@ class Closure:
 
     def movers(self, passive: int) -> tuple[int, ...]:
         """The driven joints that a passive coordinate moves with."""
-        return next((tuple(driven) for _, unknowns, driven in self._groups if passive in unknowns), ())
+        return next((tuple(driven) for _, unknowns, driven in self.groups if passive in unknowns), ())
 
     def conditions(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Largest gap (m,) in m or rad, and the condition (m,) of ∂φ/∂x, at driven positions (m, n)."""
-        gap, slopes = self._evaluated(q, self.passive(q))
+        gap, slopes = self.evaluated(q, self.passive(q))
         return np.abs(gap).max(axis=1), condition_of(slopes)
 
     def check(self) -> FloatArray:
@@ -134,12 +167,12 @@ class Closure:
             passive joint free, or are singular where they start.
         """
         self._check_counts()
-        posture = self._closed_start()
-        _, slopes = self._evaluated(posture[None, : self.n], posture[None, self.n :])
+        posture = self.closed_start()
+        _, slopes = self.evaluated(posture[None, : self.n], posture[None, self.n :])
         condition = float(condition_of(slopes)[0])
         if condition > SINGULAR:
             self._check_rank(posture)
-            raise _error(
+            raise loop_error(
                 f"The loops are singular at the start (condition {condition:.3g}): the driven joints do not determine "
                 "the passive ones there. State another `start` of the joints, away from stretched postures.",
                 self.loops[0],
@@ -152,10 +185,26 @@ class Closure:
         while sum(map(len, kept)) < count:
             q = rng.uniform(self.low, self.high, (2 * count, self.n))
             x, fine = self.follow(q)
-            fine &= condition_of(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
+            fine &= condition_of(self.evaluated(q, x)[1]) < FAR_FROM_SINGULAR
             self._check_reach(fine)
             kept.append(q[fine])
         return np.vstack(kept)[:count]
+
+    def sampled(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Driven positions (m, n) and passive ones (m, p) of at most `count` closed postures within the limits.
+
+        They are far from singular; some are near the start, some at the limits.
+        """
+        rng = np.random.default_rng(0)
+        q = rng.uniform(self.low, self.high, (count, self.n))
+        near, edge = slice(count // 8), slice(count // 8, count // 4)
+        q[near] = self._posture[: self.n] + 0.3 * (q[near] - self._posture[: self.n])
+        at_low, at_high = rng.uniform(size=(2, *q[edge].shape)) < 0.35
+        q[edge] = np.where(at_low, self.low, np.where(at_high, self.high, q[edge]))
+        x, fine = self.follow(q)
+        fine &= condition_of(self.evaluated(q, x)[1]) < FAR_FROM_SINGULAR
+        self._check_reach(fine)
+        return q[fine], x[fine]
 
     def follow(self, q: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Passive coordinates (m, p) on the straight ways from the start to q (m, n), and which did not get lost (m,).
@@ -170,7 +219,7 @@ class Closure:
         for k in range(1, count + 1):
             here, before = posture[: self.n] + away * (k / count), x
             for _ in range(2 if k < count else 5):
-                gap, slopes = self._evaluated(here, x)
+                gap, slopes = self.evaluated(here, x)
                 good = condition_of(slopes) < SINGULAR
                 fine &= good
                 slopes[~fine] = np.eye(self.p)
@@ -178,7 +227,7 @@ class Closure:
                 x = x - np.linalg.solve(slopes, gap[:, :, None])[:, :, 0]
             # What leaps has left its branch.
             fine &= np.abs(x - before).max(axis=1) < _LEAP
-        gap, slopes = self._evaluated(q, x)
+        gap, slopes = self.evaluated(q, x)
         return x, fine & (np.abs(gap).max(axis=1) < _FOUND) & (condition_of(slopes) < SINGULAR)
 
     @cached_property
@@ -189,10 +238,9 @@ class Closure:
         return max(lengths, default=1.0) or 1.0
 
     @cached_property
-    def _step(self) -> ca.Function:
-        """(q_a, x) -> x after a round of Newton's method."""
-        driven, passive = self.symbols
-        return ca.Function("step", [driven, passive], [passive - ca.solve(self.slopes[1], self.gaps)])
+    def _pivots(self) -> Pivots:
+        q, x = self.sampled(_PIVOT_SAMPLES)
+        return pivots_of(self.evaluated(q, x)[1])
 
     @cached_property
     def _posture(self) -> FloatArray:
@@ -203,10 +251,29 @@ class Closure:
         return Program(list(self.symbols), ca.densify(ca.horzcat(self.gaps, self.slopes[1])))
 
     @cached_property
+    def _rates(self) -> Program:
+        return Program(list(self.symbols), ca.densify(self.rates(*self.symbols)))
+
+    @cached_property
+    def _accelerations(self) -> Program:
+        rate, acceleration = ca.SX.sym("dqa", self.n), ca.SX.sym("ddqa", self.n)
+        value = self.accelerations(*self.symbols, rate, acceleration)
+        return Program([*self.symbols, rate, acceleration], ca.densify(value))
+
+    @cached_property
+    def _bends(self) -> Program:
+        """d(∂φ/∂x)/dq_a, each driven joint's p x p behind that of the one before."""
+        free, rates = ca.vertcat(*self.symbols), self.rates(*self.symbols)
+        ways = ca.vertcat(ca.SX.eye(self.n), rates)
+        flat = ca.vec(ca.densify(self.slopes[1]))
+        made = [ca.jtimes(flat, free, ca.densify(ways[:, j])) for j in range(self.n)]
+        return Program(list(self.symbols), ca.densify(ca.vertcat(*made)))
+
+    @cached_property
     def _passive(self) -> Program:
         return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])))
 
-    def _evaluated(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def evaluated(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """φ (m, e) and ∂φ/∂x (m, e, p)."""
         values = self._program(np.ascontiguousarray(q), np.ascontiguousarray(x))
         whole = values.reshape(len(q), 1 + self.p, -1)
@@ -214,29 +281,23 @@ class Closure:
 
     def _check_counts(self) -> None:
         touched: set[int] = set()
-        for rows, unknowns, driven in self._groups:
-            loop = self._loop_of(rows[0])
+        for rows, unknowns, driven in self.groups:
+            loop = self.loop_of(rows[0])
             touched |= set(unknowns)
+            if not unknowns:
+                self._refuse_without_passive(loop, driven)
+            passive = listed(self.names[self.n + k] for k in unknowns)
             if not driven:
-                raise _error(
-                    f"No driven joint moves loop '{loop.name}': everything in it would stand still. Drive one of "
-                    f"{listed(self.names[self.n + k] for k in unknowns)}.",
-                    loop,
-                )
+                detail = f"No driven joint moves loop '{loop.name}': everything in it would stand still. Drive one of "
+                raise loop_error(f"{detail}{passive}.", loop)
             if len(unknowns) > len(rows):
-                raise _error(
-                    f"{len(unknowns)} passive joints ({listed(self.names[self.n + k] for k in unknowns)}) for "
-                    f"{len(rows)} equations of loop '{loop.name}': they can move while the driven joints stand. Drive "
-                    "or tie joints, or let more of the frames coincide.",
+                raise loop_error(
+                    f"{len(unknowns)} passive joints ({passive}) for {len(rows)} equations of loop '{loop.name}': they "
+                    "can move while the driven joints stand. Drive or tie joints, or let more of the frames coincide.",
                     loop,
                 )
             if len(unknowns) < len(rows):
-                raise _error(
-                    f"Loop '{loop.name}' has redundant constraints: {len(rows)} equations for {len(unknowns)} passive "
-                    f"joints ({listed(self.names[self.n + k] for k in unknowns)}). A loop in a plane is of the kind "
-                    "planar (2 equations), one with ball joints of the kind point (3).",
-                    loop,
-                )
+                raise _redundant(loop, len(rows), len(unknowns), passive)
         free = [self.names[self.n + k] for k in range(self.p) if k not in touched]
         if free:
             raise DynidentError(
@@ -245,16 +306,29 @@ class Closure:
                 title=TITLE,
             )
 
+    def _refuse_without_passive(self, loop: Loop, driven: list[int]) -> None:
+        """An equation of a loop that no passive joint can keep: of driven joints alone, or of none at all."""
+        if driven:
+            names = listed(self.names[k] for k in driven)
+            raise loop_error(
+                f"No passive joint can keep loop '{loop.name}' closed when the driven joints {names} move. Make as "
+                "many of its joints passive as it has equations.",
+                loop,
+            )
+        own = set(self.rows_of(loop))
+        held = sorted({k for rows, unknowns, _ in self.groups if own & set(rows) for k in unknowns})
+        raise _redundant(loop, len(own), len(held), listed(self.names[self.n + k] for k in held))
+
     def _check_rank(self, posture: FloatArray) -> None:
         """Raise where equations say the same thing twice wherever one looks."""
         rng = np.random.default_rng(0)
         near = posture + 0.2 * rng.uniform(-1, 1, (20, len(posture)))
-        _, slopes = self._evaluated(near[:, : self.n], near[:, self.n :])
-        for rows, unknowns, _ in self._groups:
+        _, slopes = self.evaluated(near[:, : self.n], near[:, self.n :])
+        for rows, unknowns, _ in self.groups:
             part = slopes[:, rows][:, :, unknowns]
             if np.all(np.linalg.cond(part) > SINGULAR):
-                loop = self._loop_of(rows[0])
-                raise _error(
+                loop = self.loop_of(rows[0])
+                raise loop_error(
                     f"Loop '{loop.name}' has redundant constraints: its {len(rows)} equations are not independent in "
                     "any posture nearby, so that they cannot determine "
                     f"{listed(self.names[self.n + k] for k in unknowns)}. A loop in a plane is of the kind planar, "
@@ -262,30 +336,38 @@ class Closure:
                     loop,
                 )
 
-    def _closed_start(self) -> FloatArray:
+    def closed_start(self) -> FloatArray:
+        """The posture (n + p,) in which the loops are closed with the driven joints at their start.
+
+        Raises
+        ------
+        DynidentError
+            There is none near the start (gap there, and at best).
+        """
         posture = self.start.copy()
-        first, _ = self._evaluated(posture[None, : self.n], posture[None, self.n :])
+        first, _ = self.evaluated(posture[None, : self.n], posture[None, self.n :])
         for _ in range(_ROUNDS):
-            gap, slopes = self._evaluated(posture[None, : self.n], posture[None, self.n :])
+            gap, slopes = self.evaluated(posture[None, : self.n], posture[None, self.n :])
             if np.abs(gap).max() < 1e-14 * max(1.0, self.size):
                 break
             move = np.linalg.lstsq(slopes[0], -gap[0], rcond=1e-10)[0]
             posture[self.n :] += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
-        gap, _ = self._evaluated(posture[None, : self.n], posture[None, self.n :])
+        gap, _ = self.evaluated(posture[None, : self.n], posture[None, self.n :])
         if np.abs(gap).max() > CLOSED:
             row = int(np.argmax(np.abs(gap[0])))
-            loop = self._loop_of(row)
-            rows = self._rows_of(loop)
-            raise _error(
+            loop = self.loop_of(row)
+            rows = self.rows_of(loop)
+            raise loop_error(
                 f"Loop '{loop.name}' does not close: with the driven joints at their start its frames are "
                 f"{float(np.linalg.norm(first[0, rows])):.3g} m apart, and {float(np.linalg.norm(gap[0, rows])):.3g} m "
-                "at best. Correct the lengths, or state a `start` of the joints near a posture in which it closes.",
+                "at best. Correct the lengths, or state a `start` of the joints near a posture in which it closes (in "
+                "MJCF: the first <key qpos=…/>).",
                 loop,
             )
         return posture
 
     @cached_property
-    def _groups(self) -> list[tuple[list[int], list[int], list[int]]]:
+    def groups(self) -> list[tuple[list[int], list[int], list[int]]]:
         """Equations, passive coordinates and driven joints that hang together."""
         over_driven, over_passive = (np.asarray(ca.DM(one.sparsity(), 1.0).full() != 0) for one in self.slopes)
         left = set(range(over_passive.shape[0]))
@@ -303,87 +385,38 @@ class Closure:
             left -= rows
         return groups
 
-    @cached_property
-    def _guess(self) -> tuple[ca.Function, int]:
-        """(q_a) -> a first guess of x, and how many rounds of Newton's method make it exact."""
-        rng = np.random.default_rng(0)
-        q = rng.uniform(self.low, self.high, (_SAMPLES, self.n))
-        q[: _SAMPLES // 8] = self._posture[: self.n] + 0.3 * (q[: _SAMPLES // 8] - self._posture[: self.n])
-        x, fine = self.follow(q)
-        fine &= condition_of(self._evaluated(q, x)[1]) < _FAR_FROM_SINGULAR
-        self._check_reach(fine)
-        q, x = q[fine], x[fine]
-        work = self._step.n_instructions()
-        best: tuple[float, ca.Function, int] | None = None
-        for degree in _DEGREES:
-            guess, size = self._fitted(q, x, degree)
-            if best is not None and size >= best[0]:
-                break
-            rounds = self._rounds_needed(Program([self.symbols[0]], guess(self.symbols[0]))(q), q, x)
-            if rounds is not None and (best is None or size + rounds * work < best[0]):
-                best = (size + rounds * work, guess, rounds)
-        if best is None:
-            raise _error(
-                "The loops come too near singular postures within the limits of the driven joints for the passive "
-                "positions to be found everywhere. State narrower limits of the driven joints.",
-                self.loops[0],
-            )
-        return best[1], best[2]
-
-    def _fitted(self, q: FloatArray, x: FloatArray, degree: int) -> tuple[ca.Function, float]:
-        """Polynomials (q_a) -> x through positions (m, n) and (m, p), and how many operations they take."""
-        driven = self.symbols[0]
-        middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
-        scaled, symbols = (q - middle) / half, (driven - ca.DM(middle)) / ca.DM(half)
-        guess = ca.SX.zeros(self.p, 1)
-        for _, unknowns, movers in self._groups:
-            own = min(degree, _HIGHEST.get(len(movers), 4))
-            terms = np.stack([np.ones(len(q)), *products(list(scaled[:, movers].T), own)], axis=1)
-            weights = np.linalg.lstsq(terms, x[:, unknowns], rcond=1e-12)[0]
-            weights[np.abs(weights) < 1e-12] = 0.0
-            columns = ca.vertcat(1, *products([symbols[j] for j in movers], own))
-            values = ca.mtimes(ca.sparsify(ca.SX(ca.DM(weights.T))), columns)
-            for place, k in enumerate(unknowns):
-                guess[k] = values[place]
-        function = ca.Function("guess", [driven], [ca.densify(guess)])
-        return function, float(function.n_instructions())
-
-    def _rounds_needed(self, guess: FloatArray, q: FloatArray, x: FloatArray) -> int | None:
-        """How many rounds of Newton's method bring the guesses (m, p) to the positions x (m, p); None for too many."""
-        found = guess
-        for rounds in range(_MOST_ROUNDS + 1):
-            far = np.abs(found - x).max(axis=1)
-            if far.max() < _EXACT:
-                return rounds
-            # Every round squares what is left. At the edge some need one more.
-            if far.max() < _NEARLY:
-                return rounds + 1
-            if np.quantile(far, 0.998) < _NEARLY:
-                return rounds + 2
-            gap, slopes = self._evaluated(q, found)
-            found = found - np.linalg.solve(slopes, gap[:, :, None])[:, :, 0]
-        return None
-
     def _check_reach(self, fine: BoolArray) -> None:
         if np.mean(fine) < _LEAST_REACHED:
-            raise _error(
+            raise loop_error(
                 "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
                 f"{np.count_nonzero(fine)} of {len(fine)} postures are reached. State limits of the driven joints, or "
                 "another start.",
                 self.loops[0],
             )
 
-    def _loop_of(self, row: int) -> Loop:
-        return next(loop for loop in self.loops if row in self._rows_of(loop))
+    def loop_of(self, row: int) -> Loop:
+        """The loop that an equation is of."""
+        return next(loop for loop in self.loops if row in self.rows_of(loop))
 
-    def _rows_of(self, loop: Loop) -> list[int]:
+    def rows_of(self, loop: Loop) -> list[int]:
+        """Places of a loop's equations."""
         first = 0
         for other in self.loops:
             if other is loop:
                 break
-            first += EQUATIONS[other.kind]
-        return list(range(first, first + EQUATIONS[loop.kind]))
+            first += other.count
+        return list(range(first, first + loop.count))
 
 
-def _error(detail: str, loop: Loop) -> DynidentError:
-    return DynidentError(detail, pointer=loop.where, title=TITLE)
+def loop_error(detail: str, loop: Loop) -> DynidentError:
+    """Error that names a loop's place."""
+    return DynidentError(f"line {loop.line}: {detail}" if loop.line else detail, pointer=loop.where, title=TITLE)
+
+
+def _redundant(loop: Loop, equations: int, unknowns: int, passive: str) -> DynidentError:
+    return loop_error(
+        f"Loop '{loop.name}' has redundant constraints: {equations} equations for {unknowns} passive joints "
+        f"({passive}). A loop in a plane is of the kind planar (2 equations), one with ball joints of the kind point "
+        "(3).",
+        loop,
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -18,6 +18,9 @@ INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""
 
 JointKind = Literal["revolute", "prismatic"]
+DescriptionFormat = Literal["urdf", "mjcf", "modified_dh"]
+FORMATS: tuple[DescriptionFormat, ...] = get_args(DescriptionFormat)
+"""What a robot can be described in."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ class Joint:
 class Description:
     """The text a robot was made from, kept as it came."""
 
-    format: Literal["urdf", "modified_dh"]
+    format: DescriptionFormat
     content: str = field(repr=False)
 
 

@@ -59,6 +59,24 @@ def to_pinocchio(robot: Robot) -> PinocchioModel:
     return model
 
 
+def described_torque(
+    robot: Robot, q: FloatArray, dq: FloatArray, ddq: FloatArray, rotors: FloatArray | None = None
+) -> FloatArray:
+    """Torque (m, n) that the description's links need, by Newton's and Euler's recursion; rotors (N,) of all joints.
+
+    Where joints follow others it is that of the driven ones: Gᵀ times the tree's.
+    """
+    model = to_pinocchio(robot)
+    data = model.createData()
+    motion = (q, dq, ddq) if robot.linkage is None else robot.linkage.motion(q, dq, ddq)
+    torque = np.array([pin.rnea(model, data, *state) for state in zip(*motion, strict=True)])
+    if rotors is not None:
+        torque = torque + rotors * motion[2]
+    if robot.linkage is None:
+        return torque
+    return np.asarray(np.einsum("mji,mj->mi", robot.linkage.rates(q), torque))
+
+
 def from_pinocchio(
     model: PinocchioModel,
     name: str,
@@ -81,7 +99,7 @@ def from_pinocchio(
         detail = f"The description has {len(moving)} moving joints; at most {MOST_JOINTS} are supported."
         raise DynidentError(detail, pointer=pointer, title="Unusable robot description")
     check_names(settings, moving, fixed)
-    model = _locked(model, settings.locked_joints)
+    model = locked(model, settings.locked_joints)
     joints = tuple(
         replace(
             joint,
@@ -109,7 +127,8 @@ def from_pinocchio(
     )
 
 
-def _locked(model: PinocchioModel, values: Mapping[str, float]) -> PinocchioModel:
+def locked(model: PinocchioModel, values: Mapping[str, float]) -> PinocchioModel:
+    """The model with joints held at positions (rad, m) by their names; its frames stay."""
     if not values:
         return model
     configuration = pin.neutral(model)

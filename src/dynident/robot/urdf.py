@@ -12,7 +12,8 @@ from dynident.robot.model import Description, Drive, Limits, Robot
 from dynident.robot.pinocchio_model import from_pinocchio
 from dynident.robot.rounding import ROUNDING_TOLERANCE
 from dynident.robot.settings import settings_from
-from dynident.robot.urdf_xml import TITLE, Element, checked, mimics, parse, urdf_error, write
+from dynident.robot.urdf_xml import TITLE, checked, mimics, parse, urdf_error
+from dynident.robot.xml_text import Element, write
 
 
 def robot_from_urdf(

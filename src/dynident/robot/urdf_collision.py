@@ -15,7 +15,8 @@ from dynident.robot.mesh_files import mesh_file, sought_files
 from dynident.robot.meshes import hulls_of, surface_of_mesh
 from dynident.robot.shapes import Block, Capsule, Cylinder, Shape
 from dynident.robot.surfaces import Surface
-from dynident.robot.urdf_xml import Element, urdf_error
+from dynident.robot.urdf_xml import urdf_error
+from dynident.robot.xml_text import Element
 
 _SHAPES = ("box", "cylinder", "sphere", "capsule")
 

@@ -10,7 +10,7 @@ from dynident.errors import DynidentError
 from dynident.robot.linkage import Tie
 from dynident.robot.model import Joint, Robot
 from dynident.robot.pinocchio_model import dynamic_parameters
-from dynident.robot.urdf_xml import Element, number_text, write
+from dynident.robot.xml_text import Element, number_text, write
 
 _BASE = "base"
 

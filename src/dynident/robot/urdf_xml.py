@@ -4,41 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from xml.parsers import expat
-from xml.sax.saxutils import quoteattr
 
 from dynident.errors import DynidentError
 from dynident.robot.linkage import Tie
 from dynident.robot.pointers import listed
+from dynident.robot.xml_text import Element, parse_xml
 
 TITLE = "Unusable URDF"
 MOVING = ("revolute", "continuous", "prismatic")
 MOST_LINKS = 2000
 """Links, fixed ones included: Pinocchio walks the tree by recursion, and a stack has an end."""
-MOST_ELEMENTS = 100_000
-"""Elements of the whole text, looks included: a robot of 2000 links has about 50 000."""
-DEEPEST = 100
-"""Elements inside each other; a URDF needs six."""
 _ABSENT = {"floating", "planar", "ball", "spherical"}
-
-
-@dataclass(frozen=True)
-class Element:
-    """An XML element with the line that it starts on."""
-
-    tag: str
-    attributes: dict[str, str]
-    line: int
-    children: list[Element] = field(default_factory=list)
-
-    def all(self, tag: str) -> Iterator[Element]:
-        """Children of that tag."""
-        return (child for child in self.children if child.tag == tag)
-
-    def first(self, tag: str) -> Element | None:
-        """First child of that tag."""
-        return next(self.all(tag), None)
 
 
 def urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
@@ -57,7 +33,7 @@ def parse(text: str, pointer: str = "") -> Element:
     """
     if not text.strip():
         raise urdf_error("The URDF is empty; expected XML whose root is <robot>.", None, pointer)
-    root = _parse_xml(text.strip(), 1 + _lines_before(text), pointer)
+    root = parse_xml(text, "A URDF", pointer, TITLE)
     if root.tag != "robot":
         raise urdf_error(f"The root element is <{root.tag}>; a URDF's is <robot>.", root.line, pointer)
     xacro = next((child for child in root.children if child.tag.startswith("xacro:")), None)
@@ -117,63 +93,7 @@ def mimics(root: Element, pointer: str = "") -> dict[str, Tie]:
     return found
 
 
-def write(element: Element, indent: bool = False, depth: int = 0) -> str:
-    """XML text of the element, on one line, or indented for people."""
-    margin, end = ("  " * depth, "\n") if indent else ("", "")
-    attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
-    if not element.children:
-        return f"{margin}<{element.tag}{attributes}/>{end}"
-    inside = "".join(write(child, indent, depth + 1) for child in element.children)
-    return f"{margin}<{element.tag}{attributes}>{end}{inside}{margin}</{element.tag}>{end}"
-
-
-def number_text(*values: float) -> str:
-    """Numbers as an attribute, to the last digit."""
-    return " ".join(repr(float(value)) for value in values)
-
-
 _Fail = Callable[[str, int], DynidentError]
-
-
-def _lines_before(text: str) -> int:
-    return text[: len(text) - len(text.lstrip())].count("\n")
-
-
-def _parse_xml(text: str, first_line: int, pointer: str) -> Element:
-    document = Element("", {}, 0)
-    open_elements = [document]
-    count = 0
-    parser = expat.ParserCreate("utf-8")  # whatever the declaration says: the text is decoded already
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal count
-        count += 1
-        line = parser.CurrentLineNumber + first_line - 1
-        if count > MOST_ELEMENTS:
-            raise urdf_error(f"The URDF has more than {MOST_ELEMENTS} elements.", line, pointer)
-        if len(open_elements) > DEEPEST:
-            raise urdf_error(f"<{tag}> is inside more than {DEEPEST} other elements.", line, pointer)
-        element = Element(tag, attributes, line)
-        open_elements[-1].children.append(element)
-        open_elements.append(element)
-
-    def end(tag: str) -> None:
-        open_elements.pop()
-
-    def doctype(*_: object) -> None:
-        raise urdf_error("A URDF has no document type declaration; remove <!DOCTYPE …>.", None, pointer)
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
-    parser.StartDoctypeDeclHandler = doctype
-    try:
-        parser.Parse(text.encode(errors="replace"), True)
-    except expat.ExpatError as error:
-        reason = expat.ErrorString(error.code)
-        raise urdf_error(
-            f"The XML is malformed at column {error.offset + 1}: {reason}.", error.lineno + first_line - 1, pointer
-        ) from None
-    return document.children[0]
 
 
 def _named(root: Element, tag: str, fail: _Fail) -> Iterator[tuple[str, Element]]:

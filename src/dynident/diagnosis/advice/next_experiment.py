@@ -32,6 +32,7 @@ from dynident.excitation.limits.bounds import Bounds, bounds_of
 from dynident.excitation.observation.model import DesignModel, design_model
 from dynident.identification import Identification
 from dynident.recordings import Recording
+from dynident.robot.model import Robot
 from dynident.simulation import typical_effect
 
 _BETTER = 0.8
@@ -251,12 +252,17 @@ def _case_of(identification: Identification, data: _AtHand, doubt: Doubt, bounds
         effects=(*model.effects, *doubt.beside),
         suspect=doubt.suspect,
         rival=pairing.rival,
-        joints=tuple(model.robot.tree.joint_names[j] for j in joints_of(doubt.suspect, model.robot)),
+        joints=_driven(model.robot, [model.robot.tree.joint_names[j] for j in joints_of(doubt.suspect, model.robot)]),
         bounds=bounds,
         noise={name: _short(np.sqrt(raw_rate / rate) / weight) for name, weight in zip(names, weights, strict=True)},
         rate=_short(raw_rate),
     )
     return _Case(question, pairing, rate)
+
+
+def _driven(robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
+    """The joints that an experiment about these moves: a passive one goes with others."""
+    return tuple(dict.fromkeys(robot.joint_names[k] for joint in joints for k in robot.movers(joint)))
 
 
 def _hardest(identification: Identification, data: _AtHand, doubt: Doubt) -> _Pairing:

@@ -142,7 +142,7 @@ def gather(
     collected = Collected([len(columns) for _, columns in layout], _KINDS, int(total / usual) + several)
     done, free = 0.0, np.ones(n, dtype=bool)
     for recording, periods in zip(recordings, repeats, strict=True):
-        phases = RowPhases.of(observation, recording, preprocessing).about(frictional)
+        phases = RowPhases.of(observation, recording, preprocessing, n_base).about(frictional)
         free &= phases.free
         if samples_of is None:
             given: Iterable[FilteredSamples] = filtered_samples(
@@ -156,7 +156,7 @@ def gather(
                 segment = samples.segment
                 stretches.begin_run(recording.run_label(segment), periods[segment])
             phase = phases.at(segment, samples.t)
-            beside = phases.partial(phase, samples.held)
+            beside = phases.partial(segment, samples.t, phase, samples.held)
             collected.push(
                 stretches.of(samples.t),
                 samples.rows(layout),

@@ -252,7 +252,8 @@ def places_of(effect: Effect, robot: Robot) -> tuple[int, ...]:
     possible, linkage = effect.applicable(robot.tree), robot.linkage
     if linkage is None or effect.in_some_runs:
         return possible
-    return tuple(j for j in possible if j in linkage.driven or (effect.is_friction and not linkage.repeats(j)))
+    rubs = effect.is_friction and effect.sits_on != "motor"
+    return tuple(j for j in possible if j in linkage.driven or (rubs and not linkage.repeats(j)))
 
 
 def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:

@@ -62,7 +62,7 @@ def too_uncertain(
         (one.candidate.effect, joint)
         for finding in picks
         for one in (finding.judged, *finding.equal)
-        for joint in one.candidate.joints or pool.observation.robot.joint_names
+        for joint in one.candidate.joints or pool.observation.robot.tree.joint_names
     }
     return tuple(
         one
@@ -110,7 +110,7 @@ def _spreads(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterato
 
 def _sizes(pool: Pool, candidate: Candidate, spreads: Sequence[float]) -> Iterator[tuple[float, Invisible]]:
     """How many of its standard deviations each parameter has where an arm has the effect; and that in words."""
-    robot = pool.observation.robot
+    robot = pool.observation.robot.tree
     joint = robot.joint_names.index(candidate.joints[0])
     usual = effect_by_id(candidate.effect).usual(robot, joint)
     for place, spread in zip(candidate.columns, spreads, strict=True):

@@ -27,7 +27,7 @@ _VARIATIONS_OF_A_POINT = 40
 _RANDOM_SHARE = 0.3
 _SLOWER, _ATTEMPTS = 0.95, 30
 _MOST_SETTLED = 10
-_HOWEVER_SLOW = ("position_min", "position_max", "clearance", "tool_min", "tool_max")
+_HOWEVER_SLOW = ("position_min", "position_max", "clearance", "tool_min", "tool_max", "condition")
 """Limits that a slower move breaks as well."""
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.surroundings.free_space import FreeSpace, free_space_of
+from dynident.excitation.surroundings.loop_rooms import LoopRooms
 from dynident.excitation.surroundings.obstacles import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
 from dynident.robot.model import Joint
@@ -107,9 +108,9 @@ def bounds_of(
         A stated range lies outside the robot's own.
     """
     for name, stated in overrides.items():
-        if name not in robot.joint_names:
+        if name not in robot.tree.joint_names:
             raise DynidentError(
-                f"There is no joint '{name}'; joints: {listed(robot.joint_names)}.",
+                f"There is no joint '{name}'; joints: {listed(robot.tree.joint_names)}.",
                 pointer=pointer(name, within=at),
                 title="Unknown joint",
             )
@@ -141,6 +142,11 @@ def bounds_of(
         check_surroundings(surroundings, robot.joint_names)
         space = free_space_of(robot, surroundings, low, high)
         notes += [] if space is None else space.notes
+    loops = LoopRooms.of(robot, overrides)
+    if loops is not None:
+        empty = FreeSpace(robot, None, None, None, ())
+        space = replace(empty if space is None else space, loops=loops)
+        notes += _not_of_followers(robot, overrides)
     return Bounds(
         names=robot.joint_names,
         position_low=low,
@@ -153,6 +159,20 @@ def bounds_of(
         notes=tuple(notes),
         space=space,
     )
+
+
+def _not_of_followers(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
+    """Say which stated limits of joints that follow others are not kept: all but those of their positions."""
+    names = [
+        f"{kind.name} of {name}"
+        for name, limits in stated.items()
+        if name not in robot.joint_names
+        for kind in fields(limits)
+        if kind.name != "position" and getattr(limits, kind.name) is not None
+    ]
+    if not names:
+        return []
+    return [f"Of joints that follow others positions alone are limited; not kept: {listed(names)}."]
 
 
 def _too_wide(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:

@@ -13,6 +13,7 @@ from dynident.arrays import FloatArray
 from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.excitation.surroundings.contacts import Approach
 from dynident.excitation.surroundings.free_space import FreeSpace, contact_complaint
+from dynident.excitation.surroundings.loop_rooms import LoopRooms, singular_complaint
 from dynident.excitation.trajectories.motion import Motion
 
 LimitName = Literal[
@@ -26,6 +27,7 @@ LimitName = Literal[
     "clearance",
     "tool_min",
     "tool_max",
+    "condition",
 ]
 
 
@@ -34,7 +36,7 @@ class Margin:
     """How near a motion comes to one limit: `value` is the extreme one, `share` the part of the room it uses.
 
     A share of 1 touches the limit. Of a position it is counted from the middle of the range. Of a clearance `joint`
-    names what comes near each other, and of the tool's range the axis.
+    names what comes near each other, of the tool's range the axis, and of the condition of closed loops these.
     """
 
     joint: str
@@ -50,6 +52,9 @@ class Margin:
             return contact_complaint(self.joint, self.value, self.bound)
         if self.limit in ("tool_min", "tool_max"):
             return f"The {self.joint} would go to {self.value:.4g} m, beyond the end {self.bound:g} m of its range."
+        if self.limit == "condition":
+            said = singular_complaint(self.value, self.bound)
+            return said[0].upper() + said[1:]
         return f"The {self.limit} limit {self.bound:g} of joint '{self.joint}' would be broken: {self.value:.4g}."
 
 
@@ -105,17 +110,20 @@ def _share(share: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
 
 
 class _Around:
-    """The nearest approaches to the surroundings, and the ends of the tool's way, over several looks."""
+    """The nearest approaches to the surroundings, and the ends of ways of tool and followers, over several looks."""
 
     def __init__(self, space: FreeSpace | None) -> None:
         self._space = space
         self._approaches: list[Approach] = []
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+        self._followers = None if space is None or space.loops is None else _Followers(space.loops)
 
     def look(self, q: FloatArray) -> None:
         """Along a path q (m, n)."""
         if self._space is None:
             return
+        if self._followers is not None:
+            self._followers.look(q)
         if self._space.contacts is not None:
             seen = self._space.contacts.approaches(q)
             before = self._approaches or seen
@@ -128,7 +136,8 @@ class _Around:
         """Of every body, and of every end of the tool's range that is stated."""
         if self._space is None:
             return ()
-        made = [
+        made = [] if self._followers is None else self._followers.margins()
+        made += [
             Margin(
                 one.name,
                 "clearance",
@@ -150,6 +159,39 @@ class _Around:
                     share = max(0.0, 1.0 - (high - reached[1]) / size)
                     made.append(Margin(f"tool {axis}", "tool_max", float(reached[1]), high, share))
         return tuple(made)
+
+
+class _Followers:
+    """The ends of the ways of joints that follow others, and the worst condition of closed loops."""
+
+    def __init__(self, loops: LoopRooms) -> None:
+        self._loops, self._worst = loops, 0.0
+        self._low, self._high = np.full(len(loops.names), np.inf), np.full(len(loops.names), -np.inf)
+
+    def look(self, q: FloatArray) -> None:
+        """Along a path q (m, n)."""
+        at = self._loops.positions(q)
+        self._low, self._high = np.minimum(self._low, at.min(axis=0)), np.maximum(self._high, at.max(axis=0))
+        self._worst = max(self._worst, float(self._loops.conditions(q).max()))
+
+    def margins(self) -> list[Margin]:
+        """Of every limited joint, and of the loops."""
+        low, high = self._loops.low, self._loops.high
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        ends: tuple[tuple[LimitName, FloatArray, FloatArray, FloatArray], ...] = (
+            ("position_min", self._low, low, _share((middle - self._low) / half, self._low >= low)),
+            ("position_max", self._high, high, _share((self._high - middle) / half, self._high <= high)),
+        )
+        made = [
+            Margin(name, limit, float(reached[k]), float(bound[k]), float(share[k]))
+            for k, name in enumerate(self._loops.names)
+            for limit, reached, bound, share in ends
+        ]
+        closure, largest = self._loops.linkage.closure, self._loops.largest_condition
+        if closure is not None:
+            names = ", ".join(loop.name for loop in closure.loops)
+            made.append(Margin(names, "condition", self._worst, largest, self._worst / largest))
+        return made
 
 
 def tightest(margins: Sequence[Margin]) -> Margin:

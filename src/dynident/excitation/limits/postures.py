@@ -68,7 +68,7 @@ def usual_homes(bounds: Bounds) -> list[FloatArray]:
 
 def _reachable(bounds: Bounds, q: FloatArray) -> FloatArray:
     """Of postures (m, n) some with a clear straight way from a usual home; all where hardly any has one."""
-    if bounds.space is None or bounds.space.clearances is None:
+    if bounds.space is None or bounds.space.rooms is None:
         return q
     tried = q[:_TRIED_WAYS]
     for home in usual_homes(bounds):
@@ -94,6 +94,6 @@ def _clear_ones(bounds: Bounds, q: FloatArray) -> FloatArray:
     raise ImpossibleLimitsError(
         f"In none of {_POSTURES} postures within the position limits is everything clear: in the best of them, "
         + complaint,
-        pointer="/surroundings",
+        pointer="/limits" if bounds.space.contacts is None and bounds.space.tool is None else "/surroundings",
         title="Impossible limits",
     )

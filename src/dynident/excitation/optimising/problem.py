@@ -96,7 +96,7 @@ class DesignProblem:
         self._counted = None if model.counted.all() else model.counted[:, None].astype(np.float64)
         self._middle = np.zeros((6, 1, self.n))
         self._middle[0, 0] = bounds.middle
-        self._clearances = None if bounds.space is None else bounds.space.clearances
+        self._rooms = None if bounds.space is None else bounds.space.rooms
         of_rates = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
         room = np.stack([bounds.half_range, *of_rates])
         self._moving = bounds.half_range > 0
@@ -106,7 +106,7 @@ class DesignProblem:
 
     def no_multipliers(self, penalty: float) -> Multipliers:
         """Where the augmented Lagrangian begins."""
-        count = 0 if self._clearances is None else self._clearances.hindrances.count
+        count = 0 if self._rooms is None else self._rooms.count
         return Multipliers(np.zeros((6, self.n_samples, self.n)), np.zeros((self.n_samples, count)), penalty)
 
     def evaluate(self, flat: FloatArray, multipliers: Multipliers) -> Evaluation:
@@ -146,9 +146,9 @@ class DesignProblem:
 
     def _crowding(self, q: FloatArray, multipliers: Multipliers) -> tuple[FloatArray, float, FloatArray]:
         """The crowding (N, K), its part of the augmented Lagrangian, and the gradient of that over q (N, n)."""
-        if self._clearances is None:
+        if self._rooms is None:
             return multipliers.crowding, 0.0, np.zeros_like(q)
-        rooms = self._clearances.evaluate(q)
+        rooms = self._rooms.evaluate(q)
         crowding = rooms.values / -ROOM_UNIT
         active = np.maximum(0.0, multipliers.crowding + multipliers.penalty * crowding)
         penalty = float(np.sum(active**2) - np.sum(multipliers.crowding**2)) / (2 * multipliers.penalty)

@@ -76,9 +76,15 @@ class Rooms:
     _frames: FloatArray
     _map: _PointMap
     _robot: Robot
+    _rates: FloatArray | None
 
     def pull_back(self, gradient: FloatArray) -> FloatArray:
         """∂/∂q (m, n) from ∂/∂values (m, K): forces at the nearest points, as torques of the joints."""
+        made = self._of_tree(gradient)
+        return made if self._rates is None else np.asarray(np.einsum("mi,mij->mj", made, self._rates))
+
+    def _of_tree(self, gradient: FloatArray) -> FloatArray:
+        """(m, N): the torques of all joints that carry links."""
         forces = self._map.of_rooms(gradient) * self._forces
         force = self._map.on_joints(forces)
         moment = self._map.on_joints(cross(self._places, forces))
@@ -129,14 +135,19 @@ class Clearances:
         starts_and_ends = [[(part.joint, point) for point in _ends(part)] for pair in pairs for part in pair]
         ends = [of_pair[end] for part in (0, 1) for end in (0, 1) for of_pair in starts_and_ends[part::2]]
         balls = [ball for ball, _ in (*hindrances.half_spaces, *hindrances.blocks)]
-        self._points = _Carried([*ends, *((ball.joint, ball.point) for ball in balls)], robot.n)
+        self._points = _Carried([*ends, *((ball.joint, ball.point) for ball in balls)], robot.tree.n)
         self._pair_radii = np.array([a.capsule.radius + b.capsule.radius for a, b in pairs])
         self._ball_radii = np.array([ball.radius for ball in balls])
         self._normals = np.array([half.normal for _, half in hindrances.half_spaces]).reshape(-1, 1, 3).T
         self._offsets = np.array([half.offset for _, half in hindrances.half_spaces])
         rooms = [*range(len(pairs)), *range(len(pairs)), *(len(pairs) + k for k in range(len(balls)))]
         joints = [*(a.joint for a, _ in pairs), *(b.joint for _, b in pairs), *(ball.joint for ball in balls)]
-        self._map = _PointMap(rooms, joints, robot.n)
+        self._map = _PointMap(rooms, joints, robot.tree.n)
+
+    @property
+    def count(self) -> int:
+        """Number of distances K."""
+        return self.hindrances.count
 
     def evaluate(self, q: FloatArray) -> Rooms:
         """The rooms at postures q (m, n)."""
@@ -159,7 +170,8 @@ class Clearances:
             np.concatenate([on_a, on_b, balls], axis=2),
             frames,
             self._map,
-            self.robot,
+            self.robot.tree,
+            None if self.robot.linkage is None else self.robot.linkage.rates(q),
         )
 
     def least(self, q: FloatArray) -> FloatArray:

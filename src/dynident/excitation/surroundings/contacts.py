@@ -58,7 +58,7 @@ def half_space_solid(name: str, normal: FloatArray, offset: float) -> Solid:
 
 @dataclass(frozen=True, eq=False)
 class SolidPair:
-    """Two solids that are kept apart; `travel` (n,): how far a point between them goes while a joint moves by one.
+    """Two solids that are kept apart; `travel` (N,): how far a point between them goes while a joint moves by one.
 
     `clearance` (m) is what has to lie between them.
     """
@@ -77,7 +77,7 @@ class SolidPair:
 def pair_of(
     robot: Robot, moving: Solid, other: Solid, ends: tuple[FloatArray, FloatArray], clearance: float
 ) -> SolidPair:
-    """A pair, `moving` being the one farther from the base; joints move between the two `ends` (n,)."""
+    """A pair, `moving` being the one farther from the base; joints of a tree move between the two `ends` (N,)."""
     travel = np.zeros(robot.n)
     chains = {solid.joint: robot.ancestors(solid.joint) for solid in (moving, other)}
     for solid, opposite in ((moving, other), (other, moving)):
@@ -129,7 +129,8 @@ class ContactCheck:
 
     def approaches(self, q: FloatArray) -> list[Approach]:
         """Of every body (in the order of `bodies`) its nearest approach along q (m, n)."""
-        way = np.concatenate([np.zeros((1, q.shape[1])), np.cumsum(np.abs(np.diff(q, axis=0)), axis=0)])
+        moved = q if self._robot.linkage is None else self._robot.linkage.positions(q)
+        way = np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(np.abs(np.diff(moved, axis=0)), axis=0)])
         return [
             self._approach([pair for pair in self.pairs if pair.moving.joint == body], q, way) for body in self.bodies
         ]

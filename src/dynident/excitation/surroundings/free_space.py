@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.surroundings.clearance import Ball, Clearances, Hindrances, Part, balls_along
 from dynident.excitation.surroundings.contacts import ContactCheck, SolidPair, half_space_solid, pair_of, solid_of
+from dynident.excitation.surroundings.loop_rooms import LoopRooms
 from dynident.excitation.surroundings.obstacles import HalfSpace, Surroundings, ToolRange, block_of, half_spaces_of
+from dynident.excitation.surroundings.rooms import JoinedRooms, Rooms
 from dynident.robot.collision import BASE, Body, CollisionGeometry, collision_geometry
 from dynident.robot.kinematics import tool_path
 from dynident.robot.model import Robot
@@ -33,7 +36,7 @@ _POSTURES_OF_A_PAIR, _UNCHANGED = 20, 1e-6
 class FreeSpace:
     """What a motion must stay clear of; `clearances` for optimising, `contacts` for the verdict, `None` for nothing.
 
-    `tool` is where the tool may go, at `tool_joint`.
+    `tool` is where the tool may go, at `tool_joint`; `loops` what joints that are not driven have to keep.
     """
 
     robot: Robot
@@ -41,10 +44,17 @@ class FreeSpace:
     contacts: ContactCheck | None
     tool: ToolRange | None
     notes: tuple[str, ...]
+    loops: LoopRooms | None = None
+
+    @cached_property
+    def rooms(self) -> Rooms | None:
+        """All that is kept while optimising; `None` for nothing."""
+        parts = tuple(part for part in (self.clearances, self.loops) if part is not None)
+        return JoinedRooms(parts) if parts else None
 
     @property
     def tool_joint(self) -> int:
-        """Index of the joint that carries the tool."""
+        """Index of the joint of the tree that carries the tool."""
         return _tool_joint(self.robot, self.tool)
 
     def tool_at(self, q: FloatArray) -> FloatArray:
@@ -54,6 +64,9 @@ class FreeSpace:
 
     def complaint(self, q: FloatArray) -> str | None:
         """What is not kept along a path q (m, n), as the end of a sentence; `None` where all is clear."""
+        followed = None if self.loops is None else self.loops.complaint(q)
+        if followed is not None:
+            return followed
         if self.tool is not None:
             at = self.tool_at(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
@@ -68,6 +81,8 @@ class FreeSpace:
 
     def narrowness(self, q: FloatArray) -> str:
         """What leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
+        if self.contacts is None and self.loops is not None:
+            return "joints that follow others are at their limits, or the loops near a singular posture."
         if self.contacts is None:
             return "the tool is at an end of its range."
         nearest = min(self.contacts.approaches(q[None]), key=lambda approach: approach.room)
@@ -75,7 +90,7 @@ class FreeSpace:
 
     def hindered(self, q: FloatArray) -> BoolArray:
         """At which of postures q (m, n) something is not kept: (m,)."""
-        found = np.zeros(len(q), dtype=np.bool_)
+        found = np.zeros(len(q), dtype=np.bool_) if self.loops is None else self.loops.broken(q)
         if self.contacts is not None:
             for pair in self.contacts.pairs:
                 found |= self.contacts.distances(pair, q) < pair.clearance
@@ -88,8 +103,11 @@ class FreeSpace:
         return found
 
     def least_room(self, q: FloatArray) -> FloatArray:
-        """How much farther (m) than the clearance all is apart at postures q (m, n), by enclosing capsules: (m,)."""
-        return np.full(len(q), np.inf) if self.clearances is None else self.clearances.least(q)
+        """How much farther (m) than the clearance all is apart at postures q (m, n), by enclosing capsules: (m,).
+
+        Or how far joints that follow others are from their limits, or loops from singular postures, where that is less.
+        """
+        return np.full(len(q), np.inf) if self.rooms is None else self.rooms.least(q)
 
 
 def contact_complaint(name: str, distance: float, clearance: float) -> str:
@@ -106,7 +124,7 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
     DynidentError
         There are obstacles, but nothing is known of the robot's shape; or a name that there is not.
     """
-    tool = surroundings.tool_range
+    tool, tree = surroundings.tool_range, robot.tree
     if not (surroundings.self_collision or surroundings.has_obstacles or tool is not None):
         return None
     geometry = collision_geometry(
@@ -114,14 +132,15 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
     )
     _check_geometry(geometry, surroundings)
     may_touch = _may_touch(robot, geometry, surroundings)
-    postures = np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n))
+    postures = _closed_ones(robot, np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n)))
+    ends = (low, high) if robot.linkage is None else _ends_of(robot.linkage.positions(postures))
     solids = {body.joint: solid_of(body.name, body.joint, body.shapes) for body in geometry.bodies}
     own: list[SolidPair] = []
     notes = list(geometry.notes)
     if surroundings.self_collision:
         candidates = [
-            pair_of(robot, solids[b.joint], solids[a.joint], (low, high), surroundings.clearance)
-            for a, b in _not_adjacent(robot, geometry.bodies)
+            pair_of(tree, solids[b.joint], solids[a.joint], ends, surroundings.clearance)
+            for a, b in _not_adjacent(tree, geometry.bodies)
             if frozenset((a.joint, b.joint)) not in may_touch
         ]
         check = ContactCheck(robot, candidates)
@@ -133,7 +152,7 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
     obstacles += [solid_of(box.solid_name, BASE, [block_of(box)]) for box in surroundings.boxes]
     moving = [body for body in geometry.bodies if body.joint != BASE]
     against = [
-        pair_of(robot, solids[body.joint], obstacle, (low, high), surroundings.clearance)
+        pair_of(tree, solids[body.joint], obstacle, ends, surroundings.clearance)
         for body in moving
         for obstacle in obstacles
     ]
@@ -154,6 +173,18 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
         tool=tool,
         notes=tuple(notes),
     )
+
+
+def _closed_ones(robot: Robot, q: FloatArray) -> FloatArray:
+    """Of driven postures (m, n) those in which the loops are closed; all where hardly any is."""
+    if robot.linkage is None or robot.linkage.closure is None:
+        return q
+    closed = np.isfinite(robot.linkage.closure.nearness(q)[0])
+    return q[closed] if np.count_nonzero(closed) > 1 else q
+
+
+def _ends_of(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return positions.min(axis=0), positions.max(axis=0)
 
 
 def _changeable(
@@ -203,7 +234,7 @@ def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> 
 
 def _may_touch(robot: Robot, geometry: CollisionGeometry, surroundings: Surroundings) -> set[frozenset[int]]:
     known = {body.name: body.joint for body in geometry.bodies}
-    known |= {name: j for j, name in enumerate(robot.joint_names)} | {"base": BASE}
+    known |= {name: j for j, name in enumerate(robot.tree.joint_names)} | {"base": BASE}
     for index, pair in enumerate(surroundings.may_touch):
         for name in pair:
             if name not in known:
@@ -311,5 +342,5 @@ def _tool_planes(robot: Robot, surroundings: Surroundings) -> list[tuple[Ball, H
 
 def _tool_joint(robot: Robot, tool: ToolRange | None) -> int:
     if tool is None or tool.joint is None:
-        return robot.n - 1
-    return robot.joint_names.index(tool.joint)
+        return robot.tree.n - 1
+    return robot.tree.joint_names.index(tool.joint)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports.fits import Fits
@@ -13,7 +12,7 @@ from dynident.identification.imports.proposal import EffortKind
 from dynident.identification.mistakes.search import left_of
 from dynident.identification.mistakes.swaps import Motion
 from dynident.robot import Robot
-from dynident.robot.pinocchio_model import to_pinocchio
+from dynident.robot.pinocchio_model import described_torque
 
 _LOST = 0.75
 """Share of the residual with gravity that the one without must stay below to call it compensated."""
@@ -128,11 +127,9 @@ def scales_of(robot: Robot, motion: Motion) -> Scales | None:
     """Compare torques with those of the description's inertias; None where it gives none, or the joints disagree."""
     if robot.inertias is None:
         return None
-    model = to_pinocchio(robot)
-    data = model.createData()
     every = max(1, len(motion.q) // _STATES)
     q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau))
-    told = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])
+    told = described_torque(robot, q, dq, ddq)
     values, trusted = np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
     for joint in range(robot.n):
         speed = dq[:, joint]
@@ -167,12 +164,10 @@ def _lacks_load(robot: Robot, motion: Motion, factor: float) -> bool:
     """Whether the load of gravity on every joint that has much of it, as the description says, is not there."""
     if robot.inertias is None:
         return False
-    model = to_pinocchio(robot)
-    data = model.createData()
     every = max(1, len(motion.q) // _STATES)
     q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
-    load = np.array([pin.computeGeneralizedGravity(model, data, state) for state in q])
-    rest = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)]) - load
+    load = described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
+    rest = described_torque(robot, q, dq, ddq) - load
     shares = []
     for joint in range(robot.n):
         if (load[:, joint] ** 2).mean() > _HEAVY**2 * (tau[:, joint] ** 2).mean():
@@ -187,10 +182,8 @@ def _has_load(robot: Robot, motion: Motion) -> bool:
     """Whether gravity loads a joint, as far as the description says."""
     if robot.inertias is None:
         return True
-    model = to_pinocchio(robot)
-    data = model.createData()
-    every = max(1, len(motion.q) // 50)
-    loads = np.array([pin.computeGeneralizedGravity(model, data, q) for q in motion.q[::every]])
+    q = motion.q[:: max(1, len(motion.q) // 50)]
+    loads = described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
     return bool((np.abs(loads).max(axis=0) > _LOADED * np.abs(motion.tau).max(axis=0)).any())
 
 

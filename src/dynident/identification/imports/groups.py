@@ -25,32 +25,38 @@ class Group:
     reason: str
 
 
-def groups_of(named: Sequence[Named], joint_names: Sequence[str]) -> tuple[list[Group], list[int]]:
+def groups_of(
+    named: Sequence[Named], joint_names: Sequence[str], followers: Sequence[str] = ()
+) -> tuple[list[Group], list[int], list[int]]:
     """Put columns that differ by the joint alone together.
 
     Returns
     -------
-    groups, rest : list of Group, columns (by index) that belong to none
+    groups, rest, following : list of Group, columns (by index) that belong to none, and those of `followers`: joints
+    that are not driven
     """
+    following: list[int] = []
     found: dict[tuple[str, ...], dict[int, int]] = {}
     reasons: dict[tuple[str, ...], str] = {}
     for index, one in enumerate(named):
-        hit = _by_joint_name(one.words, joint_names)
-        if hit is not None:
+        hit = _by_joint_name(one.words, (*joint_names, *followers))
+        if hit is not None and hit[0] >= len(joint_names):
+            following.append(index)
+        elif hit is not None:
             joint, stem = hit
             found.setdefault(stem, {}).setdefault(joint, index)
             reasons[stem] = "the joint's name stands in the column's"
     taken = {index for group in found.values() if len(group) == len(joint_names) for index in group.values()}
     found = {stem: group for stem, group in found.items() if len(group) == len(joint_names)}
-    numbered, why = _by_number(named, taken, len(joint_names))
+    numbered, why = _by_number(named, taken | set(following), len(joint_names))
     found |= numbered
     reasons |= why
-    taken = {index for group in found.values() for index in group.values()}
+    taken = {index for group in found.values() for index in group.values()} | set(following)
     groups = []
     for stem, group in found.items():
         columns = tuple(group[joint] for joint in range(len(joint_names)))
         groups.append(_group(columns, named, reasons[stem]))
-    return groups, [index for index in range(len(named)) if index not in taken]
+    return groups, [index for index in range(len(named)) if index not in taken], following
 
 
 def _group(columns: tuple[int, ...], named: Sequence[Named], reason: str) -> Group:

@@ -62,7 +62,12 @@ class _Guesser:
         self.fits = Fits(self.robot, self.t, None if segment is None else segment[good])
         others = [one for index, one in enumerate(self.named) if index != clock.column]
         places = [index for index in range(len(self.named)) if index != clock.column]
-        local, rest = groups_of(others, self.robot.joint_names)
+        followers = () if self.robot.linkage is None else self.robot.linkage.passive
+        names = [self.robot.tree.joint_names[j] for j in followers]
+        local, rest, following = groups_of(others, self.robot.joint_names, names)
+        if following:
+            told = ", ".join(others[index].name for index in following)
+            self._say("columns", told, 0.9, "not used: of joints that are not driven, which follow from those that are")
         groups = [_moved(group, places) for group in local]
         groups += self._unnamed(groups, [places[index] for index in rest], n)
         position = self._position(groups)

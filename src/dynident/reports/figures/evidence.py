@@ -23,7 +23,7 @@ def evidence_figure(shown: Sequence[Evidence], robot: Robot) -> Markup:
     rows = -(-len(shown) // columns)
     figure, grid = panels(rows, columns, _ROW + (0.25 if rows > 1 else 0.0), below=_LABELLED)
     for axes, one in zip(grid.flat, shown, strict=False):
-        _panel(axes, one, robot.joints[robot.joint_names.index(one.joint)].effort_unit)
+        _panel(axes, one, robot.tree.joints[robot.tree.joint_names.index(one.joint)].effort_unit)
     for axes in grid.flat[len(shown) :]:
         axes.set_axis_off()
     grid[0, 0].legend(fontsize=8, frameon=False, loc="best")

@@ -89,9 +89,11 @@ def design_section(design: Design, robot: Robot) -> Section:
 def _unit(robot: Robot, margin: Margin) -> str:
     if margin.limit in ("clearance", "tool_min", "tool_max"):
         return "m"
+    if margin.limit == "condition":
+        return ""
     if margin.limit == "power":
         return "W"
-    described = robot.joints[robot.joint_names.index(margin.joint)]
+    described = robot.tree.joints[robot.tree.joint_names.index(margin.joint)]
     if margin.limit == "torque":
         return described.effort_unit
     return ("rad" if described.kind == "revolute" else "m") + _UNITS[margin.limit]

@@ -6,7 +6,7 @@ import { dropZone } from "./drop_zone.js";
 import { clearForm, showInForm } from "./problem.js";
 import { factsIn, gainFields, placeFields } from "./recordings/robot_facts.js";
 
-const FORMATS = [["urdf", "URDF"], ["modified_dh", "modified Denavit-Hartenberg table (JSON)"]];
+const FORMATS = [["urdf", "URDF"], ["mjcf", "MJCF (MuJoCo)"], ["modified_dh", "modified Denavit-Hartenberg table (JSON)"]];
 const MOVING = new Set(["revolute", "continuous", "prismatic"]);
 
 /** A form that makes a robot; `onMade` is given it. */
@@ -32,7 +32,7 @@ export function robotForm(onMade, open) {
   };
   const read = async ([file]) => {
     content.value = await file.text();
-    format.value = content.value.trimStart().startsWith("<") ? "urdf" : "modified_dh";
+    format.value = formatOf(content.value);
     name.value ||= file.name.replace(/\.[^.]*$/, "");
     described();
   };
@@ -76,12 +76,23 @@ function keepTyped(before, form) {
   }
 }
 
+/** The format of a file, by how it begins. */
+function formatOf(text) {
+  if (!text.trimStart().startsWith("<")) return "modified_dh";
+  return xml(text).documentElement.tagName === "mujoco" ? "mjcf" : "urdf";
+}
+
+const xml = (text) => new DOMParser().parseFromString(text, "application/xml");
+
 /** The moving joints that a description names, as far as the page can tell; the service has the last word. */
 function jointsIn(text, format) {
   if (format === "urdf") {
-    const document = new DOMParser().parseFromString(text, "application/xml");
-    const joints = [...document.querySelectorAll("robot > joint")];
+    const joints = [...xml(text).querySelectorAll("robot > joint")];
     return joints.filter((one) => MOVING.has(one.getAttribute("type"))).map((one) => ({ name: one.getAttribute("name"), type: one.getAttribute("type") === "prismatic" ? "prismatic" : "revolute" }));
+  }
+  if (format === "mjcf") {
+    const joints = [...xml(text).querySelectorAll("worldbody joint[name]")];
+    return joints.map((one) => ({ name: one.getAttribute("name"), type: one.getAttribute("type") === "slide" ? "prismatic" : "revolute" }));
   }
   try {
     const table = JSON.parse(text);

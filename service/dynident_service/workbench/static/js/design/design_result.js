@@ -89,7 +89,11 @@ function margins({ margins: found }, robot) {
 }
 
 function unitOf({ joint, limit }, robot) {
-  const turns = robot.joints.find((one) => one.name === joint)?.type === "revolute";
+  if (limit === "condition") return "";
+  const known = robot.joints.find((one) => one.name === joint);
+  // A joint that follows others is none of the robot's own.
+  if (!known && limit.startsWith("position")) return "rad or m";
+  const turns = known?.type === "revolute";
   const position = turns ? "rad" : "m";
   const units = { position_min: position, position_max: position, velocity: `${position}/s`, acceleration: `${position}/s²`, jerk: `${position}/s³`, torque: turns ? "N m" : "N", power: "W" };
   return units[limit] ?? "m";

@@ -1,0 +1,132 @@
+"""Room that passive joints leave, and others that follow: their limits, and the distance to singular postures.
+
+Like the clearances of bodies they are functions of the driven joints' posture alone, with exact slopes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray
+from dynident.robot.linkage import Linkage
+from dynident.robot.loops import FAR_FROM_SINGULAR
+from dynident.robot.model import Limits, Robot
+
+_SPARE = 0.005
+"""Share of a range, at either end, that is kept free while optimising: the motion goes on between the samples."""
+_SPARE_CONDITION = 0.95
+_PER_LOG = 0.5
+"""Room in m or rad that ln of the condition counts as: twice the largest condition is as bad as 0.35 rad too far."""
+_OPEN = -2.0
+"""Room where the loops are open: far beyond every limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoopRoom:
+    """At m postures: `values` (m, K) in rad or m, negative where a limit is broken, and their slopes (m, K, n)."""
+
+    values: FloatArray
+    slopes: FloatArray
+
+    def pull_back(self, gradient: FloatArray) -> FloatArray:
+        """∂/∂q (m, n) from ∂/∂values (m, K)."""
+        return np.asarray(np.einsum("mk,mkn->mn", gradient, self.slopes))
+
+
+@dataclass(frozen=True, eq=False)
+class LoopRooms:
+    """Limits of the joints of a machine that are not driven: `joints` (k,) of the tree between `low` and `high` (k,).
+
+    Where it has closed loops, their condition stays below `largest_condition` as well.
+    """
+
+    linkage: Linkage
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    low: FloatArray
+    high: FloatArray
+    largest_condition: float = FAR_FROM_SINGULAR
+
+    @classmethod
+    def of(cls, robot: Robot, stated: Mapping[str, Limits]) -> LoopRooms | None:
+        """Those of a robot, tightened by what is stated; `None` where nothing but its driven joints is limited."""
+        if robot.linkage is None:
+            return None
+        found: dict[int, tuple[float, float]] = {}
+        for place in robot.linkage.passive:
+            joint = robot.tree.joints[place]
+            ranges = [one.position for one in (joint.limits, stated.get(joint.name, Limits())) if one.position]
+            if ranges:
+                found[place] = (max(low for low, _ in ranges), min(high for _, high in ranges))
+        if not found and robot.linkage.closure is None:
+            return None
+        low, high = np.array(list(found.values())).reshape(-1, 2).T
+        names = tuple(robot.tree.joint_names[place] for place in found)
+        return cls(robot.linkage, tuple(found), names, low, high)
+
+    @property
+    def count(self) -> int:
+        """Number of rooms K."""
+        return 2 * len(self.joints) + (self.linkage.closure is not None)
+
+    def positions(self, q: FloatArray) -> FloatArray:
+        """Positions (m, k) of the joints that are limited."""
+        return self.linkage.positions(q)[:, list(self.joints)]
+
+    def conditions(self, q: FloatArray) -> FloatArray:
+        """Condition (m,) of the loops; infinite where they are open, 1 where there are none."""
+        closure = self.linkage.closure
+        return np.ones(len(q)) if closure is None else np.exp(closure.nearness(q)[0])
+
+    def evaluate(self, q: FloatArray) -> LoopRoom:
+        """The rooms at postures q (m, n)."""
+        slopes = self.linkage.rates(q)[:, list(self.joints)]
+        at, spare = self.positions(q), _SPARE * (self.high - self.low)
+        values = [at - (self.low + spare), (self.high - spare) - at]
+        ways = [slopes, -slopes]
+        if self.linkage.closure is not None:
+            near, way = self.linkage.closure.nearness(q)
+            room = _PER_LOG * (np.log(_SPARE_CONDITION * self.largest_condition) - near)
+            open_ones = ~np.isfinite(room)
+            values.append(np.where(open_ones, _OPEN, room)[:, None])
+            ways.append(-_PER_LOG * way[:, None])
+            # Positions of an open loop mean nothing.
+            values[:2] = [np.where(open_ones[:, None], 0.0, one) for one in values[:2]]
+            ways[:2] = [np.where(open_ones[:, None, None], 0.0, one) for one in ways[:2]]
+        return LoopRoom(np.concatenate(values, axis=1), np.concatenate(ways, axis=1))
+
+    def least(self, q: FloatArray) -> FloatArray:
+        """The smallest room (m,) at postures q (m, n)."""
+        return np.asarray(self.evaluate(q).values.min(axis=1))
+
+    def complaint(self, q: FloatArray) -> str | None:
+        """What is not kept along a path q (m, n), as the end of a sentence; `None` where all is."""
+        condition = float(self.conditions(q).max())
+        if condition > self.largest_condition:
+            return singular_complaint(condition, self.largest_condition)
+        at = self.positions(q)
+        for name, low, high, values in zip(self.names, self.low, self.high, at.T, strict=True):
+            if values.min() < low or values.max() > high:
+                reached = f"[{values.min():.4g}, {values.max():.4g}]"
+                return (
+                    f"joint '{name}', which follows, would be in {reached}, beyond its limits [{low:.4g}, {high:.4g}]."
+                )
+        return None
+
+    def broken(self, q: FloatArray) -> BoolArray:
+        """At which of postures q (m, n) a limit is: (m,)."""
+        at = self.positions(q)
+        outside = ((at < self.low) | (at > self.high)).any(axis=1)
+        return np.asarray(outside | (self.conditions(q) > self.largest_condition))
+
+
+def singular_complaint(condition: float, largest: float) -> str:
+    """That the loops come too near a posture in which the driven joints do not determine the passive ones."""
+    if not np.isfinite(condition):
+        return "the closed loops would be open: no position of the passive joints closes them there."
+    return (
+        f"the closed loops would come near a singular posture: condition {condition:.3g}, at most {largest:g} is kept."
+    )

@@ -1,0 +1,83 @@
+"""Equations of closed loops that say again what others say: found in closed postures, and left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.linalg
+
+from dynident.arrays import FloatArray
+from dynident.errors import DynidentError
+from dynident.robot.loops import CLOSED, TITLE, Closure
+from dynident.robot.pointers import listed
+
+_POSTURES, _NEAR, _ROUNDS = 20, 0.1, 30
+_DEPENDENT = 1e-9
+_OPEN = 1e-7
+"""Gap (m, rad) that an equation left out may have: what a description's own digits leave open."""
+
+
+def without_repeated(closure: Closure) -> Closure:
+    """The closure with as many equations as its passive joints, where the others follow from them.
+
+    A `connect` of MJCF has three equations, and two of them hold a loop in a plane; a hinge may be written as two
+    points. Which ones are independent is asked of closed postures near the start.
+
+    Raises
+    ------
+    DynidentError
+        Loops do not close at the start; or all of their equations together hold the driven joints, too.
+    """
+    start = closure.closed_start()
+    postures = _closed_postures(closure, start)
+    _, slopes = closure.evaluated(postures[:, : closure.n], postures[:, closure.n :])
+    left_out: set[int] = set()
+    for rows, unknowns, driven in closure.groups:
+        if len(rows) <= len(unknowns):
+            continue
+        if not unknowns and not driven:
+            left_out |= set(rows)
+            continue
+        if driven and len(postures) < 2:
+            names = listed(closure.names[k] for k in driven)
+            held = listed(dict.fromkeys(closure.loop_of(row).name for row in rows))
+            raise DynidentError(
+                f"The {len(rows)} equations of {held} hold the driven joints {names} where they start: no motion "
+                "keeps the loops closed. Let less of the frames coincide, or drive fewer joints.",
+                pointer=closure.loops[0].where,
+                title=TITLE,
+            )
+        if not unknowns:
+            continue
+        part = slopes[:, rows][:, :, unknowns]
+        singular = np.linalg.svd(part, compute_uv=False)
+        best = int(np.argmax(singular[:, -1] / singular[:, 0]))
+        rank = int(np.sum(singular[best] > _DEPENDENT * singular[best, 0]))
+        order = scipy.linalg.qr(part[best].T, mode="r", pivoting=True)[1]
+        left_out |= {rows[k] for k in order[rank:]}
+    if not left_out:
+        return closure
+    loops = []
+    for loop in closure.loops:
+        own = closure.rows_of(loop)
+        loops.append(replace(loop, equations=tuple(k for k, row in enumerate(own) if row not in left_out)))
+    return replace(closure, loops=tuple(loops))
+
+
+def _closed_postures(closure: Closure, start: FloatArray) -> FloatArray:
+    """Closed postures (m, n + p) around the start, itself first."""
+    rng = np.random.default_rng(0)
+    reach = np.minimum(_NEAR, 0.25 * (closure.high - closure.low))
+    found = [start]
+    for step in rng.uniform(-1, 1, (_POSTURES, closure.n)):
+        posture = start.copy()
+        posture[: closure.n] += reach * step
+        for _ in range(_ROUNDS):
+            gap, slopes = closure.evaluated(posture[None, : closure.n], posture[None, closure.n :])
+            if np.abs(gap).max() < CLOSED:
+                break
+            posture[closure.n :] -= np.linalg.lstsq(slopes[0], gap[0], rcond=1e-10)[0]
+        if np.abs(gap).max() < _OPEN:
+            found.append(posture)
+    return np.array(found)

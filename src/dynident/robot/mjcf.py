@@ -1,0 +1,205 @@
+"""Robots from MJCF, compiled by MuJoCo: its tree, and what `equality` holds together in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dynident.arrays import FloatArray
+from dynident.errors import DynidentError
+from dynident.extras import install_hint
+from dynident.robot.cut_joints import End, Loop
+from dynident.robot.linkage import Cuts, followers_locked, linked
+from dynident.robot.loops import CLOSED
+from dynident.robot.mjcf_equality import Held, held_by
+from dynident.robot.mjcf_xml import TITLE, mjcf_error, parse_mjcf
+from dynident.robot.model import Description, Drive, Limits, Robot
+from dynident.robot.pinocchio_model import PinocchioModel, from_pinocchio, locked
+from dynident.robot.pointers import listed
+from dynident.robot.settings import settings_from
+from dynident.robot.xml_text import Element, write_in_place
+
+_RESERVED = ("universe", "base")
+_LENGTH_FREE = 1e-12
+
+
+def robot_from_mjcf(
+    name: str,
+    text: str,
+    *,
+    limits: Mapping[str, Limits] | None = None,
+    drives: Mapping[str, Drive] | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+    pointer: str = "",
+) -> Robot:
+    """Return the robot that an MJCF describes, on a fixed base.
+
+    Hinges and slides move. What `equality` says counts: a `joint` or a fixed `tendon` ties joints, `connect` and
+    `weld` close loops. Joints in loops are driven where an actuator acts on them, and passive otherwise; equations
+    that say again what others say, as the third of a `connect` in a plane, are left out. The posture that loops start
+    from is that of the first key frame, or that of the file. Damping, friction, armature, springs, contacts and looks
+    are not read: the first ones are what is identified.
+
+    Parameters
+    ----------
+    name, text : str
+        Name of the robot; the MJCF, one file with all that it needs.
+    limits, drives, locked_joints, gravity, pointer
+        As for `robot_from_urdf`; gravity is else that of `<option>`.
+
+    Raises
+    ------
+    DynidentError
+        MuJoCo is not installed or does not take the text (line), the machine is not a tree of such joints on a fixed
+        base, an equality is not linear, or its loops do not close or do not determine the passive joints.
+    """
+    root = parse_mjcf(text, pointer)
+    compiled = _compiled(root, pointer)
+    stated = settings_from(limits, drives, locked_joints, compiled.opt.gravity if gravity is None else gravity)
+    lines = {child.attributes["name"]: child.line for part in root.all("equality") for child in part.children}
+    model, links = _tree(compiled, name, pointer)
+    held = held_by(compiled, lines, pointer)
+    fixed = {**held.fixed, **stated.locked_joints}
+    settings = replace(stated, locked_joints=followers_locked(held.ties, fixed))
+    tree = from_pinocchio(
+        model,
+        name,
+        Description("mjcf", text),
+        settings,
+        described_limits=dict(_limits(compiled)),
+        links=links,
+        pointer=pointer,
+    )
+    tree = replace(tree, locked_joints=dict(stated.locked_joints))
+    cuts = _cuts(held, locked(model, settings.locked_joints), tree, pointer)
+    return linked(tree, held.ties, title=TITLE, locked=settings.locked_joints, cuts=cuts)
+
+
+def _compiled(root: Element, pointer: str) -> Any:
+    """The `mujoco.MjModel` of the reduced text."""
+    try:
+        import mujoco
+    except ModuleNotFoundError as error:
+        detail = f"MJCF files are read by MuJoCo, which is not installed; {install_hint('mujoco')}"
+        raise DynidentError(detail, pointer=pointer, title=TITLE) from error
+    try:
+        return mujoco.MjModel.from_xml_string(write_in_place(root))
+    except ValueError as error:
+        detail = " ".join(str(error).split())
+        raise mjcf_error(f"MuJoCo does not take the model: {detail}", None, pointer) from error
+
+
+def _tree(compiled: Any, name: str, pointer: str) -> tuple[PinocchioModel, dict[str, str]]:
+    """The joints of a compiled model, with frames of its bodies and sites ("body 3", "site 0"), and the bodies that
+    joints move by their names."""
+    model = pin.Model()
+    model.name = name
+    links: dict[str, str] = {}
+    # Of every body the joint that carries it, and its placement in that joint's frame.
+    carried: list[tuple[int, pin.SE3]] = [(0, pin.SE3.Identity())]
+    kinds = {2: pin.JointModelPrismaticUnaligned, 3: pin.JointModelRevoluteUnaligned}
+    for body in range(1, compiled.nbody):
+        joint, before = carried[compiled.body_parentid[body]]
+        place = before * _placement(compiled.body_pos[body], compiled.body_quat[body])
+        for j in range(compiled.body_jntadr[body], compiled.body_jntadr[body] + compiled.body_jntnum[body]):
+            called, axis = compiled.joint(j).name, _unit(compiled.jnt_axis[j])
+            if called in _RESERVED:
+                raise mjcf_error(f"A joint cannot be called '{called}'; that is the fixed base.", None, pointer)
+            anchor = pin.SE3(np.eye(3), compiled.jnt_pos[j])
+            turned = _moved(compiled.jnt_type[j], axis, -compiled.qpos0[compiled.jnt_qposadr[j]])
+            joint = model.addJoint(joint, kinds[int(compiled.jnt_type[j])](axis), place * anchor * turned, called)
+            model.addJointFrame(joint)
+            place = anchor.inverse()
+            links[called] = compiled.body(body).name
+        carried.append((joint, place))
+        if joint and compiled.body_mass[body] > 0:
+            rotation = _placement(compiled.body_ipos[body], compiled.body_iquat[body]).rotation
+            tensor = rotation @ np.diag(compiled.body_inertia[body]) @ rotation.T
+            inertia = pin.Inertia(float(compiled.body_mass[body]), compiled.body_ipos[body], 0.5 * (tensor + tensor.T))
+            model.appendBodyToJoint(joint, inertia, place)
+    for body, (joint, place) in enumerate(carried):
+        model.addFrame(pin.Frame(f"body {body}", joint, 0, place, pin.FrameType.OP_FRAME))
+    for site in range(compiled.nsite):
+        joint, place = carried[compiled.site_bodyid[site]]
+        place = place * _placement(compiled.site_pos[site], compiled.site_quat[site])
+        model.addFrame(pin.Frame(f"site {site}", joint, 0, place, pin.FrameType.OP_FRAME))
+    return model, links
+
+
+def _placement(position: FloatArray, quaternion: FloatArray) -> pin.SE3:
+    w, x, y, z = quaternion
+    return pin.SE3(pin.Quaternion(float(w), float(x), float(y), float(z)).normalized().matrix(), np.array(position))
+
+
+def _unit(axis: FloatArray) -> FloatArray:
+    return np.asarray(axis / np.linalg.norm(axis))
+
+
+def _moved(kind: int, axis: FloatArray, distance: float) -> pin.SE3:
+    """What a hinge (3) or slide (2) does to what it carries."""
+    if kind == 3:
+        return pin.SE3(pin.exp3(distance * axis), np.zeros(3))
+    return pin.SE3(np.eye(3), distance * axis)
+
+
+def _limits(compiled: Any) -> Iterator[tuple[str, Limits]]:
+    """Range of every joint, and the largest torque of the actuators that act on it by themselves, if all have one."""
+    efforts: dict[int, float] = {}
+    unlimited: set[int] = set()
+    for k in range(compiled.nu):
+        if compiled.actuator_trntype[k] not in (0, 1):  # joint, joint in parent
+            continue
+        j, gear = int(compiled.actuator_trnid[k, 0]), abs(float(compiled.actuator_gear[k, 0]))
+        bounds = []
+        if compiled.actuator_forcelimited[k]:
+            bounds.append(np.abs(compiled.actuator_forcerange[k]).max())
+        plain = compiled.actuator_gaintype[k] == 0 and compiled.actuator_biastype[k] == 0
+        if compiled.actuator_ctrllimited[k] and plain:
+            bounds.append(np.abs(compiled.actuator_ctrlrange[k] * compiled.actuator_gainprm[k, 0]).max())
+        if bounds and gear * min(bounds) > _LENGTH_FREE:
+            efforts[j] = efforts.get(j, 0.0) + gear * float(min(bounds))
+        else:
+            unlimited.add(j)
+    for j in range(compiled.njnt):
+        effort = None if j in unlimited else efforts.get(j)
+        if compiled.jnt_actfrclimited[j]:
+            own = float(np.abs(compiled.jnt_actfrcrange[j]).max())
+            effort = own if effort is None else min(effort, own)
+        low, high = compiled.jnt_range[j]
+        bounded = bool(compiled.jnt_limited[j]) and low < high
+        yield compiled.joint(j).name, Limits((float(low), float(high)) if bounded else None, effort=effort)
+
+
+def _cuts(held: Held, model: PinocchioModel, tree: Robot, at: str) -> Cuts:
+    """The loops between joints of the tree that `model` has become, and which of their joints are passive."""
+    loops: list[Loop] = []
+    inside: set[int] = set()
+    for one in held.loops:
+        first, second = (_end(model, frame, place) for frame, place in one.ends)
+        if first.joint == second.joint:
+            apart = float(np.abs(first.frame[:3, 3] - second.frame[:3, 3]).max())
+            if apart > CLOSED:
+                detail = f"Both frames of '{one.name}' are on the same body, {apart:.3g} m apart; they never coincide."
+                raise mjcf_error(detail, one.line, at)
+            continue
+        loops.append(Loop(one.name, one.kind, (first, second), at, one.line))
+        inside |= set(tree.ancestors(first.joint)) ^ set(tree.ancestors(second.joint))
+    names = [tree.joint_names[j] for j in sorted(inside)]
+    if loops and not any(name in held.driven or name in held.ties for name in names):
+        detail = (
+            f"No actuator acts on a joint of loop '{loops[0].name}'; expected a <motor joint=…/> for each of those of "
+            f"{listed(names)} that are driven: the others are passive."
+        )
+        raise mjcf_error(detail, loops[0].line, at)
+    passive = tuple(name for name in names if name not in held.driven and name not in held.ties)
+    return Cuts(tuple(loops), passive, held.starts, repeated=True)
+
+
+def _end(model: PinocchioModel, frame: str, place: pin.SE3) -> End:
+    found = model.frames[model.getFrameId(frame)]
+    return End(found.parentJoint - 1, (found.placement * place).homogeneous)

@@ -1,0 +1,198 @@
+"""Reads the XML of an MJCF file with line numbers, and keeps what the dynamics need: no looks, contacts or files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from dynident.errors import DynidentError
+from dynident.robot.pointers import listed
+from dynident.robot.xml_text import Element, parse_xml
+
+TITLE = "Unusable MJCF"
+MOST_BODIES = 2000
+_BODY = ("body", "frame", "joint", "inertial", "geom", "site")
+_DRIVES = ("motor", "general", "position", "velocity", "intvelocity", "damper")
+_ALIKE = ("cylinder", "muscle", "adhesion", "plugin", "dcmotor")
+"""Actuators of which only the joint that they move is read."""
+_KEPT = {
+    "mujoco": ("compiler", "option", "default", "worldbody", "equality", "tendon", "actuator", "keyframe"),
+    "default": ("default", "joint", "geom", "site", *_DRIVES),
+    "worldbody": _BODY,
+    "body": _BODY,
+    "frame": _BODY,
+    "equality": ("connect", "weld", "joint", "tendon"),
+    "tendon": ("fixed",),
+    "fixed": ("joint",),
+    "actuator": (*_DRIVES, *_ALIKE),
+    "keyframe": ("key",),
+}
+_COMPILER = ("angle", "autolimits", "eulerseq", "inertiafromgeom", "inertiagrouprange", "boundmass", "boundinertia")
+_PLACE = ("name", "class", "pos", "quat", "axisangle", "xyaxes", "zaxis", "euler")
+_DRIVE = ("name", "class", "joint", "jointinparent", "tendon", "gear", "forcerange", "forcelimited")
+_ATTRIBUTES = {
+    "mujoco": ("model",),
+    "compiler": (*_COMPILER, "balanceinertia", "settotalmass"),
+    "option": ("gravity",),
+    "geom": (*_PLACE, "type", "size", "fromto", "mass", "density", "shellinertia", "group", "mesh"),
+    "site": _PLACE,
+    "key": ("name", "qpos"),
+    **dict.fromkeys(_DRIVES, (*_DRIVE, "ctrlrange", "ctrllimited")),
+}
+"""Attributes that are kept; all of them of other elements."""
+_MAKES_MORE = ("include", "replicate", "composite", "flexcomp", "attach")
+
+_Fail = Callable[[str, int], DynidentError]
+
+
+def mjcf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
+    """Error that names the line."""
+    return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
+
+
+def parse_mjcf(text: str, pointer: str = "") -> Element:
+    """Return the root element `<mujoco>` reduced to bodies, joints, inertias, equalities, tendons and actuators.
+
+    Bodies, joints and equalities without a name are given one. Geometry stays where the mass of a body comes from it.
+
+    Raises
+    ------
+    DynidentError
+        The text is not XML (line and column), its root is another element, elements that bring in others are not
+        written out, a body floats or hangs on a ball joint, or its mass comes from a file (line).
+    """
+
+    def fail(detail: str, line: int | None) -> DynidentError:
+        return mjcf_error(detail, line, pointer)
+
+    if not text.strip():
+        raise fail("The MJCF is empty; expected XML whose root is <mujoco>.", None)
+    root = parse_xml(text, "An MJCF", pointer, TITLE)
+    if root.tag != "mujoco":
+        raise fail(f"The root element is <{root.tag}>; an MJCF's is <mujoco>.", root.line)
+    for element in _all(root):
+        if element.tag in _MAKES_MORE:
+            raise fail(
+                f"<{element.tag}> brings in what is not in this text; have MuJoCo write the whole model into one file "
+                "(mj_saveLastXML).",
+                element.line,
+            )
+    for equality in (child for part in root.all("equality") for child in part.children):
+        if equality.tag not in _KEPT["equality"] and equality.attributes.get("active") != "false":
+            raise fail(
+                f"<{equality.tag}> is no equality that a machine can be held together by here; expected "
+                f"{listed(_KEPT['equality'])}.",
+                equality.line,
+            )
+    reduced = _reduced(root)
+    bodies = [element for element in _all(reduced) if element.tag == "body"]
+    if len(bodies) > MOST_BODIES:
+        raise fail(f"The model has {len(bodies)} bodies; at most {MOST_BODIES} are supported.", root.line)
+    if not bodies:
+        raise fail("The model has no <body>.", root.line)
+    _name_all(reduced)
+    from_shapes = any(one.attributes.get("inertiafromgeom") == "true" for one in reduced.all("compiler"))
+    for world in reduced.all("worldbody"):
+        _check_bodies(world, False, from_shapes, fail)
+    _check_meshes(reduced, fail)
+    return reduced
+
+
+def _all(element: Element) -> Iterator[Element]:
+    for child in element.children:
+        yield child
+        yield from _all(child)
+
+
+def _reduced(element: Element) -> Element:
+    """The element with the children and attributes that are kept; drives of rarer kinds become general ones."""
+    kept = _ATTRIBUTES.get("general" if element.tag in _ALIKE else element.tag)
+    attributes = element.attributes
+    if kept is not None:
+        attributes = {name: value for name, value in attributes.items() if name in kept}
+    if element.tag in _ALIKE:
+        attributes = {name: attributes[name] for name in ("name", "joint", "tendon") if name in attributes}
+    tags = _KEPT.get(element.tag, ())
+    children = [_reduced(child) for child in element.children if child.tag in tags or child.tag == "freejoint"]
+    return Element("general" if element.tag in _ALIKE else element.tag, dict(attributes), element.line, children)
+
+
+def _name_all(root: Element) -> None:
+    taken = {element.attributes["name"] for element in _all(root) if "name" in element.attributes}
+
+    def name(element: Element, wanted: str) -> str:
+        if not element.attributes.get("name"):
+            count, called = 1, wanted
+            while called in taken:
+                count += 1
+                called = f"{wanted}{count}"
+            element.attributes["name"] = called
+            taken.add(called)
+        return element.attributes["name"]
+
+    def walk(element: Element, body: str) -> None:
+        for child in element.children:
+            if child.tag == "body":
+                walk(child, name(child, "body"))
+            elif child.tag == "frame":
+                walk(child, body)
+            elif child.tag == "joint":
+                name(child, f"{body}_joint")
+
+    for world in root.all("worldbody"):
+        walk(world, "world")
+    for equality in root.all("equality"):
+        for number, child in enumerate(equality.children):
+            name(child, f"loop{number + 1}")
+
+
+def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail) -> None:
+    """Refuse what does not hang on a fixed base by hinges and slides; drop geometry that no mass comes from."""
+    for child in element.children:
+        owner = f"Body '{element.attributes.get('name', '')}'"
+        if child.tag == "freejoint" or (child.tag == "joint" and child.attributes.get("type") == "free"):
+            raise fail(f"{owner} floats freely; only a fixed base is supported. Remove its free joint.", child.line)
+        if child.tag == "joint" and child.attributes.get("type") == "ball":
+            detail = f"{owner} hangs on a ball joint; replace it by two or three hinges with axes of their own."
+            raise fail(detail, child.line)
+        if child.tag == "body":
+            turns = moves or any(one.tag in ("joint", "freejoint") for one in _of_body(child))
+            _check_bodies(child, turns, from_shapes, fail)
+        elif child.tag == "frame":
+            _check_bodies(replace(child, attributes={"name": element.attributes.get("name", "")}), moves, True, fail)
+    stated = element.tag == "body" and any(one.tag == "inertial" for one in _of_body(element))
+    if not moves or (stated and not from_shapes):
+        _drop_geometry(element)
+
+
+def _drop_geometry(element: Element) -> None:
+    """Leave out the shapes of a body, and those in its frames."""
+    element.children[:] = [child for child in element.children if child.tag != "geom"]
+    for child in element.all("frame"):
+        _drop_geometry(child)
+
+
+def _of_body(element: Element) -> Iterator[Element]:
+    """What belongs to a body itself, in frames or not."""
+    for child in element.children:
+        if child.tag == "frame":
+            yield from _of_body(child)
+        elif child.tag != "body":
+            yield child
+
+
+def _check_meshes(reduced: Element, fail: _Fail) -> None:
+    """Refuse shapes from files where mass comes from them; where none does, they are left out."""
+    for element in [reduced, *_all(reduced)]:
+        for geom in element.all("geom"):
+            mesh = geom.attributes.pop("mesh", None)
+            massless = "0" in (geom.attributes.get("mass"), geom.attributes.get("density"))
+            if element.tag == "default" or mesh is None:
+                continue
+            if not massless:
+                raise fail(
+                    f"The mass of its body comes from the mesh '{mesh}', whose file is not here; state the <inertial> "
+                    "of the body.",
+                    geom.line,
+                )
+            geom.attributes.update(type="sphere", size="1")

@@ -1,0 +1,117 @@
+"""XML with line numbers: read, and written for people or for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+from dynident.errors import DynidentError
+
+MOST_ELEMENTS = 100_000
+"""Elements of the whole text, looks included: a robot of 2000 links has about 50 000."""
+DEEPEST = 100
+"""Elements inside each other; a URDF needs six."""
+
+
+@dataclass(frozen=True)
+class Element:
+    """An XML element with the line that it starts on."""
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list[Element] = field(default_factory=list)
+
+    def all(self, tag: str) -> Iterator[Element]:
+        """Children of that tag."""
+        return (child for child in self.children if child.tag == tag)
+
+    def first(self, tag: str) -> Element | None:
+        """First child of that tag."""
+        return next(self.all(tag), None)
+
+
+def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
+    """The root element of a text that is not empty; `what` it should be stands in messages.
+
+    Raises
+    ------
+    DynidentError
+        The text is not XML (with line and column), or it has more elements, or more inside each other, than any robot
+        needs.
+    """
+    first_line = 1 + text[: len(text) - len(text.lstrip())].count("\n")
+    text = text.strip()
+
+    def fail(detail: str, line: int | None) -> DynidentError:
+        return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=title)
+
+    document = Element("", {}, 0)
+    open_elements = [document]
+    count = 0
+    parser = expat.ParserCreate("utf-8")  # whatever the declaration says: the text is decoded already
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        line = parser.CurrentLineNumber + first_line - 1
+        if count > MOST_ELEMENTS:
+            raise fail(f"The text has more than {MOST_ELEMENTS} elements.", line)
+        if len(open_elements) > DEEPEST:
+            raise fail(f"<{tag}> is inside more than {DEEPEST} other elements.", line)
+        element = Element(tag, attributes, line)
+        open_elements[-1].children.append(element)
+        open_elements.append(element)
+
+    def end(tag: str) -> None:
+        open_elements.pop()
+
+    def doctype(*_: object) -> None:
+        raise fail(f"{what} has no document type declaration; remove <!DOCTYPE …>.", None)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(text.encode(errors="replace"), True)
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        line = error.lineno + first_line - 1
+        raise fail(f"The XML is malformed at column {error.offset + 1}: {reason}.", line) from None
+    return document.children[0]
+
+
+def write(element: Element, indent: bool = False, depth: int = 0) -> str:
+    """XML text of the element, on one line, or indented for people."""
+    margin, end = ("  " * depth, "\n") if indent else ("", "")
+    attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
+    if not element.children:
+        return f"{margin}<{element.tag}{attributes}/>{end}"
+    inside = "".join(write(child, indent, depth + 1) for child in element.children)
+    return f"{margin}<{element.tag}{attributes}>{end}{inside}{margin}</{element.tag}>{end}"
+
+
+def number_text(*values: float) -> str:
+    """Numbers as an attribute, to the last digit."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def write_in_place(root: Element) -> str:
+    """XML text in which every element starts on the line that it was read from: for programs that name lines."""
+    parts: list[str] = []
+    line = 1
+
+    def put(element: Element) -> None:
+        nonlocal line
+        parts.append("\n" * max(element.line - line, 0))
+        line = max(element.line, line)
+        attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
+        parts.append(f"<{element.tag}{attributes}>")
+        for child in element.children:
+            put(child)
+        parts.append(f"</{element.tag}>")
+
+    put(root)
+    return "".join(parts)

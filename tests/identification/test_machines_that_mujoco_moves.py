@@ -1,0 +1,109 @@
+"""Machines with closed loops under control in MuJoCo, with dry friction on joints that have no motor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from machines import machine, mjcf
+
+from dynident.diagnosis import Comparison, compare, diagnose
+from dynident.effects import EffectChoice
+from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.recordings import Recording, low_pass, recording_from_arrays
+from dynident.recordings.phases import Phase
+from dynident.robot import Robot
+
+STEP, RATE, DURATION = 2e-4, 1000.0, 20.0
+COUNTS, NOISE = 2**19, 0.005
+COULOMB, VISCOUS, PASSIVE = 1.0, 0.7, 0.4
+RODS = ("left_rod", "right_rod")
+
+
+def reference(robot: Robot, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A motion of sines within four fifths of the ranges: t (m,), q and dq (m, n)."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, DURATION, STEP)
+    low, high = np.array([joint.limits.position for joint in robot.joints]).T
+    w = 2 * np.pi * 0.1 * np.arange(1, 6)[:, None, None]
+    a, phase = rng.normal(size=(5, 1, robot.n)) / np.arange(1, 6)[:, None, None], rng.uniform(0, 6.28, (5, 1, robot.n))
+    shape = (a * np.sin(w * t[:, None] + phase)).sum(0)
+    size = 0.4 * (high - low) / np.abs(shape).max(0)
+    return t, 0.5 * (low + high) + size * shape, size * (a * w * np.cos(w * t[:, None] + phase)).sum(0)
+
+
+def moved(seed: int, peak: Callable[[float], float] | None = None) -> tuple[Recording, np.ndarray]:
+    """A five-bar that MuJoCo moves under joint control, as instruments see it, and their torque noise (n,); `peak` is
+    more dry friction on the left rod at a speed."""
+    robot = machine("five_bar")
+    friction = dict.fromkeys(robot.joint_names, (COULOMB, VISCOUS)) | dict.fromkeys(RODS, (PASSIVE, 0.3))
+    model = mujoco.MjModel.from_xml_string(mjcf(robot, friction=friction))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
+    data = mujoco.MjData(model)
+    t, q, dq = reference(robot, seed)
+    tree = [model.joint(name).qposadr[0] for name in robot.tree.joint_names]
+    driven = [model.joint(name).qposadr[0] for name in robot.joint_names]
+    whole = robot.linkage.motion(q[:1], dq[:1], 0 * dq[:1])
+    data.qpos[tree], data.qvel[tree] = whole[0][0], whole[1][0]
+    rod = model.joint("left_rod").dofadr[0]
+    seen, torque = np.empty_like(q), np.empty_like(q)
+    for k in range(len(t)):
+        seen[k] = data.qpos[driven]
+        torque[k] = data.ctrl[:] = 4000.0 * (q[k] - seen[k]) + 150.0 * (dq[k] - data.qvel[driven])
+        if peak is not None:
+            model.dof_frictionloss[rod] = PASSIVE + peak(float(data.qvel[rod]))
+        mujoco.mj_step(model, data)
+    every, count = round(1 / (RATE * STEP)), 2 * np.pi / COUNTS
+    noise = NOISE * np.abs(torque).max(0)
+    tau = torque[::every] + noise * np.random.default_rng(100 + seed).normal(size=(len(t[::every]), robot.n))
+    positions = np.round(seen[::every] / count) * count
+    names = robot.joint_names
+    return recording_from_arrays(t[::every], positions, tau, joint_names=names, name=f"run{seed}"), noise
+
+
+def identified(runs: list[Recording]) -> Identification:
+    joints = (*machine("five_bar").joint_names, *RODS)
+    effects = (EffectChoice("rigid_body"), EffectChoice("coulomb", joints), EffectChoice("viscous", joints))
+    return identify(machine("five_bar"), runs[:2], runs[2:], IdentificationChoices(effects=effects, estimator="wls"))
+
+
+@cache
+def five_bar_with_friction() -> tuple[Identification, Comparison, np.ndarray]:
+    made = [moved(seed) for seed in (1, 2, 3)]
+    found = identified([run for run, _ in made])
+    return found, compare(found, made[2][0]), made[2][1]
+
+
+@pytest.mark.slow
+def test_friction_of_passive_joints_leaves_little_more_than_noise_where_they_move() -> None:
+    found, held_out, noise = five_bar_with_friction()
+    taps = low_pass(RATE, found.preprocessing.torque_cutoff)
+    floor = noise * np.sqrt(taps @ taps)
+    for joint in range(2):
+        moving = held_out.phase[:, joint] == Phase.MOVING
+        assert np.sqrt((held_out.residual[moving, joint] ** 2).mean()) < 1.3 * floor[joint]
+    values = {column.name: value for column, value in zip(found.model.kept, found.values, strict=True)}
+    assert [values[name] for name in ("Fc1", "Fc3")] == pytest.approx([COULOMB] * 2, rel=0.02)
+    assert [values[name] for name in ("Fc2", "Fc4")] == pytest.approx([PASSIVE] * 2, rel=0.03)
+
+
+@pytest.mark.slow
+def test_rows_beside_halts_of_passive_joints_are_not_fitted() -> None:
+    """There the sign of friction is uncertain, and what is left is several times what it is elsewhere."""
+    _, held_out, _ = five_bar_with_friction()
+    beside, moving = (held_out.phase == phase for phase in (Phase.PASSIVE_HALT, Phase.MOVING))
+    assert 0.05 < beside.mean() < 0.5
+    rms = [np.sqrt((held_out.residual[rows] ** 2).mean()) for rows in (beside, moving)]
+    assert rms[0] > 3 * rms[1]
+
+
+@pytest.mark.slow
+def test_a_friction_peak_hidden_on_a_passive_joint_is_named() -> None:
+    runs = [moved(seed, lambda speed: 0.6 * float(np.exp(-((speed / 0.1) ** 2))))[0] for seed in (1, 2)]
+    asked = ("stribeck", "joint_spring", "transmission_coupling", "torque_ripple")
+    found = diagnose(identified(runs), runs, candidates=asked)
+    assert found.recommended[0].effect == "stribeck"
+    assert found.recommended[0].joints == ("left_rod",)
