@@ -20,7 +20,7 @@ from test_jobs import is_running
 
 from dynident_service import awaited as awaited_module
 from dynident_service.awaited import Awaited
-from dynident_service.following import LOOK, Following
+from dynident_service.following import LATEST, Following
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.ledger import Ledger
@@ -120,17 +120,18 @@ def test_the_database_is_looked_at_once_for_all_who_follow(ledger: Ledger, monke
         async with anyio.create_task_group() as group:
             for _ in range(50):
                 group.start_soon(wait, job_id, last)
-            await anyio.sleep(10 * LOOK)
+            await anyio.sleep(10 * LATEST)
             assert told == []
             group.start_soon(wait, "job_that_is_not_there", 7)
             group.start_soon(wait, other, 0)
-            await anyio.sleep(5 * LOOK)
+            await anyio.sleep(5 * LATEST)
             assert set(told) == {"job_that_is_not_there", other}
             await to_thread.run_sync(ledger.cancel, job_id)
         assert told.count(job_id) == 50
 
     anyio.run(follow)
-    assert looks <= 20
+    # Often at first, then less and less.
+    assert looks <= 60
 
 
 @pytest.mark.slow

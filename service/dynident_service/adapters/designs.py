@@ -14,6 +14,7 @@ from dynident.effects.catalogue import check_shape, joints_of
 from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_table
 from dynident.excitation.checks import check_request
 from dynident.excitation.formats.ros2 import joint_trajectory
+from dynident.recordings.arrow import to_numbers
 from dynident.robot import Robot
 from dynident.simulation import Reference
 from dynident_service.adapters.answers import shown
@@ -102,9 +103,9 @@ def stored_reference(path: Path, joints: list[str]) -> Reference:
     table = pq.read_table(path)
 
     def matrix(kind: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        return np.column_stack([table[f"{kind}_{joint}"].to_numpy() for joint in joints])
+        return np.column_stack([to_numbers(table[f"{kind}_{joint}"]) for joint in joints])
 
-    return Reference(table["t"].to_numpy(), matrix("q"), matrix("dq"), matrix("ddq"))
+    return Reference(to_numbers(table["t"]), matrix("q"), matrix("dq"), matrix("ddq"))
 
 
 def reference_of_design(found: Design) -> Reference:

@@ -126,7 +126,7 @@ def loaded(
                 role=options.roles.get(path),
                 windows=windows.get(name, said.windows),
                 exclude=said.exclude,
-                permutation=dict(said.permutation),
+                permutation=said.permutation,
                 signs=said.signs,
                 scale=said.scale,
                 torque_delay=said.torque_delay,

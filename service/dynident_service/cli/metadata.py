@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -27,7 +27,7 @@ class Said:
     units: Mapping[str, str] = field(default_factory=dict)
     windows: tuple[tuple[float, float], ...] = ()
     exclude: tuple[tuple[float, float], ...] = ()
-    permutation: Mapping[Literal["q", "tau"], tuple[int, ...]] = field(default_factory=dict)
+    permutation: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     signs: Mapping[str, float] = field(default_factory=dict)
     scale: Mapping[str, float] = field(default_factory=dict)
     torque_delay: float = 0.0
