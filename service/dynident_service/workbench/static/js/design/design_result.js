@@ -63,12 +63,14 @@ async function showMotion(section, design, robot, signal) {
   const curves = motionCurves(motion, design.result, units, (time) => moved(time), signal);
   put(section, h("h2", {}, "The motion"), h("div", { class: "two" }, place, curves.element));
   curves.show();
-  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, onTime: curves.mark, signal });
+  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, surroundings: design.request.surroundings, onTime: curves.mark, signal });
   moved = (time) => {
     mounted.show(time);
     curves.mark(time);
   };
   curves.mark(motion.t[0]);
+  const [{ clearancesOf }, found] = await Promise.all([import("../arm/clearances.js"), get(`/designs/${design.id}/clearances`, {}, signal)]);
+  if (found.links.length) mounted.keepClear(clearancesOf(found));
 }
 
 function promises({ expected_parameters: expected }) {
