@@ -34,6 +34,7 @@ TALLEST = 1600
 """Pixels: what is below is the rest of a long table."""
 CELL = {"floor": -0.3, "boxes": [{"name": "table", "center": [1.0, 0.0, 0.1], "size": [0.4, 1.0, 0.4]}]}
 """What the arm is kept clear of, in m."""
+TRAJECTORY = {"duration": 8.0, "sampling_rate": 100.0}
 MOTIONS = {
     "run1": "--harmonics 3 --duration 8 --periods 3 --seed 2",
     "validation": "--duration 16 --seed 5",
@@ -105,8 +106,8 @@ def tell(client: Client, folder: Path) -> Shown:
     spring = [{"effect": "joint_spring", "joints": ["shoulder_lift_joint"]}]
     rival = client.identifications.extend(first, spring).wait()
     client.diagnoses.create(better).wait()
-    wanted = {"kind": "random", "trajectory": {"duration": 8.0, "sampling_rate": 100.0}, "surroundings": CELL}
-    design = client.designs.create(robot, **wanted).wait()
+    wanted = {"kind": "random", "trajectory": TRAJECTORY, "random_trajectories": 20}
+    design = client.designs.create(robot, **wanted, surroundings=CELL).wait()
     return Shown(*(one.id for one in (robot, run1, first, better, rival, design)))
 
 
@@ -147,6 +148,8 @@ def open_view(page: Page, view: View) -> None:
     page.locator(view.there).first.wait_for(timeout=60_000)
     for one in view.pressed:
         page.locator(one).first.click(timeout=60_000)
+    # What was pressed may be far down, and a bar that sticks to the window's top with it.
+    page.evaluate("scrollTo(0, 0)")
     page.wait_for_load_state("networkidle")
     page.wait_for_function("!document.querySelector('main')?.innerText.match(/(Loading|Comparing|Judging[^.]*) …/)")
     # What is drawn after the last answer.

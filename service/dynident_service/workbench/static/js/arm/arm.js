@@ -133,21 +133,20 @@ function pathOf(geometry, motion) {
   return some(motion).map((posture) => framesAt(geometry, posture).findLast(Boolean)).filter(Boolean).map(origin);
 }
 
-/** Middle and reach of all that the motion sweeps. */
+/** Middle and reach of all that the motion sweeps: the ball about the middle that holds it. */
 function extent(geometry, motion) {
-  const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
   const boxes = { surfaces: geometry.surfaces.map((one) => ({ ...one, points: cornersOf(one.points) })) };
-  for (const posture of some(motion)) {
+  const swept = some(motion).flatMap((posture) => {
     const frames = framesAt(geometry, posture);
-    const within = (point, radius) => point.forEach((value, k) => {
-      low[k] = Math.min(low[k], value - radius);
-      high[k] = Math.max(high[k], value + radius);
-    });
-    for (const { start, end, radius } of segmentsAt(geometry, frames, 0.02)) [start, end].forEach((point) => within(point, radius));
-    for (const { points } of surfacesAt(boxes, frames)) points.forEach((point) => within(point, 0));
-  }
-  const middle = low.map((value, k) => (value + high[k]) / 2);
-  return { middle, reach: Math.max(0.1, Math.hypot(...low.map((value, k) => high[k] - value)) / 2) };
+    const ends = segmentsAt(geometry, frames, 0.02).flatMap(({ start, end, radius }) => [[start, radius], [end, radius]]);
+    return [...ends, ...surfacesAt(boxes, frames).flatMap(({ points }) => points.map((point) => [point, 0]))];
+  });
+  const middle = [0, 1, 2].map((k) => {
+    const [low, high] = swept.reduce(([least, most], [point, radius]) => [Math.min(least, point[k] - radius), Math.max(most, point[k] + radius)], [Infinity, -Infinity]);
+    return (low + high) / 2;
+  });
+  const reach = swept.reduce((most, [point, radius]) => Math.max(most, Math.hypot(...point.map((value, k) => value - middle[k])) + radius), 0.1);
+  return { middle, reach };
 }
 
 /** The corners of the box around points: enough of a mesh to know how far it reaches. */

@@ -27,7 +27,7 @@ export function draw(canvas, view, { surfaces, segments, frames, path, around, g
   pen.lineCap = "round";
   const scale = (Math.min(width, height) / 2 / view.reach) * 0.92;
   const seen = projection(view, width, height, scale);
-  ground(pen, seen, view, around.floor ?? 0, colour(around.floor === null ? "--grid" : "--soft"));
+  ground(pen, seen, view, around.floor ?? 0, colour(around.floor === null ? "--grid" : "--line"));
   for (const ends of around.outlines) line(pen, ends.map(seen), 1, colour("--soft"));
   line(pen, path.map(seen), 1.5, colour("--residual"));
   const parts = [...facesOf(surfaces, seen, shades(pen, colour("--rung-0"))), ...segments.map((one) => rod(one, seen, scale, colour))];
