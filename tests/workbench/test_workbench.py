@@ -30,6 +30,8 @@ def the_robot(page: Any) -> None:
     # Another robot may be there: until this one is chosen, its steps are on the page.
     expect(page.locator(f"input[name=robot][value={made.value.json()['id']}]")).to_be_checked()
     page.locator("#recordings").wait_for()
+    # They are drawn anew once its measurements are read.
+    page.wait_for_load_state("networkidle")
 
 
 def upload(page: Any, path: Path, role: str) -> None:

@@ -14,10 +14,12 @@ export function clearancesOf({ t, links }) {
     const k = sampleAt(t, time);
     const worst = tightest(k);
     const drawn = links.filter((one) => one === worst || one.distance[k] < FAR);
-    const lines = drawn.map((one) => {
+    const lines = drawn.flatMap((one) => {
       const other = one.others[one.to[k]];
-      const [here, there] = [[one.frame, one.here[k]], [other.frame, one.there[k]]].map(([frame, point]) => placed(frame === null ? BASE : frames[frame], point));
-      return { ends: [here, there], text: one === worst ? quantity(one.distance[k], "m") : "", nearest: one === worst };
+      const poses = [one.frame, other.frame].map((frame) => (frame === null ? BASE : frames[frame]));
+      if (!poses.every(Boolean)) return []; // a closed loop moves it: it is not drawn
+      const ends = [placed(poses[0], one.here[k]), placed(poses[1], one.there[k])];
+      return [{ ends, text: one === worst ? quantity(one.distance[k], "m") : "", nearest: one === worst }];
     });
     return { lines, words: worst ? inWords(worst, k) : "" };
   };
