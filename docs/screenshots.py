@@ -32,6 +32,9 @@ SIZES = {"wide": (1440, 900), "narrow": (390, 844)}
 SCHEMES = ("light", "dark")
 TALLEST = 1600
 """Pixels: what is below is the rest of a long table."""
+CELL = {"floor": -0.3, "boxes": [{"name": "table", "center": [1.0, 0.0, 0.1], "size": [0.4, 1.0, 0.4]}]}
+"""What the arm is kept clear of, in m."""
+TRAJECTORY = {"duration": 8.0, "sampling_rate": 100.0}
 MOTIONS = {
     "run1": "--harmonics 3 --duration 8 --periods 3 --seed 2",
     "validation": "--duration 16 --seed 5",
@@ -50,25 +53,41 @@ class Shown:
     design: str
 
 
-def views(has: Shown) -> dict[str, tuple[str, str]]:
-    """Every view by name: its address, and what is there once it is drawn."""
+@dataclass(frozen=True)
+class View:
+    """A view: its address, what is there once it is drawn, what is pressed then, and what the picture is of."""
+
+    address: str
+    there: str
+    pressed: tuple[str, ...] = ()
+    only: str = ""
+
+
+def views(has: Shown) -> dict[str, View]:
+    """Every view by name."""
     model = f"/?identification={has.better}"
+    new = f"/?view=new&robot={has.robot}"
+    beside = (".arm-beside > summary", ".arm-beside canvas.arm")
     return {
-        "import": (f"/?view=new&robot={has.robot}", "#recordings"),
-        "recording": (f"/?view=recording&measurement={has.recording}", "#signals-title"),
-        "verdict": (f"{model}&tab=verdict", "#fitness-summary"),
-        "compare": (f"{model}&tab=compare", "#torque-chart canvas"),
-        "missing": (f"/?identification={has.first}&tab=missing", "#verdict"),
-        "ladder": (f"{model}&tab=missing", "#missing-title"),
-        "parameters": (f"{model}&tab=parameters", "#parameters table"),
-        "trust": (f"{model}&tab=trust", "#validations-title"),
-        "data": (f"{model}&tab=data", "#data-table"),
-        "design": (f"/?view=design&robot={has.robot}&design={has.design}", "#design-again"),
-        "models": ("/?view=models", "#models-table"),
-        "two-models": (f"/?view=models&pair={has.better},{has.rival}", "#pair-parameters"),
-        "robots": ("/?view=robots", "#robots-table"),
-        "recordings": ("/?view=recordings", "#recordings-table"),
-        "jobs": ("/?view=jobs", "#jobs-table"),
+        "import": View(new, "#recordings"),
+        "robot": View(new, "#recordings", ("#robot-picture > summary", "#robot-picture canvas.arm"), "#robot-picture"),
+        "recording": View(f"/?view=recording&measurement={has.recording}", "#signals-title"),
+        "verdict": View(f"{model}&tab=verdict", "#fitness-summary"),
+        "compare": View(f"{model}&tab=compare", "#torque-chart canvas"),
+        "arm": View(f"{model}&tab=compare", "#torque-chart canvas", beside, ".arm-beside"),
+        "missing": View(f"/?identification={has.first}&tab=missing", "#verdict"),
+        "ladder": View(f"{model}&tab=missing", "#missing-title"),
+        "parameters": View(f"{model}&tab=parameters", "#parameters table"),
+        "trust": View(f"{model}&tab=trust", "#validations-title"),
+        "data": View(f"{model}&tab=data", "#data-table"),
+        "design": View(
+            f"/?view=design&robot={has.robot}&design={has.design}", "#design-again", ("#nearest-now button",)
+        ),
+        "models": View("/?view=models", "#models-table"),
+        "two-models": View(f"/?view=models&pair={has.better},{has.rival}", "#pair-parameters"),
+        "robots": View("/?view=robots", "#robots-table"),
+        "recordings": View("/?view=recordings", "#recordings-table"),
+        "jobs": View("/?view=jobs", "#jobs-table"),
     }
 
 
@@ -87,7 +106,8 @@ def tell(client: Client, folder: Path) -> Shown:
     spring = [{"effect": "joint_spring", "joints": ["shoulder_lift_joint"]}]
     rival = client.identifications.extend(first, spring).wait()
     client.diagnoses.create(better).wait()
-    design = client.designs.create(robot, kind="random", trajectory={"duration": 8.0, "sampling_rate": 100.0}).wait()
+    wanted = {"kind": "random", "trajectory": TRAJECTORY, "random_trajectories": 20}
+    design = client.designs.create(robot, **wanted, surroundings=CELL).wait()
     return Shown(*(one.id for one in (robot, run1, first, better, rival, design)))
 
 
@@ -122,10 +142,14 @@ def _answers(port: int) -> bool:
         return tried.connect_ex(("127.0.0.1", port)) == 0
 
 
-def open_view(page: Page, address: str, there: str) -> None:
+def open_view(page: Page, view: View) -> None:
     """A view, once all of it is drawn."""
-    page.goto(address)
-    page.locator(there).first.wait_for(timeout=60_000)
+    page.goto(view.address)
+    page.locator(view.there).first.wait_for(timeout=60_000)
+    for one in view.pressed:
+        page.locator(one).first.click(timeout=60_000)
+    # What was pressed may be far down, and a bar that sticks to the window's top with it.
+    page.evaluate("scrollTo(0, 0)")
     page.wait_for_load_state("networkidle")
     page.wait_for_function("!document.querySelector('main')?.innerText.match(/(Loading|Comparing|Judging[^.]*) …/)")
     # What is drawn after the last answer.
@@ -139,6 +163,11 @@ def opened(browser: Browser, url: str, size: str, scheme: Any) -> Page:
     return context.new_page()
 
 
+def taken(page: Page, view: View) -> bytes:
+    """The picture of a view that is open."""
+    return page.locator(view.only).screenshot() if view.only else page.screenshot(full_page=True)
+
+
 def photograph(url: str, has: Shown, out: Path) -> None:
     """All views, four pictures each."""
     out.mkdir(parents=True, exist_ok=True)
@@ -148,9 +177,9 @@ def photograph(url: str, has: Shown, out: Path) -> None:
         for size in SIZES:
             for scheme in SCHEMES:
                 page = opened(browser, url, size, scheme)
-                for name, (address, there) in views(has).items():
-                    open_view(page, address, there)
-                    drawn = Image.open(io.BytesIO(page.screenshot(full_page=True)))
+                for name, view in views(has).items():
+                    open_view(page, view)
+                    drawn = Image.open(io.BytesIO(taken(page, view)))
                     wide, tall = drawn.size
                     drawn.crop((0, 0, wide, min(tall, TALLEST))).save(out / f"{name}-{size}-{scheme}.webp", quality=45)
                 page.context.close()

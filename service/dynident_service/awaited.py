@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
 from collections.abc import AsyncIterator, Mapping
@@ -80,15 +81,26 @@ class Awaited:
                     detail = f"This takes longer than {longest:.0f} s, which is more than a request may take."
                     raise ProblemError(503, detail, title="Took too long")
         except (EOFError, BrokenPipeError) as error:
-            self._pool.replace(child)
-            detail = "The process that computed this died, most probably for want of memory; send less at a time."
-            raise ProblemError(503, detail, title="Process died") from error
+            raise _died(self._pool.replace(child)) from error
         except BaseException:
             self._pool.replace(child)
             raise
         assert isinstance(found, Answer)
         self._pool.put_back(child, found)
         return found
+
+
+def _died(ended_with: int | None) -> ProblemError:
+    """What is said of a process that ended by itself, with an exit code or (negative) by a signal."""
+    if ended_with is None or ended_with == -signal.SIGKILL:
+        detail = "The process that computed this died, most probably for want of memory; send less at a time."
+        return ProblemError(503, detail, title="Process died")
+    how = f"by {signal.Signals(-ended_with).name}" if ended_with < 0 else f"with code {ended_with}"
+    detail = (
+        f"What was sent ended the process that read it ({how}). If it is a file, it is most probably damaged: have it "
+        "written anew, and send files one by one to find which."
+    )
+    return ProblemError(422, detail, title="Unreadable")
 
 
 @asynccontextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from dataclasses import dataclass, field
 
 import anyio
@@ -12,8 +13,10 @@ from anyio import to_thread
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.patience import AWAY
 
-LOOK = 0.1
-"""How often, in seconds, it is looked for news, however many follow."""
+SOONEST, LATEST = 0.01, 0.1
+"""Seconds from one look for news to the next, however many follow."""
+SHARE = 0.1
+"""Who has waited for a while may wait for that share of it more: what is computed in a moment is told at once."""
 log = logging.getLogger("dynident.service")
 
 
@@ -21,7 +24,13 @@ log = logging.getLogger("dynident.service")
 class _Follower:
     job_id: str
     last: int
+    since: float = field(default_factory=time.monotonic)
     news: anyio.Event = field(default_factory=anyio.Event)
+
+    @property
+    def pause(self) -> float:
+        """Seconds until it is looked again."""
+        return min(max(SHARE * (time.monotonic() - self.since), SOONEST), LATEST)
 
 
 class Following:
@@ -47,7 +56,7 @@ class Following:
         try:
             thread = anyio.CapacityLimiter(1)
             while self._followers:
-                await asyncio.sleep(LOOK)
+                await asyncio.sleep(min(one.pause for one in self._followers))
                 followed = {one.job_id for one in self._followers}
                 try:
                     newest = await to_thread.run_sync(self._ledger.newest_events, followed, limiter=thread)

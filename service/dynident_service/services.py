@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, cast
 
 from fastapi import Depends, Request
@@ -13,12 +13,17 @@ from dynident_service.awaited import Awaited
 from dynident_service.following import Following
 from dynident_service.housekeeping import Housekeeping
 from dynident_service.jobs.engine import Engine
+from dynident_service.models.verdicts import VerdictView
+from dynident_service.remembered import Remembered
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.resources import Resources
+
+MOST_VERDICTS = 500
+"""Of some 2 kB each."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,7 @@ class Services:
     housekeeping: Housekeeping
     awaited: Awaited
     following: Following
+    verdicts: Remembered[VerdictView] = field(default_factory=lambda: Remembered(MOST_VERDICTS))
 
 
 @contextmanager

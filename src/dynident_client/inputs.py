@@ -153,6 +153,10 @@ class Designs(Collection[Design]):
         """Read the trajectory: t, q…, dq…, ddq… at the sampling rate."""
         return self._transport.get_bytes(f"{self.path}/{id_of(design)}/trajectory", format=format)
 
+    def clearances(self, design: Record | str, points: int = 200) -> dict[str, Any]:
+        """Read what every link is nearest to along the motion, at about so many of its samples."""
+        return dict(self._transport.get(f"{self.path}/{id_of(design)}/clearances", points=points))
+
 
 class Simulations(Collection[Simulation]):
     """Virtual robots that are measured."""

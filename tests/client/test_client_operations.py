@@ -69,6 +69,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.measurements.revise("x1", signs={"tau2": -1}),
         lambda c: c.designs.create("r1"),
         lambda c: c.designs.trajectory("x1"),
+        lambda c: c.designs.clearances("x1"),
         lambda c: c.simulations.create("r1", design="d1"),
         lambda c: c.identifications.create("r1", ["m1"]),
         lambda c: c.identifications.create_many([{"robot_id": "r1", "measurement_ids": ["m1"]}]),

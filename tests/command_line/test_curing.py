@@ -37,3 +37,11 @@ def test_a_cured_file_gives_the_model_of_the_right_one(turned: Path) -> None:
     assert cured["residual"]["relative_total"] == pytest.approx(right["residual"]["relative_total"], rel=1e-6)
     told = [one["detail"] for one in cured["measurements"][0]["checks"] if one["name"] == "cure"]
     assert told == ["Read as if it had been said: signs tau1: -1."]
+
+
+def test_a_report_says_how_a_cured_file_was_read(turned: Path) -> None:
+    model, page = turned / "model.npz", turned / "report.html"
+    assert dynident("identify", turned / "arm.urdf", turned / "wrong.csv", "--cure", "-o", model).code == 0
+    assert dynident("report", model, turned / "wrong.csv", "--cure", "-o", page).code == 0
+    assert "--metadata wrong=wrong.columns.json" in page.read_text()
+    assert "{&#34;signs&#34;: {&#34;tau1&#34;: -1.0}}" in page.read_text()

@@ -50,6 +50,16 @@ def test_a_proposal_is_written_and_taken_as_metadata(foreign, tmp_path):
     target.write_text(json.dumps(told))
     refused = dynident("identify", "scara", fit, "--metadata", target)
     assert (refused.code != 0, "open question" in refused.err) == (True, True)
+    for wrong, said in (
+        ({"windows": [[1, "noon"]]}, "windows/0/1"),
+        ({"signs": {"tau1": 0.5}}, "signs"),
+        ({"permutation": {"tau": [1, 1, 3, 4]}}, "permutation"),
+        ({"colums": {}}, "give an object of columns"),
+    ):
+        target.write_text(json.dumps({**told, "questions": [], **wrong}))
+        refused = dynident("identify", "scara", fit, "--metadata", target)
+        assert refused.code == 2
+        assert said in refused.err
     for kind, said in (("gravity_compensated", "gravity-compensated"), ("muscle", "effort_kind is 'muscle'")):
         target.write_text(json.dumps({**told, "questions": [], "effort_kind": kind}))
         refused = dynident("identify", "scara", fit, "--metadata", target)

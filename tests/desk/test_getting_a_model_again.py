@@ -84,16 +84,46 @@ def test_files_with_other_columns_and_units_are_read_again_by_what_the_report_sa
     (tmp_path / "foreign.csv").write_text(text + "\n")
     columns = dict(zip(ours, theirs, strict=True))
     runs = dy.read_recordings(tmp_path / "foreign.csv", robot=robot, columns=columns, units={ours[place]: "deg"})
-    model = dy.identify(robot, runs)
+    assert_made_again(dy.identify(robot, runs), {"foreign": "foreign.csv"}, desk, tmp_path)
+
+
+@pytest.mark.slow
+def test_another_order_signs_factors_a_delay_and_what_was_left_out_are_among_what_the_report_says(
+    desk: Path, robot: dy.Robot, tmp_path: Path
+) -> None:
+    lines = (desk / "run1.csv").read_text().splitlines()
+    names = lines[0].replace('"', "").split(",")
+    values = dict(zip(names, np.loadtxt(lines[1:], delimiter=",").T, strict=True))
+    swapped = {**values, "tau1": -10.0 * values["tau2"], "tau2": values["tau1"]}
+    np.savetxt(
+        tmp_path / "wired.csv",
+        np.column_stack(list(swapped.values())),
+        delimiter=",",
+        header=",".join(names),
+        comments="",
+    )
+    checks = ["torque_sign", "torque_order", "torque_scale"]
+    (raw,) = dy.read_recordings(tmp_path / "wired.csv", robot=robot, accept=checks)
+    order = (2, 1, *range(3, robot.n + 1))
+    said = dy.Revision(
+        permutation={"tau": order}, signs={"tau2": -1.0}, scale={"tau2": 0.1}, torque_delay=0.001, exclude=((4.0, 6.5),)
+    )
+    model = dy.identify(robot, dy.revise(raw, said, name="wired"))
+    assert model.fit.relative_total == pytest.approx(0.1, abs=0.1), "the torques are where they belong"
+    assert_made_again(model, {"wired": "wired.csv"}, desk, tmp_path)
+
+
+def assert_made_again(model: dy.Model, files: dict[str, str], desk: Path, folder: Path) -> None:
+    """The command of a model's report makes it from the files that stand in the folder and those that it says."""
     page = dy.report(model).html
     (line,) = (unescape(one) for one in re.findall(r"<li><code>(dynident .+?)</code></li>", page))
     for name, content in re.findall(r"<dt>(\S+\.json)</dt><dd><code>(.+?)</code></dd>", page):
-        (tmp_path / name).write_text(unescape(content))
-    words = [{ROBOT: str(desk / "arm.urdf"), "foreign": "foreign.csv"}.get(word, word) for word in shlex.split(line)]
+        (folder / name).write_text(unescape(content))
+    words = [{ROBOT: str(desk / "arm.urdf"), **files}.get(word, word) for word in shlex.split(line)]
     program = Path(sys.executable).with_name("dynident")
-    done = subprocess.run([program, *words[1:]], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([program, *words[1:]], cwd=folder, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
-    again = dy.load_model(tmp_path / "model1.npz")
+    again = dy.load_model(folder / "model1.npz")
     np.testing.assert_allclose(again.identification.values, model.identification.values, rtol=1e-6, atol=1e-9)
 
 

@@ -8,15 +8,17 @@ from safe_robots import safe_robot
 from scipy.optimize import minimize
 
 from dynident.effects import EffectChoice
-from dynident.excitation import Box, CriterionChoice, Surroundings, ToolRange, Wall
+from dynident.excitation import Box, CriterionChoice, DesignRequest, Surroundings, ToolRange, Wall
 from dynident.excitation.criteria.smooth import criterion_of
 from dynident.excitation.limits.bounds import Bounds, bounds_of
+from dynident.excitation.nearness import nearest_along
 from dynident.excitation.observation.model import design_model
 from dynident.excitation.optimising.problem import DesignProblem, Multipliers
 from dynident.excitation.surroundings.obstacles import block_of
 from dynident.excitation.surroundings.segments import closest_shares, distance_to_block
 from dynident.excitation.trajectories.fourier import FourierFamily
 from dynident.robot import Limits
+from dynident.robot.kinematics import joint_frames
 
 CELL = Surroundings(
     floor=-0.2,
@@ -76,6 +78,32 @@ def test_the_nearest_approach_along_a_motion_is_found_without_looking_at_every_s
         own = [brute[pair.name] for pair in space.contacts.pairs if pair.moving.joint == body]
         assert min(own) <= approach.distance <= min(own) + 1e-3 + 0.06 * max(min(own), 0)
         assert approach.distance >= brute[approach.name] - 1e-9
+
+
+def test_what_a_link_is_nearest_to_is_told_with_the_points_that_the_distance_lies_between():
+    robot = safe_robot("gantry")
+    bounds = bounds_in_cell("gantry")
+    q = np.random.default_rng(3).uniform(bounds.position_low, bounds.position_high, (60, robot.n))
+    assert bounds.space is not None
+    contacts = bounds.space.contacts
+    assert contacts is not None
+    frames = joint_frames(robot, q)
+
+    def in_base(joint: int, k: int, point: np.ndarray) -> np.ndarray:
+        return point if joint < 0 else frames[k, joint, :3, :3] @ point + frames[k, joint, :3, 3]
+
+    found = nearest_along(robot, DesignRequest(surroundings=CELL), q)
+    assert [one.body.joint for one in found] == list(contacts.bodies)
+    for one in found:
+        own = [pair for pair in contacts.pairs if pair.moving.joint == one.body.joint]
+        rooms = np.array([contacts.distances(pair, q) - pair.clearance for pair in own])
+        np.testing.assert_allclose(one.distance - one.wanted, rooms.min(axis=0), atol=1e-9)
+        for k, place in enumerate(one.to):
+            there = in_base(one.others[place].joint, k, one.there[k])
+            apart = np.linalg.norm(in_base(one.body.joint, k, one.here[k]) - there)
+            assert apart == pytest.approx(abs(one.distance[k]), abs=1e-9)
+    assert {one.others[k].name for one in found for k in one.to} >= {"floor", "box 'table'"}
+    assert nearest_along(robot, DesignRequest(surroundings=Surroundings(self_collision=False)), q) == ()
 
 
 @given(seed=st.integers(0, 10_000))

@@ -114,6 +114,10 @@ def dies_at_once() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def crashes() -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
 def refuses() -> None:
     raise DynidentError("q3 has a gap", pointer="q3", title="Gap in time")
 

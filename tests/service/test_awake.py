@@ -20,7 +20,7 @@ from test_jobs import is_running
 
 from dynident_service import awaited as awaited_module
 from dynident_service.awaited import Awaited
-from dynident_service.following import LOOK, Following
+from dynident_service.following import LATEST, Following
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.ledger import Ledger
@@ -62,8 +62,13 @@ def test_what_goes_wrong_in_the_child_is_the_answer(awaited: Awaited) -> None:
     with pytest.raises(ProblemError, match="q3 has a gap") as caught:
         ask(awaited, "refuses")
     assert caught.value.problem.status == 422
-    with pytest.raises(ProblemError, match="died"):
+    with pytest.raises(ProblemError, match="died, most probably for want of memory") as caught:
         ask(awaited, "dies_at_once")
+    assert caught.value.problem.status == 503
+    # What crashes the reader is no want of memory, and does so again when it is sent again.
+    with pytest.raises(ProblemError, match=r"\(by SIGSEGV\)\. If it is a file, it is most probably damaged") as caught:
+        ask(awaited, "crashes")
+    assert caught.value.problem.status == 422
     assert ask(awaited, "twice", number=4) == 8
 
 
@@ -120,17 +125,18 @@ def test_the_database_is_looked_at_once_for_all_who_follow(ledger: Ledger, monke
         async with anyio.create_task_group() as group:
             for _ in range(50):
                 group.start_soon(wait, job_id, last)
-            await anyio.sleep(10 * LOOK)
+            await anyio.sleep(10 * LATEST)
             assert told == []
             group.start_soon(wait, "job_that_is_not_there", 7)
             group.start_soon(wait, other, 0)
-            await anyio.sleep(5 * LOOK)
+            await anyio.sleep(5 * LATEST)
             assert set(told) == {"job_that_is_not_there", other}
             await to_thread.run_sync(ledger.cancel, job_id)
         assert told.count(job_id) == 50
 
     anyio.run(follow)
-    assert looks <= 20
+    # Often at first, then less and less.
+    assert looks <= 60
 
 
 @pytest.mark.slow

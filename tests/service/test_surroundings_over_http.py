@@ -29,6 +29,18 @@ def test_a_design_tells_how_near_it_comes_to_the_surroundings(live: Client) -> N
     assert tool["joint"] == "tool z"
     assert tool["value"] >= tool["bound"] == 0.1
     assert next(m["bound"] for m in margins if m["limit"] == "torque") == pytest.approx(87 / 1.1)
+    # What the links are nearest to on the way is there for a picture; the margins are those of a finer grid.
+    along = live.designs.clearances(design, points=80)
+    assert len(along["t"]) == 80
+    assert (along["t"][0], along["t"][-1]) == (0.0, pytest.approx(design.result["duration"], abs=0.02))
+    least = {margin["joint"].split(" – ")[0]: margin["value"] for margin in clearances}
+    assert {one["name"] for one in along["links"]} == set(least)
+    for one in along["links"]:
+        assert min(one["distance"]) >= least[one["name"]] - 1e-3
+        assert set(map(len, (one["to"], one["here"], one["there"], one["wanted"]))) == {80}
+    with pytest.raises(ProblemError) as refused:
+        live.designs.clearances(design, points=1)
+    assert refused.value.status == 422
 
 
 def test_what_is_no_obstacle_is_refused_with_its_field(live: Client) -> None:

@@ -5,9 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from fastapi.testclient import TestClient
 from service_helpers import wait_for
 from test_uploads import as_csv, sound, upload
+
+from dynident_service.awaited import Awaited
+from dynident_service.remembered import Remembered
 
 
 def identified(client: TestClient, robot: dict[str, Any], fitted: str, held_out: list[str]) -> str:
@@ -38,7 +42,9 @@ def other(n_rows: int = 2000) -> dict[str, np.ndarray]:
     return columns
 
 
-def test_a_verdict_tells_each_use_with_its_reason(client: TestClient, robot: dict[str, Any]) -> None:
+def test_a_verdict_tells_each_use_with_its_reason(
+    client: TestClient, robot: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     fitted = upload(client, robot, as_csv(sound())).json()["id"]
     model = identified(client, robot, fitted, [upload(client, robot, as_csv(other())).json()["id"]])
     answer = client.get(f"/v1/identifications/{model}/verdict")
@@ -51,6 +57,25 @@ def test_a_verdict_tells_each_use_with_its_reason(client: TestClient, robot: dic
     assert found["held_out"]["relative_total"] == result["validation"]["relative_total"]
     assert found["stop"] is None
     assert client.get(f"/v1/identifications/{model}/export").status_code == 200
+    # A model never changes: what was said of it once is there at once.
+    monkeypatch.setattr(Awaited, "call", None)
+    assert client.get(f"/v1/identifications/{model}/verdict").json() == found
+    # In a list nobody looks for parameters, which are most of it; all else is there.
+    (brief,) = client.get("/v1/identifications", params={"brief": True}).json()["items"]
+    assert brief["result"] == {**result, "parameters": []}
+    (whole,) = client.get("/v1/identifications").json()["items"]
+    assert whole["result"] == result
+    client.delete(f"/v1/identifications/{model}")
+    assert client.get(f"/v1/identifications/{model}/verdict").status_code == 404
+
+
+def test_what_is_remembered_longest_ago_is_forgotten() -> None:
+    kept: Remembered[int] = Remembered(2)
+    kept.keep("a", 1)
+    kept.keep("b", 2)
+    assert kept.get("a") == 1
+    kept.keep("c", 3)
+    assert [kept.get(one) for one in "abc"] == [1, None, 3]
 
 
 def test_a_stop_names_the_measurement_and_its_cure(client: TestClient, robot: dict[str, Any]) -> None:

@@ -52,12 +52,17 @@ def locked_service(tmp_path: Path) -> Iterator[str]:
         yield address
 
 
-@contextlib.contextmanager
-def started(folder: Path, **more: str) -> Iterator[str]:
-    """Run a service in a process of its own."""
+def free_port() -> int:
+    """A port that nobody listens on."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+        return int(free.getsockname()[1])
+
+
+@contextlib.contextmanager
+def started(folder: Path, port: int | None = None, **more: str) -> Iterator[str]:
+    """Run a service in a process of its own."""
+    port = port or free_port()
     settings = {"DYNIDENT_PORT": str(port), "DYNIDENT_DATA_DIR": str(folder), "DYNIDENT_WORKERS": "2"}
     command = [sys.executable, "-c", "from dynident_service.serve import serve; serve()"]
     with (folder / "log.txt").open("wb") as log:
@@ -102,14 +107,20 @@ def first_page(browser: playwright.Browser, tmp_path: Path, heard: Heard) -> Ite
 
 
 def _listened_to(browser: playwright.Browser, service: str, heard: Heard) -> Iterator[playwright.Page]:
-    context = browser.new_context(base_url=service, viewport={"width": 1280, "height": 900})
+    opened = listened_page(browser, service, heard)
+    yield opened
+    opened.context.close()
+
+
+def listened_page(browser: playwright.Browser, service: str, heard: Heard, width: int = 1280) -> playwright.Page:
+    """A page in a browser that knows nothing yet, listened to."""
+    context = browser.new_context(base_url=service, viewport={"width": width, "height": 900})
     opened = context.new_page()
     opened.set_default_timeout(60_000)
     opened.on("console", lambda message: _note(heard, message))
     opened.on("pageerror", lambda error: heard.complaints.append(str(error)))
     opened.on("request", lambda request: heard.hosts.add(request.url.split("/")[2]))
-    yield opened
-    context.close()
+    return opened
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,8 +42,9 @@ def test_every_view_is_for_everybody(browser: Any, service: str, has: Any, size:
     page.on("console", lambda message: message.type == "error" and complaints.append(message.text))
     page.on("pageerror", lambda error: complaints.append(str(error)))
     faults = []
-    for name, (address, there) in PICTURES["views"](has).items():
-        PICTURES["open_view"](page, address, there)
+    for name, view in PICTURES["views"](has).items():
+        # The small arm has no shape that could come near anything.
+        PICTURES["open_view"](page, replace(view, pressed=()) if name == "design" else view)
         found = axe.Axe().run(page)
         for one in found.response["violations"]:
             places = [" ".join(str(part) for part in node["target"]) for node in one["nodes"][:3]]

@@ -52,6 +52,58 @@ def test_the_meshes_of_a_robot_are_chosen_and_drawn(page: Any, heard: Any, tmp_p
     assert [one for one in heard.complaints if "422" not in one] == []
 
 
+def test_a_folder_of_meshes_is_dropped_with_all_that_is_below_it(page: Any, heard: Any, tmp_path: Path) -> None:
+    body = {"name": "dropped", "description": {"format": "urdf", "content": with_meshes()}}
+    robot = page.request.post("/v1/robots", data=body).json()["id"]
+    meshes = tmp_path / "arm" / "meshes"
+    meshes.mkdir(parents=True)
+    for link in ("upper", "fore"):
+        (meshes / f"{link}.obj").write_text(TETRAHEDRON)
+    (tmp_path / "arm" / "readme.txt").write_text("no mesh")
+    (tmp_path / "bare").mkdir()
+    page.goto(f"/?view=new&robot={robot}")
+    page.click("#robot-picture > summary")
+    page.locator("canvas.arm").wait_for()
+    drop(page, "#mesh-files", tmp_path / "bare")
+    expect(page.locator("#robot-picture")).to_contain_text("There is no STL, OBJ, DAE or PLY file in it.")
+    with page.expect_request(lambda one: one.method == "PUT") as sent:
+        drop(page, "#mesh-files", tmp_path / "arm")
+    content = sent.value.post_data_buffer
+    assert content is None or b"readme" not in content
+    expect(page.locator("#robot-picture > summary")).to_have_text("The arm")
+    expect(page.locator("canvas.arm")).to_have_attribute("data-triangles", "8")
+    assert heard.complaints == []
+
+
+def drop(page: Any, on: str, path: Path) -> None:
+    """A file or a folder let fall from the file manager, as the browser itself is told of it."""
+    zone = page.locator(".drop", has=page.locator(on))
+    zone.scroll_into_view_if_needed()
+    box = zone.bounding_box()
+    devtools = page.context.new_cdp_session(page)
+    data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
+    for kind in ("dragEnter", "dragOver", "drop"):
+        devtools.send("Input.dispatchDragEvent", {"type": kind, "x": box["x"] + 9, "y": box["y"] + 9, "data": data})
+
+
+def test_an_arm_that_is_opened_twice_at_once_is_there_once(page: Any, tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "short.csv", seed=3, duration=10.0, rate=100.0)
+    page.goto(f"/?view=recording&measurement={stored(page, robot_of(page), path)}")
+    page.locator(".joint-row .u-over").first.wait_for()
+    asked: list[str] = []
+    page.on("request", lambda one: asked.append(one.url) if one.url.endswith("/geometry") else None)
+    page.evaluate("""async () => {
+      const beside = document.querySelector('.arm-beside');
+      for (const open of [true, false, true, false, true]) {
+        beside.open = open;
+        await new Promise((resolve) => setTimeout(resolve, 1));
+      }
+    }""")
+    page.locator("canvas.arm").first.wait_for()
+    page.wait_for_load_state("networkidle")
+    assert (page.locator("canvas.arm").count(), len(asked)) == (1, 1)
+
+
 def test_the_arm_is_where_it_was_at_the_moment_under_the_cursor(page: Any, heard: Any, tmp_path: Path) -> None:
     path = write_recording(tmp_path / "short.csv", seed=3, duration=10.0, rate=100.0)
     page.goto(f"/?view=recording&measurement={stored(page, robot_of(page), path)}")

@@ -11,6 +11,9 @@ import pytest
 from test_workbench import ask
 from two_link_arm import URDF
 
+from dynident.robot import library_table
+from dynident_client import Client
+
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
 pytestmark = pytest.mark.slow
 
@@ -79,6 +82,35 @@ def test_an_experiment_that_cannot_be_says_where_and_keeps_what_was_filled_in(pa
     page.click("#run-design")
     expect(page.locator("[data-pointer='/trajectory/duration'] .complaint")).to_be_visible()
     expect(page.get_by_label("First effect", exact=True)).to_have_value("coulomb")
+
+
+def test_the_arm_moves_with_its_clearances_to_what_stands_around_it(page: Any, heard: Any) -> None:
+    client = Client(page.request.get("/").url)
+    robot = client.robots.create("panda", modified_dh=library_table("franka_panda"))
+    asked: dict[str, Any] = {
+        "kind": "random",
+        "trajectory": {"duration": 3.0, "harmonics": 3, "sampling_rate": 50.0},
+        "random_trajectories": 3,
+        "effects": [{"effect": "viscous"}],
+        "surroundings": {"floor": -0.3, "boxes": [{"name": "table", "center": [0.9, 0, 0.1], "size": [0.4, 1, 0.4]}]},
+    }
+    design = client.designs.create(robot, **asked).wait()
+    along = client.designs.clearances(design)
+    page.goto(f"/?view=design&robot={robot.id}&design={design.id}")
+    said = page.locator("#nearest-now")
+    expect(said).to_contain_text("Nearest here: ")
+    said.get_by_role("button", name="Nearest of all").click()
+    rooms = [[far - kept for far, kept in zip(one["distance"], one["wanted"], strict=True)] for one in along["links"]]
+    k = min(range(len(along["t"])), key=lambda k: min(room[k] for room in rooms))
+    worst = along["links"][min(range(len(rooms)), key=lambda place: rooms[place][k])]
+    expect(said).to_contain_text(f"{worst['name']} and {worst['others'][worst['to'][k]]['name']}, ")
+    assert float(page.get_by_label("Time in s").input_value()) == pytest.approx(along["t"][k], abs=1e-9)
+    # Both ends of every line are on what it belongs to, however the arm stands: it is as long as they are apart.
+    lines = json.loads(page.locator("canvas.arm").get_attribute("data-gaps"))
+    lengths = sorted(math.dist(*ends) for ends in lines)
+    near = sorted(one["distance"][k] for one in along["links"] if one is worst or one["distance"][k] < 0.3)
+    assert lengths == pytest.approx(near, abs=0.01)
+    assert heard.complaints == []
 
 
 def test_the_next_experiment_of_a_diagnosis_is_filled_in(page: Any) -> None:

@@ -97,6 +97,35 @@ def test_a_model_is_renamed_tagged_archived_and_brought_back(page: Any, two_mode
     assert ask(page, f"/identifications/{two_models['plain']}")["tags"] == ["night shift", "arm 3"]
 
 
+def test_a_job_has_its_log_and_a_model_is_deleted_for_good(page: Any, two_models: dict[str, str]) -> None:
+    page.goto("/?view=jobs")
+    page.get_by_role("button", name="Log of identification").first.click()
+    log = page.locator("main ol li")
+    expect(log.first).to_have_text("queued")
+    expect(log.last).to_have_text("succeeded")
+    made = ask(page, f"/identifications/{two_models['plain']}")
+    asked = {name: made["request"][name] for name in ("measurement_ids", "validation_ids")}
+    body = {"robot_id": made["robot_id"], "name": "for nothing", **asked}
+    extra = page.request.post("/v1/identifications", data=body).json()["id"]
+    page.goto(f"/?identification={extra}")
+    page.locator("#error-table").wait_for()
+    # The comparison that the page makes by itself goes with the model; a report was asked for, and so is this.
+    page.wait_for_function(
+        """async (id) => (await (await fetch(`/v1/comparisons?identification_id=${id}`)).json())
+          .items.some((one) => one.status === 'succeeded')""",
+        arg=extra,
+    )
+    page.get_by_role("button", name="Report", exact=True).click()
+    expect(page.get_by_role("link", name="Open the report")).to_be_visible()
+    page.goto("/?view=models")
+    page.get_by_role("button", name="Change for nothing").click()
+    page.get_by_role("button", name="Delete", exact=True).click()
+    page.get_by_role("button", name="Delete for good?").click()
+    page.get_by_role("button", name="Delete it with 1 comparison, 1 report").click()
+    expect(page.locator(f"#models-table tr[data-id={extra}]")).to_have_count(0)
+    assert page.request.get(f"/v1/identifications/{extra}").status == 404
+
+
 def test_a_robot_that_models_rest_on_is_not_deleted_and_the_page_says_what_to_do(
     page: Any, two_models: dict[str, str]
 ) -> None:

@@ -11,7 +11,7 @@ from test_workbench import ask, identifier, open_tab, the_robot, upload
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
 pytestmark = pytest.mark.slow
 
-ELSEWHERE = ("comparisons", "validations", "series", "measurements?")
+ELSEWHERE = ("validations", "series", "measurements?")
 """What only tabs other than the verdict ask for."""
 
 
@@ -67,9 +67,33 @@ def test_only_what_the_open_tab_needs_is_asked_for(page: Any, model: str) -> Non
     page.reload()
     page.locator("#fitness-summary").wait_for()
     assert not [one for one in asked if "/v1/" in one and one.split("/v1/")[1].startswith(ELSEWHERE)]
+    assert not [one for one in asked if "/series" in one or "/residual_map" in one]
     open_tab(page, "Compare")
     page.locator("#torque-chart canvas").wait_for()
-    assert [one for one in asked if "/v1/comparisons" in one]
+    assert [one for one in asked if "/series" in one]
+
+
+def test_the_comparison_is_made_once_and_before_its_tab_is_opened(page: Any, model: str) -> None:
+    for one in ask(page, f"/comparisons?identification_id={model}")["items"]:
+        page.request.delete(f"/v1/comparisons/{one['id']}")
+    made: list[str] = []
+    page.on("request", lambda one: made.append(one.url) if one.method == "POST" and "/comparisons" in one.url else None)
+    page.reload()
+    page.wait_for_function(
+        """async (id) => (await (await fetch(`/v1/comparisons?identification_id=${id}`)).json())
+          .items.some((one) => one.status === 'succeeded')""",
+        arg=model,
+    )
+    open_tab(page, "Compare")
+    page.locator("#torque-chart canvas").wait_for()
+    assert len(made) == 1
+    # Opened before it was begun, it is begun by the tab, and not twice.
+    page.request.delete(f"/v1/comparisons/{ask(page, f'/comparisons?identification_id={model}')['items'][0]['id']}")
+    made.clear()
+    page.goto(f"/?identification={model}&tab=compare")
+    page.locator("#torque-chart canvas").wait_for()
+    page.wait_for_load_state("networkidle")
+    assert len(made) == 1
 
 
 def test_an_address_of_a_stretch_without_a_tab_still_shows_the_stretch(page: Any, model: str) -> None:

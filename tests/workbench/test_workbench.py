@@ -30,6 +30,8 @@ def the_robot(page: Any) -> None:
     # Another robot may be there: until this one is chosen, its steps are on the page.
     expect(page.locator(f"input[name=robot][value={made.value.json()['id']}]")).to_be_checked()
     page.locator("#recordings").wait_for()
+    # They are drawn anew once its measurements are read.
+    page.wait_for_load_state("networkidle")
 
 
 def upload(page: Any, path: Path, role: str) -> None:
@@ -129,6 +131,19 @@ def test_the_whole_story_can_be_done_in_the_browser(
     floor = ask(page, f"/diagnoses?identification_id={before}")["items"][0]["result"]["noise_floor"]
     assert value_in(page, "#error-table", "elbow", 6) == floor[1]
     page.screenshot(path=tmp_path / "3_diagnosed.png", full_page=True)
+
+    # A bad stretch says where the arm was, how fast, under which load, and what would explain it.
+    open_tab(page, "Compare")
+    page.get_by_role("group", name="Joint", exact=True).get_by_role("button", name="elbow").click()
+    page.locator("ol.worst button").first.click()
+    expect(page.locator("#pose thead")).to_contain_text("positionspeedload of the rigid bodymeasuredresidual")
+    expect(page.locator("#explained tbody tr").first).to_contain_text("Joint spring")
+    # And the residual is a map over any two signals.
+    with page.expect_response(lambda answer: "/residual_map" in answer.url and "x=load_shoulder" in answer.url) as read:
+        page.get_by_label("Across", exact=True).select_option("load_shoulder")
+    assert "y=dq_elbow" in read.value.url
+    expect(page.locator("svg.heat")).to_contain_text("load torque of shoulder (N m)")
+    open_tab(page, "Missing")
 
     page.click("#add-recommended")
     page.locator("#ladder-table").wait_for()

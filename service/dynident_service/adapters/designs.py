@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,9 @@ from dynident.effects.catalogue import check_shape, joints_of
 from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_table
 from dynident.excitation.checks import check_request
 from dynident.excitation.formats.ros2 import joint_trajectory
+from dynident.excitation.nearness import nearest_along
+from dynident.excitation.surroundings.contacts import Nearest
+from dynident.recordings.arrow import to_numbers
 from dynident.robot import Robot
 from dynident.simulation import Reference
 from dynident_service.adapters.answers import shown
@@ -22,6 +25,8 @@ from dynident_service.adapters.identifications import check_effects
 from dynident_service.models import designs as wire
 
 ROWS = 65_536
+_DIGITS = 5
+"""Of lengths in m that a picture shows."""
 
 
 def request_of(asked: wire.DesignRequest, robot: Robot) -> DesignRequest:
@@ -102,9 +107,29 @@ def stored_reference(path: Path, joints: list[str]) -> Reference:
     table = pq.read_table(path)
 
     def matrix(kind: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        return np.column_stack([table[f"{kind}_{joint}"].to_numpy() for joint in joints])
+        return np.column_stack([to_numbers(table[f"{kind}_{joint}"]) for joint in joints])
 
-    return Reference(table["t"].to_numpy(), matrix("q"), matrix("dq"), matrix("ddq"))
+    return Reference(to_numbers(table["t"]), matrix("q"), matrix("dq"), matrix("ddq"))
+
+
+def clearances_of(
+    asked: wire.DesignRequest, robot: Robot, trajectory: Path, mesh_folders: Sequence[Path], points: int
+) -> wire.DesignClearances:
+    """What the links are nearest to along a stored trajectory, at about so many of its samples."""
+    motion = stored_reference(trajectory, list(robot.joint_names))
+    chosen = np.unique(np.linspace(0, len(motion.t) - 1, min(points, len(motion.t))).astype(np.intp))
+    found = nearest_along(robot, design_request(asked), motion.q[chosen], mesh_folders)
+    return wire.DesignClearances(t=motion.t[chosen].tolist(), links=[_link_clearances(one) for one in found])
+
+
+def _link_clearances(found: Nearest) -> wire.LinkClearances:
+    return wire.LinkClearances(
+        name=found.body.name,
+        frame=found.body.joint,
+        others=[wire.Other(name=one.name, frame=None if one.joint < 0 else one.joint) for one in found.others],
+        **{name: np.round(getattr(found, name), _DIGITS).tolist() for name in ("distance", "wanted", "here", "there")},
+        to=found.to.tolist(),
+    )
 
 
 def reference_of_design(found: Design) -> Reference:

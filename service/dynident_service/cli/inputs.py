@@ -125,6 +125,11 @@ def loaded(
                 units={**said.units, **units},
                 role=options.roles.get(path),
                 windows=windows.get(name, said.windows),
+                exclude=said.exclude,
+                permutation=said.permutation,
+                signs=said.signs,
+                scale=said.scale,
+                torque_delay=said.torque_delay,
                 accept=tuple(options.accept),
                 effort_kind=said.effort_kind,
             )
@@ -154,7 +159,7 @@ def _load(
     try:
         if cure:
             mended = import_cured(robot, path, destination, metadata, progress)
-            recording, checks = mended.recording, mended.checks
+            recording, checks, metadata = mended.recording, mended.checks, mended.metadata
         else:
             recording, checks = import_for_robot(robot, path, destination, metadata, progress)
     except RecordingError as error:

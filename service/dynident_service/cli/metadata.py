@@ -4,26 +4,37 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, get_args
+
+from pydantic import TypeAdapter, ValidationError
 
 from dynident.errors import DynidentError
 from dynident.identification.imports import EffortKind, Inspection
 from dynident_service.cli.files import check_readable
 
 NEEDED_FOR_GAINS = "drives"
-_FIELDS = ("columns", "units", "windows", "effort_kind", "questions", "name", "format")
+_BESIDE = ("questions", "name", "format")
+"""What stands in such a file and is no part of what is said."""
 
 
 @dataclass(frozen=True)
 class Said:
-    """Columns, units and windows of a file, and what its efforts are."""
+    """What is said of a file; the fields mean what they mean in `RecordingMetadata`."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     windows: tuple[tuple[float, float], ...] = ()
-    effort_kind: str | None = None
+    exclude: tuple[tuple[float, float], ...] = ()
+    permutation: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    signs: Mapping[str, float] = field(default_factory=dict)
+    scale: Mapping[str, float] = field(default_factory=dict)
+    torque_delay: float = 0.0
+    effort_kind: EffortKind | None = None
+
+
+_SAID = TypeAdapter(Said)
 
 
 def proposed(found: Inspection) -> dict[str, Any]:
@@ -86,8 +97,10 @@ def _read(path: Path) -> Said:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise DynidentError(f"{path.name} is no JSON: {error}", pointer=str(path)) from error
-    if not isinstance(document, dict) or not set(document) <= set(_FIELDS):
-        raise DynidentError(f"{path.name} is no metadata: give an object of {', '.join(_FIELDS)}", pointer=str(path))
+    known = [one.name for one in fields(Said)]
+    if not isinstance(document, dict) or not set(document) <= {*known, *_BESIDE}:
+        allowed = ", ".join((*known, *_BESIDE))
+        raise DynidentError(f"{path.name} is no metadata: give an object of {allowed}", pointer=str(path))
     asked = [one for one in document.get("questions") or () if one.get("field") != NEEDED_FOR_GAINS]
     if asked:
         raise DynidentError(
@@ -95,17 +108,16 @@ def _read(path: Path) -> Said:
             pointer=str(path),
             title="Open questions",
         )
-    columns, units = document.get("columns") or {}, document.get("units") or {}
-    if not all(isinstance(one, dict) and all(isinstance(v, str) for v in one.values()) for one in (columns, units)):
-        raise DynidentError(f"{path.name}: columns and units have to map names to names", pointer=str(path))
-    try:
-        windows = tuple((float(start), float(end)) for start, end in document.get("windows") or ())
-    except (TypeError, ValueError) as error:
-        raise DynidentError(f"{path.name}: windows have to be pairs of numbers", pointer=str(path)) from error
     effort_kind = document.get("effort_kind")
     if effort_kind is not None and effort_kind not in get_args(EffortKind):
         raise DynidentError(
             f"{path.name}: effort_kind is {effort_kind!r}; there are {', '.join(get_args(EffortKind))}",
             pointer=str(path),
         )
-    return Said(columns, units, windows, effort_kind)
+    try:
+        # Null says as much as nothing.
+        return _SAID.validate_python({name: document[name] for name in known if document.get(name) is not None})
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = "/".join(map(str, first["loc"]))
+        raise DynidentError(f"{path.name}: {place}: {first['msg']}", pointer=str(path)) from error

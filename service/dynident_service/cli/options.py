@@ -82,7 +82,8 @@ Metadata = Annotated[
     typer.Option(
         "--metadata",
         metavar="[NAME=]FILE",
-        help="What `dynident inspect --out` wrote, of all files or of the one with that name; may be repeated.",
+        help="What is said of all files, or of the one with that name, as `dynident inspect --out` or a report writes "
+        "it; may be repeated.",
         default_factory=list,
         show_default=False,
     ),

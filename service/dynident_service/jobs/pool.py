@@ -78,7 +78,9 @@ class Child:
         if self.pid is not None:
             ended_with = self._nursery.exit_code(self.pid, reap=False)
             self.strike()
-            self._nursery.exit_code(self.pid, reap=True)
+            code = self._nursery.exit_code(self.pid, reap=True)
+            if ended_with is None and code != -signal.SIGKILL:
+                ended_with = code  # it was on its way out already, which its pipe told first
         self._connection.close()
         os.close(self._lifeline)  # the kernel kills one that has not begun yet
         return ended_with

@@ -12,6 +12,7 @@ from dynident.excitation.request import DesignRequest as Designed
 from dynident.excitation.request import TrajectoryRequest
 from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Limits, Name, Shown
 from dynident_service.models.derived import asks
+from dynident_service.models.geometry import Point
 
 
 @asks(CriterionChoice)
@@ -124,6 +125,33 @@ class TrajectorySamples(Shown):
     q: list[list[float]]
     dq: list[list[float]]
     ddq: list[list[float]]
+
+
+class Other(Shown):
+    """What a link may be near to: another link, or a part of the surroundings."""
+
+    name: str
+    frame: int | None = Field(description="Place in the frames of the robot's geometry; null on the base")
+
+
+class LinkClearances(Shown):
+    """What a link is nearest to, sample by sample: what leaves least over the distance that is wanted."""
+
+    name: str
+    frame: int = Field(description="Place in the frames of the robot's geometry")
+    others: list[Other]
+    to: list[int] = Field(description="Place in the others")
+    distance: list[float] = Field(description="m; negative where they overlap")
+    wanted: list[float] = Field(description="m")
+    here: list[Point] = Field(description="Nearest point of the link in its frame, m")
+    there: list[Point] = Field(description="Nearest point of the other in its own frame, m")
+
+
+class DesignClearances(Shown):
+    """How near each link is to others and to the surroundings along a motion."""
+
+    t: list[float] = Field(description="s")
+    links: list[LinkClearances] = Field(description="Those that are kept clear of anything")
 
 
 class DesignView(Computed[DesignRequest, DesignResult]):

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Response
+from anyio import to_thread
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
 from dynident_service.models.common import plain
-from dynident_service.models.designs import DesignRequest, DesignResult, DesignView, TrajectorySamples
+from dynident_service.models.designs import DesignClearances, DesignRequest, DesignResult, DesignView, TrajectorySamples
 from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_robot
 from dynident_service.services import ServicesDep
+from dynident_service.storage.meshes import meshes_of
 from dynident_service.storage.records import NewJob, NewResource, RestsOn
 
 router = APIRouter(prefix="/v1/designs", tags=["designs"])
 
 JOB = NewJob("design", "dynident_service.work.designs:design")
+CLEARANCES = "dynident_service.work.awaited:clearances"
 PARQUET = "application/vnd.apache.parquet"
 YAML = "application/yaml"
 keep(
@@ -78,3 +81,27 @@ def get_trajectory(
         headers = {"Content-Disposition": f'attachment; filename="{design_id}.yaml"'}
         return StreamingResponse(trajectory_for_ros2(path, joints), media_type=YAML, headers=headers)
     return JSONResponse(trajectory_as_samples(path, joints).model_dump())
+
+
+@router.get("/{design_id}/clearances")
+async def get_clearances(
+    design_id: str,
+    request: Request,
+    services: ServicesDep,
+    points: Annotated[int, Query(ge=2, le=2000, description="About how many samples")] = 200,
+) -> DesignClearances:
+    """Show what every link is nearest to along the motion, with the points between which that distance lies."""
+
+    def asked() -> dict[str, Any]:
+        found = succeeded(services.resources.get("design", design_id))
+        robot = services.resources.get("robot", found.one("robot"))
+        return {
+            "request": dict(found.request),
+            "robot": dict(robot.request),
+            "meshes": {name: str(services.objects.path(one.key)) for name, one in meshes_of(robot).items()},
+            "trajectory": str(services.objects.path(found.objects["trajectory"].key)),
+            "points": points,
+        }
+
+    found = await services.awaited.call(request, CLEARANCES, await to_thread.run_sync(asked))
+    return DesignClearances.model_validate(found)

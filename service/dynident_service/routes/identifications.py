@@ -64,10 +64,15 @@ def create_identification(
 
 @router.get("")
 def list_identifications(
-    services: ServicesDep, query: LabelledQueryDep, robot_id: Annotated[str | None, Query()] = None
+    services: ServicesDep,
+    query: LabelledQueryDep,
+    robot_id: Annotated[str | None, Query()] = None,
+    brief: Annotated[
+        bool, Query(description="Without the parameters, which are most of a list: theirs are empty")
+    ] = False,
 ) -> Page[IdentificationView]:
     """List the identifications, newest first; those of one robot if asked."""
-    return page_of(services, "identification", query, show, robot_id)
+    return page_of(services, "identification", query, _show_briefly if brief else show, robot_id)
 
 
 @router.get("/{identification_id}")
@@ -196,6 +201,12 @@ def new_identification(
         *needed_measurements(services, robot, body.validation_ids, "validation", "/validation_ids"),
     )
     return NewResource("identification", plain(body), name=body.name, rests_on=needs, job=JOB)
+
+
+def _show_briefly(resource: Resource) -> IdentificationView:
+    """Show a stored identification without its parameters."""
+    result = None if resource.result is None else {**resource.result, "parameters": []}
+    return show(replace(resource, result=result))
 
 
 def show(resource: Resource) -> IdentificationView:

@@ -30,9 +30,13 @@ async def get_verdict(identification_id: str, request: Request, services: Servic
         }
 
     asked = {"model": await model_file(services, identification_id), **await to_thread.run_sync(find)}
-    return VerdictView.model_validate(
-        await services.awaited.call(request, "dynident_service.work.verdicts:judge", asked)
-    )
+    # A model and its measurements never change, and neither does what is said of them.
+    if (known := services.verdicts.get(identification_id)) is not None:
+        return known
+    judged = await services.awaited.call(request, "dynident_service.work.verdicts:judge", asked)
+    found = VerdictView.model_validate(judged)
+    services.verdicts.keep(identification_id, found)
+    return found
 
 
 def refuse_stopped(found: Resource) -> None:

@@ -13,13 +13,15 @@ from dynident.identification.essential import essential_parameters
 from dynident.recordings import RecordingError
 from dynident.robot.collision import collision_meshes
 from dynident_service.adapters.answers import shown
+from dynident_service.adapters.designs import clearances_of
 from dynident_service.adapters.exports import exported_file
 from dynident_service.adapters.identifications import describe_essential
 from dynident_service.adapters.imports import look_at
 from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
-from dynident_service.adapters.meshes import chosen, geometry_with
+from dynident_service.adapters.meshes import chosen, geometry_with, mesh_folders
 from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request, robot_of
 from dynident_service.models.common import plain
+from dynident_service.models.designs import DesignRequest
 from dynident_service.models.identifications import CorrelationView
 from dynident_service.models.imports import ImportMetadata
 from dynident_service.models.measurements import MeasurementMetadata
@@ -69,6 +71,15 @@ def look_at_file(source: str, robot: Mapping[str, Any], metadata: Mapping[str, A
         return plain(look_at(Path(source), robot_of(robot), ImportMetadata.model_validate(metadata)))
     except RecordingError as error:
         raise ProblemError.of(problem_with_file(error)) from error
+
+
+def clearances(
+    request: Mapping[str, Any], robot: Mapping[str, Any], meshes: Mapping[str, str], trajectory: str, points: int
+) -> dict[str, Any]:
+    """Tell what the links of a robot are nearest to along a design; `meshes` are files by the names of the meshes."""
+    asked = DesignRequest.model_validate(request)
+    with mesh_folders({name: Path(path) for name, path in meshes.items()}) as folders:
+        return plain(clearances_of(asked, robot_of(robot), Path(trajectory), folders, points))
 
 
 def essential(model: str, ratio: float) -> dict[str, Any]:

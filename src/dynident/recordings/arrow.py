@@ -7,13 +7,15 @@ process that reads a recording.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
-from dynident.arrays import FloatArray, IntArray
+from dynident.arrays import FloatArray
 
 READ_BYTES = 1 << 16
 
@@ -35,7 +37,22 @@ def to_floats(column: pa.Array) -> FloatArray:
     return np.frombuffer(column.buffers()[1], dtype=np.float64)[column.offset : column.offset + len(column)]
 
 
-def from_numbers(values: FloatArray | IntArray) -> pa.Array:
-    """Give an array (m,) of float64 or int64 as a column."""
-    kind = pa.float64() if values.dtype == np.float64 else pa.int64()
-    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))])
+def from_numbers(values: NDArray[Any]) -> pa.Array:
+    """Give an array (m,) of numbers as a column."""
+    values = np.ascontiguousarray(values)
+    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, pa.py_buffer(values)])
+
+
+def to_numbers(column: pa.ChunkedArray) -> NDArray[Any]:
+    """Give a table's column as a read-only array of its own kind of number; `ValueError` where values are missing."""
+    if column.null_count:
+        raise ValueError(f"{column.null_count} values are missing")
+    kind = np.dtype(column.type.to_pandas_dtype())
+    parts = [
+        np.frombuffer(part.buffers()[1], dtype=kind)[part.offset : part.offset + len(part)]
+        for part in column.chunks
+        if len(part)
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate(parts) if parts else np.empty(0, dtype=kind)

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from types import MappingProxyType
+from typing import Any
 
 from dynident.asking import default_of, said_of
 from dynident.effects import EffectChoice
@@ -27,26 +28,23 @@ Said = Mapping[str, RecordingMetadata]
 
 def metadata_files(said: Said) -> dict[str, str]:
     """The files for `--metadata` that the commands name, with what is in them: one of each recording that needs one."""
-    return {
-        _metadata_file(name): json.dumps(
-            {
-                "columns": dict(one.columns),
-                "units": dict(one.units),
-                **({} if one.effort_kind is None else {"effort_kind": one.effort_kind}),
-            }
-        )
-        for name, one in said.items()
-        if _is_needed(one)
-    }
+    told = {name: _told(one) for name, one in said.items()}
+    return {_metadata_file(name): json.dumps(one) for name, one in told.items() if one}
+
+
+_TOLD = ("columns", "units", "permutation", "signs", "scale", "torque_delay", "effort_kind")
+"""What a file cannot be read without, where it was said. Accepted checks and windows, from which what was excluded is
+gone, have options of their own."""
+
+
+def _told(one: RecordingMetadata) -> dict[str, Any]:
+    """What was said of a file, as far as anything was."""
+    values = {name: getattr(one, name) for name in _TOLD}
+    return {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items() if value}
 
 
 def _metadata_file(name: str) -> str:
     return f"{name}.columns.json"
-
-
-def _is_needed(one: RecordingMetadata) -> bool:
-    """Whether a file cannot be read without what was said of it."""
-    return bool(one.columns or one.units or one.effort_kind)
 
 
 def commands(
@@ -92,7 +90,7 @@ def _windows(names: Sequence[str], windows: Mapping[str, Windows]) -> Iterator[s
 
 def _metadata(names: Sequence[str], said: Said) -> Iterator[str]:
     for name in names:
-        if name in said and _is_needed(said[name]):
+        if name in said and _told(said[name]):
             yield from ("--metadata", f"{name}={_metadata_file(name)}")
     for check in dict.fromkeys(check for name in names if name in said for check in said[name].accept):
         yield from ("--accept", check)

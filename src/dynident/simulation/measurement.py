@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
+from dynident.recordings.arrow import from_numbers
 from dynident.robot.model import Robot
 
 
@@ -95,10 +96,10 @@ def measurement_table(measurement: Measurement) -> pa.Table:
         **({} if measurement.temperature is None else {"temperature": measurement.temperature}),
     }
     for name, values in signals.items():
-        columns |= {f"{name}{j + 1}": np.ascontiguousarray(values[:, j]) for j in range(values.shape[1])}
+        columns |= {f"{name}{j + 1}": values[:, j] for j in range(values.shape[1])}
     if measurement.segment is not None:
         columns["segment"] = measurement.segment
-    return pa.table(columns)
+    return pa.table({name: from_numbers(one) for name, one in columns.items()})
 
 
 def write_measurement(measurement: Measurement, path: Path, file_format: Literal["csv", "parquet"] = "parquet") -> Path:

@@ -23,6 +23,7 @@ from dynident.diagnosis.comparing.spectrum import (
     time_spectrum,
 )
 from dynident.errors import DynidentError
+from dynident.recordings.arrow import from_numbers, to_numbers
 from dynident.recordings.phases import Phase
 
 SIGNALS = ("measured", "predicted", "lower", "upper", "residual", "phase", "deviation", "q", "dq", "ddq", "load")
@@ -99,9 +100,11 @@ def write_comparison(found: Comparison, path: Path) -> Path:
         signals["temperature"] = found.temperature
     for signal, values in signals.items():
         for index, joint in enumerate(found.joint_names):
-            columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
+            columns[f"{signal}_{joint}"] = values[:, index]
     header = {"joint_names": found.joint_names, "units": found.units, "noise": found.noise.tolist()}
-    table = pa.table(columns).replace_schema_metadata({METADATA_KEY: json.dumps(header).encode()})
+    table = pa.table({name: from_numbers(values) for name, values in columns.items()}).replace_schema_metadata(
+        {METADATA_KEY: json.dumps(header).encode()}
+    )
     # Measured numbers hardly ever come twice: dictionaries of them take six times as long, and more room.
     pq.write_table(table, path, row_group_size=ROW_GROUP, use_dictionary=False)
     return path
@@ -210,7 +213,7 @@ class StoredComparison:
     def _read(self, *columns: str, groups: list[int] | None = None) -> list[FloatArray]:
         wanted = sorted(set(columns))
         table = self._file.read(wanted) if groups is None else self._file.read_row_groups(groups, wanted)
-        return [table[name].to_numpy() for name in columns]
+        return [to_numbers(table[name]) for name in columns]
 
     def _index(self, joint: str) -> int:
         if joint not in self.joint_names:

@@ -15,6 +15,7 @@ from dynident.arrays import FloatArray, IntArray
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.result import Design
+from dynident.recordings.arrow import from_numbers, to_numbers
 
 FORMATS = ("csv", "parquet", "json")
 """Formats of a trajectory."""
@@ -31,7 +32,7 @@ def design_table(design: Design) -> pa.Table:
         columns["segment"] = design.segments
     for prefix, values in (("q", design.q), ("dq", design.dq), ("ddq", design.ddq)):
         columns |= {f"{prefix}_{name}": values[:, j] for j, name in enumerate(design.joint_names)}
-    return pa.table(columns)
+    return pa.table({name: from_numbers(values) for name, values in columns.items()})
 
 
 def write_design(design: Design, path: Path) -> None:
@@ -48,7 +49,7 @@ def write_design(design: Design, path: Path) -> None:
     elif path.suffix == ".csv":
         with path.open("w", newline="", encoding="utf-8") as stream:
             csv.writer(stream).writerow(table.column_names)
-            values = np.column_stack([column.to_numpy() for column in table.columns])
+            values = np.column_stack([to_numbers(column) for column in table.columns])
             # Times are decimal fractions; twelve digits keep positions far below any encoder's step.
             np.savetxt(stream, values, fmt="%.12g", delimiter=",")
     else:

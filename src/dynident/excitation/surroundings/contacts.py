@@ -6,14 +6,14 @@ tell of whole stretches that nothing comes near there, and only the rest of a fi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import coal
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.arrays import FloatArray, IndexArray
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.model import Robot
 from dynident.robot.shapes import Block, Capsule, Cylinder, Shape
@@ -109,6 +109,23 @@ class Approach:
         return self.distance - self.wanted
 
 
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """What a body is nearest to at each of m postures: the one of `others` at the places `to` (m,).
+
+    `distance` (m,) in m, `wanted` (m,) what is to be kept. `here` (m, 3) is the nearest point of the body in the frame
+    of its joint, `there` (m, 3) that of the other one in its own. Nearest is what leaves least over what is wanted.
+    """
+
+    body: Solid
+    others: tuple[Solid, ...]
+    to: IndexArray
+    distance: FloatArray
+    wanted: FloatArray
+    here: FloatArray
+    there: FloatArray
+
+
 class ContactCheck:
     """Distances of pairs of solids along motions.
 
@@ -126,6 +143,13 @@ class ContactCheck:
     def distances(self, pair: SolidPair, q: FloatArray) -> FloatArray:
         """Distance (m,) of a pair at postures q (m, n); negative where they overlap."""
         return self._distances(pair, joint_frames(self._robot, q))
+
+    def nearest(self, q: FloatArray) -> list[Nearest]:
+        """Of every body (in the order of `bodies`) what it is nearest to, at each of the postures q (m, n)."""
+        frames = joint_frames(self._robot, q)
+        return [
+            self._nearest([pair for pair in self.pairs if pair.moving.joint == body], frames) for body in self.bodies
+        ]
 
     def approaches(self, q: FloatArray) -> list[Approach]:
         """Of every body (in the order of `bodies`) its nearest approach along q (m, n)."""
@@ -152,16 +176,30 @@ class ContactCheck:
                     distances = self._distances(pair, joint_frames(self._robot, q[samples]))
                     search.add(samples, distances - pair.clearance)
 
+    def _nearest(self, pairs: Sequence[SolidPair], frames: FloatArray) -> Nearest:
+        distances, ends = np.empty((len(pairs), len(frames))), np.empty((len(pairs), len(frames), 2, 3))
+        for place, pair in enumerate(pairs):
+            for k, frame in enumerate(frames):
+                # The least of the shapes' distances, with the points that it lies between.
+                distances[place, k], points = min(self._gaps(pair, frame), key=lambda gap: gap[0])
+                for end, (solid, point) in enumerate(zip((pair.moving, pair.other), points, strict=True)):
+                    ends[place, k, end] = _in_frame(solid, frame, point)
+        wanted = np.array([pair.clearance for pair in pairs])
+        to, every = (distances - wanted[:, None]).argmin(axis=0), np.arange(len(frames))
+        chosen = ends[to, every]
+        others = tuple(pair.other for pair in pairs)
+        return Nearest(pairs[0].moving, others, to, distances[to, every], wanted[to], chosen[:, 0], chosen[:, 1])
+
     def _distances(self, pair: SolidPair, frames: FloatArray) -> FloatArray:
-        found = np.empty(len(frames))
-        for k, frame in enumerate(frames):
-            placed = [_placed(solid, frame) for solid in (pair.moving, pair.other)]
-            found[k] = min(
-                self._distance(a, at_a, b, at_b)
-                for a, at_a in zip(pair.moving.shapes, placed[0], strict=True)
-                for b, at_b in zip(pair.other.shapes, placed[1], strict=True)
-            )
-        return found
+        return np.array([min(distance for distance, _ in self._gaps(pair, frame)) for frame in frames])
+
+    def _gaps(self, pair: SolidPair, frame: FloatArray) -> Iterator[tuple[float, tuple[Any, Any]]]:
+        """Distances of the shapes of a pair at the frames (n, 4, 4) of one posture, and the points nearest there."""
+        placed = [_placed(solid, frame) for solid in (pair.moving, pair.other)]
+        for a, at_a in zip(pair.moving.shapes, placed[0], strict=True):
+            for b, at_b in zip(pair.other.shapes, placed[1], strict=True):
+                distance = self._distance(a, at_a, b, at_b)
+                yield distance, (self._result.getNearestPoint1(), self._result.getNearestPoint2())
 
     def _distance(self, a: Any, at_a: Any, b: Any, at_b: Any) -> float:
         self._result.clear()
@@ -201,6 +239,15 @@ def _placed(solid: Solid, frame: FloatArray) -> list[Any]:
         return [coal.Transform3s(rotation, origin) for rotation, origin in solid.placements]
     turned, moved = frame[solid.joint, :3, :3], frame[solid.joint, :3, 3]
     return [coal.Transform3s(turned @ rotation, turned @ origin + moved) for rotation, origin in solid.placements]
+
+
+def _in_frame(solid: Solid, frame: FloatArray, point: FloatArray) -> FloatArray:
+    """A point of the base frame in that of a solid's joint."""
+    if solid.joint < 0:
+        return point
+    turned, moved = frame[solid.joint, :3, :3], frame[solid.joint, :3, 3]
+    inside: FloatArray = (point - moved) @ turned
+    return inside
 
 
 def _geometry(shape: Shape) -> tuple[Any, FloatArray, FloatArray]:

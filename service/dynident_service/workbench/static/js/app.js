@@ -52,7 +52,7 @@ async function show({ anew = false } = {}) {
 
 /** Without a wish: the newest model that is done, or how to begin. */
 async function firstView(signal) {
-  const { items } = await get("/identifications", { limit: 50 }, signal);
+  const { items } = await get("/identifications", { limit: 50, brief: true }, signal);
   const done = items.find((one) => one.status === "succeeded") ?? items[0];
   if (!done) return beginPage(main, {}, signal);
   history.replaceState(null, "", address({ identification: done.id }));

@@ -1,7 +1,7 @@
 // What a model was made from and what it was tried on.
 
 import { h, numeric, row, table } from "./dom.js";
-import { number, quantity } from "./format.js";
+import { grouped, number, quantity } from "./format.js";
 import { address } from "./location.js";
 
 /** The measurements of the fit and the held-out ones, each a link to its signals, windows and checks. */
@@ -10,7 +10,7 @@ export function dataSection(model) {
   const rows = model.measurements.map((one) => row([
     h("a", { href: address({ view: "recording", measurement: one.id }) }, one.name),
     one.heldOut ? "held out" : "fit",
-    numeric(one.n_samples.toLocaleString("en"), one.n_samples),
+    numeric(grouped(one.n_samples), one.n_samples),
     numeric(quantity(one.sampling_rate, "Hz"), one.sampling_rate),
     one.windows.length ? one.windows.map(([from, to]) => `${number(from)} to ${number(to)} s`).join(", ") : "all of it",
     checksInWords(one.checks),

@@ -5,8 +5,12 @@ import { catalogue } from "./catalogue.js";
 import { computed } from "./jobs.js";
 import { remember } from "./location.js";
 
+const MOST_AHEAD = 1e6; // samples of all joints, which a service compares in about half a second
+
 /** Fires "joint", "measurement", "diagnosis", "comparison" when that changes, and "zoom" with { from, to }. */
 export class Model extends EventTarget {
+  #asked = new Map(); // measurement's id -> promise of a comparison
+
   constructor(identification, parts, wanted) {
     super();
     this.identification = identification;
@@ -57,6 +61,26 @@ export class Model extends EventTarget {
     this.measurement = measurement;
     remember({ measurement });
     this.#tell("measurement");
+  }
+
+  /** The comparison with a measurement: the newest there is, or a new one that may be on its way; asked for once. */
+  async comparedWith(measurement, signal) {
+    const asked = this.#asked.get(measurement) ?? requested(this.id, measurement, signal);
+    this.#asked.set(measurement, asked);
+    // What failed, or was given up, is asked for again.
+    return asked.catch((error) => {
+      this.#asked.delete(measurement);
+      throw error;
+    });
+  }
+
+  /** Have the first comparison made before anybody asks for it, if that takes no longer than a moment. */
+  async compareAhead(signal) {
+    const { n_samples: samples } = this.measurements.find((one) => one.id === this.measurement) ?? {};
+    if (!samples || samples * this.joints.length > MOST_AHEAD) return;
+    const asked = await this.comparedWith(this.measurement, signal);
+    const found = await computed("/comparisons", asked, () => {}, signal);
+    this.#asked.set(found.request.measurement_id, Promise.resolve(found));
   }
 
   setDiagnosis(diagnosis) {
@@ -110,16 +134,14 @@ export async function newestDiagnosis(model, signal) {
   return null;
 }
 
-/** The comparison of a model with a measurement: the newest there is, or a new one. */
-export async function comparisonOf(modelId, measurementId, onChange, signal) {
-  const found = await existingComparison(modelId, measurementId, signal);
-  const body = { identification_id: modelId, measurement_id: measurementId };
-  return computed("/comparisons", found ?? (await post("/comparisons", body, { signal })), onChange, signal);
-}
-
 /** The newest comparison of a model with a measurement that is done or on its way; undefined if there is none. */
 export async function existingComparison(modelId, measurementId, signal) {
   const { items } = await get("/comparisons", { identification_id: modelId, limit: 100 }, signal);
   const mine = items.filter((one) => one.request.measurement_id === measurementId);
   return mine.find((one) => ["succeeded", "running", "queued"].includes(one.status));
+}
+
+async function requested(modelId, measurementId, signal) {
+  const body = { identification_id: modelId, measurement_id: measurementId };
+  return (await existingComparison(modelId, measurementId, signal)) ?? post("/comparisons", body, { signal });
 }

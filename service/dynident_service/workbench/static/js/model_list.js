@@ -38,7 +38,7 @@ export class ModelList {
 
   async #read() {
     try {
-      const [page, effects] = await Promise.all([get("/identifications", { limit: this.shown }), catalogue()]);
+      const [page, effects] = await Promise.all([get("/identifications", { limit: this.shown, brief: true }), catalogue()]);
       await this.#nameRobots(page.items);
       put(this.items, page.items.map((one) => this.#item(one, effects)));
       put(this.foot, page.items.length ? null : h("p", { class: "note" }, "None yet."), page.cursor ? this.#more() : null);

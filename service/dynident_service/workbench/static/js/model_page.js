@@ -41,6 +41,13 @@ export async function modelPage(target, wanted, signal) {
     announce(stepInWords(model));
   }
   model.setDiagnosis(await newestDiagnosis(model, signal));
+  await idle();
+  model.compareAhead(signal).catch(() => {}); // Asked for again, and complained of, when its tab is opened.
+}
+
+/** Until there is nothing to draw. */
+function idle() {
+  return new Promise((resolve) => (globalThis.requestIdleCallback ? requestIdleCallback(resolve, { timeout: 1000 }) : setTimeout(resolve, 50)));
 }
 
 /** What is made of the model when its tab is opened. */

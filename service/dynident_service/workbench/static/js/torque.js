@@ -3,9 +3,8 @@
 import { CompareStack } from "./compare/stack.js";
 import { field, h, numeric, put, row, select, table } from "./dom.js";
 import { number, percent, positionUnit, quantity } from "./format.js";
-import { progressBar } from "./jobs.js";
+import { computed, progressBar } from "./jobs.js";
 import { address, remember } from "./location.js";
-import { comparisonOf, existingComparison } from "./model.js";
 import { problemBox } from "./problem.js";
 
 /** Compares by itself as soon as the section is there. */
@@ -64,13 +63,14 @@ export function torqueSection(model, signal) {
 }
 
 async function compared(model, measurement, target, signal) {
-  const found = await existingComparison(model.id, measurement, signal);
-  if (found?.status === "succeeded") return found;
-  let bar = null;
-  return comparisonOf(model.id, measurement, (seen) => {
-    if (!bar) put(target, (bar = progressBar(found?.job_id ?? "", "Comparing")).element);
+  const found = await model.comparedWith(measurement, signal);
+  if (found.status === "succeeded") return found;
+  const bar = progressBar(found.job_id, "Comparing");
+  const show = (seen) => {
+    if (!bar.element.isConnected) put(target, bar.element);
     bar.update(seen);
-  }, signal);
+  };
+  return computed("/comparisons", found, show, signal);
 }
 
 function jointButton(model, joint) {

@@ -17,7 +17,7 @@ export function twoLadders(model, signal) {
     if (filled || !details.open) return;
     filled = true;
     try {
-      const { items } = await get("/identifications", { robot_id: model.identification.robot_id, limit: 100 }, signal);
+      const { items } = await get("/identifications", { robot_id: model.identification.robot_id, limit: 100, brief: true }, signal);
       put(body, chooser(model, items.filter((one) => one.status === "succeeded" && one.id !== model.id), signal));
     } catch (error) {
       if (!signal.aborted) put(body, problemBox(error));

@@ -5,6 +5,7 @@ import { h, put } from "../dom.js";
 import { quantity } from "../format.js";
 import { onColours } from "../plots.js";
 import { draw } from "./drawing.js";
+import { outlinesOf } from "./surroundings.js";
 import { BASE, framesAt, origin, segmentsAt, surfacesAt } from "./kinematics.js";
 
 const POSES_OF_PATH = 300;
@@ -14,14 +15,17 @@ const STEP = 0.12; // rad a key
  * Show a robot's motion in `element`.
  *
  * `times` (s) and `positions` ([sample][joint], rad or m) are those of its joints in the robot's order. Gives
- * { show(time), element }; `onTime(time)` is told when a person moves the arm to another time. Without `positions` the
- * arm stands at zero. Nothing goes on after `signal` aborts.
+ * { show(time), keepClear(clearances), element }; `onTime(time)` is told when a person moves the arm to another time.
+ * Without `positions` the arm stands at zero. `surroundings` are those of a design. Nothing goes on after `signal` aborts.
  */
-export async function mountArm(element, { robotId, times = [0], positions = null, onTime = () => {}, signal = undefined }) {
+export async function mountArm(element, { robotId, times = [0], positions = null, surroundings = null, onTime = () => {}, signal = undefined }) {
   const geometry = await get(`/robots/${robotId}/geometry`, {}, signal);
   const motion = positions ?? [geometry.joints.map(() => 0)];
   const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, motion) } };
   const path = pathOf(geometry, motion);
+  const around = outlinesOf(surroundings, state.view.reach);
+  const near = h("p", { class: "note", id: "nearest-now", hidden: true });
+  let clearances = null;
   const canvas = h("canvas", { class: "arm", tabindex: "0", role: "img", "aria-label": "The arm. Drag or use the arrow keys to turn it; plus and minus change its size." });
   const slider = h("input", { type: "range", min: times[0], max: times.at(-1), step: "any", value: times[0], "aria-label": "Time in s", oninput: () => moved(Number(slider.value)) });
   const clock = h("output", { class: "note" });
@@ -35,12 +39,23 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     canvas.dataset.origins = JSON.stringify(frames.map((pose) => pose && origin(pose)));
     const parts = { surfaces: surfacesAt(geometry, frames), segments: segmentsAt(geometry, frames, 0.025 * state.view.reach) };
     canvas.dataset.triangles = parts.surfaces.reduce((sum, one) => sum + one.triangles.length, 0);
-    draw(canvas, state.view, { ...parts, frames: [BASE, ...frames], path });
+    const { lines, words } = clearances?.at(state.time, frames) ?? { lines: [], words: "" };
+    canvas.dataset.gaps = JSON.stringify(lines.map((one) => one.ends));
+    near.firstChild?.replaceWith(`${words} `);
+    draw(canvas, state.view, { ...parts, frames: [BASE, ...frames], path, around, gaps: lines });
   }
 
   function moved(time) {
     show(time);
     onTime(state.time);
+  }
+
+  /** Draw what the links are near to along the motion, as it is known (see clearances.js). */
+  function keepClear(known) {
+    clearances = known;
+    near.hidden = false;
+    put(near, " ", h("button", { type: "button", class: "small", onclick: () => moved(known.nearest) }, `Nearest of all: at ${quantity(known.nearest, "s")}`));
+    show(state.time);
   }
 
   function start() {
@@ -88,14 +103,14 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     geometry.capsules.length || geometry.surfaces.length ? "" : "There is no collision geometry that can be read: rods stand for the links.",
     loops.length ? `Not drawn, because a closed loop moves it: ${loops.join(", ")}.` : "",
   ].filter(Boolean).join(" ");
-  put(element, canvas, h("p", { class: "arm-time" }, times.length > 1 ? [play, slider, clock] : null),
+  put(element, canvas, h("p", { class: "arm-time" }, times.length > 1 ? [play, slider, clock] : null), near,
     h("p", { class: "note" }, "Axes x, y, z in orange, green, blue; the line is the way of the last joint's origin. Drag to turn. ", notes));
   const observer = new ResizeObserver(() => canvas.clientWidth && show(state.time));
   observer.observe(canvas);
   signal?.addEventListener("abort", () => observer.disconnect());
   onColours(() => show(state.time), signal);
   show(state.time);
-  return { show, element };
+  return { show, keepClear, element };
 }
 
 /** The last sample that is not after a time. */
@@ -118,21 +133,20 @@ function pathOf(geometry, motion) {
   return some(motion).map((posture) => framesAt(geometry, posture).findLast(Boolean)).filter(Boolean).map(origin);
 }
 
-/** Middle and reach of all that the motion sweeps. */
+/** Middle and reach of all that the motion sweeps: the ball about the middle that holds it. */
 function extent(geometry, motion) {
-  const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
   const boxes = { surfaces: geometry.surfaces.map((one) => ({ ...one, points: cornersOf(one.points) })) };
-  for (const posture of some(motion)) {
+  const swept = some(motion).flatMap((posture) => {
     const frames = framesAt(geometry, posture);
-    const within = (point, radius) => point.forEach((value, k) => {
-      low[k] = Math.min(low[k], value - radius);
-      high[k] = Math.max(high[k], value + radius);
-    });
-    for (const { start, end, radius } of segmentsAt(geometry, frames, 0.02)) [start, end].forEach((point) => within(point, radius));
-    for (const { points } of surfacesAt(boxes, frames)) points.forEach((point) => within(point, 0));
-  }
-  const middle = low.map((value, k) => (value + high[k]) / 2);
-  return { middle, reach: Math.max(0.1, Math.hypot(...low.map((value, k) => high[k] - value)) / 2) };
+    const ends = segmentsAt(geometry, frames, 0.02).flatMap(({ start, end, radius }) => [[start, radius], [end, radius]]);
+    return [...ends, ...surfacesAt(boxes, frames).flatMap(({ points }) => points.map((point) => [point, 0]))];
+  });
+  const middle = [0, 1, 2].map((k) => {
+    const [low, high] = swept.reduce(([least, most], [point, radius]) => [Math.min(least, point[k] - radius), Math.max(most, point[k] + radius)], [Infinity, -Infinity]);
+    return (low + high) / 2;
+  });
+  const reach = swept.reduce((most, [point, radius]) => Math.max(most, Math.hypot(...point.map((value, k) => value - middle[k])) + radius), 0.1);
+  return { middle, reach };
 }
 
 /** The corners of the box around points: enough of a mesh to know how far it reaches. */

@@ -12,17 +12,26 @@ const FRAMES = 1500;
 export function armBeside({ robotId, view, motion }, signal) {
   const place = h("div");
   let mounted = null;
+  let turn = 0; // of those who mount an arm the last one has its way
+  let mounting = false;
   const open = async () => {
-    if (!element.open || mounted) return;
+    if (!element.open || mounted || mounting) return;
+    const joints = motion();
+    if (!joints) return void put(place, h("p", { class: "note" }, "The signals are still being read …"));
+    const mine = turn;
+    mounting = true;
     try {
-      const joints = motion();
-      if (!joints) return void put(place, h("p", { class: "note" }, "The signals are still being read …"));
       const { mountArm } = await import("./arm.js");
       const { times, positions } = together(joints);
-      mounted = await mountArm(place, { robotId, times, positions, signal });
+      const made = await mountArm(h("div"), { robotId, times, positions, signal });
+      if (mine !== turn) return;
+      mounted = made;
+      put(place, made.element);
       if (view.at !== undefined) mounted.show(view.at);
     } catch (error) {
-      if (!signal.aborted) put(place, problemBox(error, open));
+      if (!signal.aborted && mine === turn) put(place, problemBox(error, open));
+    } finally {
+      if (mine === turn) mounting = false;
     }
   };
   view.addEventListener("settled", open, { signal });
@@ -32,6 +41,8 @@ export function armBeside({ robotId, view, motion }, signal) {
     element,
     /** Other signals are shown: the arm is that of these. */
     forget() {
+      turn += 1;
+      mounting = false;
       mounted = null;
       put(place);
       open();

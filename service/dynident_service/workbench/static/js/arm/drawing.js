@@ -9,9 +9,10 @@ const DARKEST = 0.6; // of the colour, where no light comes
 
 /**
  * A view has `turn` and `tilt` (rad), `middle` (m) and `reach` (m): what lies within it is on the canvas.
- * `surfaces` are [{ points, triangles }], `segments` [{ start, end, radius }], all in the base frame.
+ * `surfaces` are [{ points, triangles }], `segments` [{ start, end, radius }], all in the base frame. `around` is what
+ * stands there, { floor (m), outlines }, and `gaps` are [{ ends, text, nearest }]: lines to what parts are near to.
  */
-export function draw(canvas, view, { surfaces, segments, frames, path }) {
+export function draw(canvas, view, { surfaces, segments, frames, path, around, gaps }) {
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(name).trim();
   const ratio = devicePixelRatio || 1;
@@ -26,7 +27,8 @@ export function draw(canvas, view, { surfaces, segments, frames, path }) {
   pen.lineCap = "round";
   const scale = (Math.min(width, height) / 2 / view.reach) * 0.92;
   const seen = projection(view, width, height, scale);
-  ground(pen, seen, view, colour("--grid"));
+  ground(pen, seen, view, around.floor ?? 0, colour(around.floor === null ? "--grid" : "--line"));
+  for (const ends of around.outlines) line(pen, ends.map(seen), 1, colour("--soft"));
   line(pen, path.map(seen), 1.5, colour("--residual"));
   const parts = [...facesOf(surfaces, seen, shades(pen, colour("--rung-0"))), ...segments.map((one) => rod(one, seen, scale, colour))];
   parts.sort((a, b) => a.near - b.near);
@@ -36,6 +38,23 @@ export function draw(canvas, view, { surfaces, segments, frames, path }) {
     const from = seen(origin(pose));
     for (const [name, way] of AXES) line(pen, [from, seen(placed(pose, way.map((x) => x * size)))], 2.5, colour(name));
   }
+  for (const one of gaps) gap(pen, one, seen, width, colour);
+}
+
+/** A line between two points, the nearest of all with its length: on a ground of its own, whatever is behind it. */
+function gap(pen, { ends, text, nearest }, seen, width, colour) {
+  const [from, to] = ends.map(seen);
+  line(pen, [from, to], nearest ? 5 : 3, colour("--paper"));
+  line(pen, [from, to], nearest ? 2.5 : 1, colour(nearest ? "--warn-line" : "--soft"));
+  if (!text) return;
+  pen.font = "600 13px system-ui, sans-serif";
+  const wide = pen.measureText(text).width;
+  const left = Math.min(Math.max((from[0] + to[0]) / 2 + 8, 2), width - wide - 8);
+  const base = Math.max((from[1] + to[1]) / 2 - 8, 16);
+  pen.fillStyle = colour("--paper");
+  pen.fillRect(left - 3, base - 13, wide + 6, 18);
+  pen.fillStyle = colour("--ink");
+  pen.fillText(text, left, base);
 }
 
 /** What paints the triangles, each with how near it is. */
@@ -106,11 +125,11 @@ function line(pen, points, width, colour) {
   pen.stroke();
 }
 
-/** The plane z = 0 of the base frame, in squares of a quarter of the reach. */
-function ground(pen, seen, { reach }, colour) {
+/** A level plane of the base frame, in squares of a quarter of the reach. */
+function ground(pen, seen, { reach }, height, colour) {
   for (let k = -4; k <= 4; k += 1) {
     const at = (k * reach) / 4;
-    line(pen, [seen([at, -reach, 0]), seen([at, reach, 0])], 1, colour);
-    line(pen, [seen([-reach, at, 0]), seen([reach, at, 0])], 1, colour);
+    line(pen, [seen([at, -reach, height]), seen([at, reach, height])], 1, colour);
+    line(pen, [seen([-reach, at, height]), seen([reach, at, height])], 1, colour);
   }
 }

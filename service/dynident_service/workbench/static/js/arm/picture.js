@@ -11,13 +11,18 @@ export function pictureOf(robot, signal) {
   const place = h("div");
   const meshes = h("div");
   let meant = robot;
+  let turn = 0;
   const show = async () => {
     if (!element.open || place.firstChild) return;
+    turn += 1;
+    const mine = turn;
     try {
       const { mountArm } = await import("./arm.js");
-      await mountArm(place, { robotId: robot.id, signal });
+      const { element: arm } = await mountArm(h("div"), { robotId: robot.id, signal });
+      // Opened twice, or with other meshes meanwhile: the last one is shown.
+      if (mine === turn) put(place, arm);
     } catch (error) {
-      if (!signal.aborted) put(place, problemBox(error, show));
+      if (!signal.aborted && mine === turn) put(place, problemBox(error, show));
     }
   };
   const sent = (answer) => {

@@ -9,6 +9,7 @@ import { motionCurves } from "./curves.js";
 import { virtualRobot } from "./virtual.js";
 
 const MOST_POINTS = 1500;
+const SAME = 0.01; // share by which criteria differ that are as good as each other
 const FORMATS = [["csv", "CSV: t, q, dq, ddq"], ["parquet", "Parquet"], ["ros2", "ROS 2 JointTrajectory (YAML)"]];
 
 /** Put a design that succeeded into `target`. */
@@ -20,7 +21,7 @@ export async function designResult(target, design, robot, signal) {
 }
 
 function worth({ criterion_values: own, baseline_values: random, duration, n_samples: samples, sampling_rate: rate, notes }) {
-  const better = random?.criterion && own.criterion ? `${number(random.criterion / own.criterion, 2)} times better than the best of ${random.count} random motions` : "";
+  const better = random?.criterion && own.criterion ? `${besides(random.criterion / own.criterion)} the best of ${random.count} random motions` : "";
   const tiles = [
     ["criterion", number(own.criterion), better || "smaller is better", "design-criterion"],
     ["best random motion", number(random?.criterion), random ? `median condition number ${number(random.median_condition_number)}` : "none was asked for"],
@@ -30,6 +31,12 @@ function worth({ criterion_values: own, baseline_values: random, duration, n_sam
   return h("section", { "aria-label": "What the design is worth" },
     h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) => h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ?? null }, value), h("dd", { class: "note" }, more)))),
     notes.length ? h("details", {}, h("summary", {}, `What to know of it (${notes.length})`), h("ul", {}, notes.map((one) => h("li", {}, one)))) : null);
+}
+
+/** How a design stands beside a random motion whose criterion is so many times its own. */
+function besides(ratio) {
+  if (Math.abs(ratio - 1) < SAME) return "as good as";
+  return ratio > 1 ? `${number(ratio, 3)} times better than` : `${number(1 / ratio, 3)} times worse than`;
 }
 
 function take(design) {
@@ -63,12 +70,14 @@ async function showMotion(section, design, robot, signal) {
   const curves = motionCurves(motion, design.result, units, (time) => moved(time), signal);
   put(section, h("h2", {}, "The motion"), h("div", { class: "two" }, place, curves.element));
   curves.show();
-  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, onTime: curves.mark, signal });
+  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, surroundings: design.request.surroundings, onTime: curves.mark, signal });
   moved = (time) => {
     mounted.show(time);
     curves.mark(time);
   };
   curves.mark(motion.t[0]);
+  const [{ clearancesOf }, found] = await Promise.all([import("../arm/clearances.js"), get(`/designs/${design.id}/clearances`, {}, signal)]);
+  if (found.links.length) mounted.keepClear(clearancesOf(found));
 }
 
 function promises({ expected_parameters: expected }) {

@@ -2,7 +2,12 @@
 
 import { patch, remove } from "../api.js";
 import { announce, field, h, put } from "../dom.js";
+import { counted } from "../format.js";
 import { problemBox, showInForm } from "../problem.js";
+
+const PATHS = { comparison: "comparisons", diagnosis: "diagnoses", validation: "validations", report: "reports" };
+/** What the page makes unasked goes with what it is of; what somebody asked for goes after a question. */
+const [MADE_BY_THE_PAGE, MADE_OF_IT] = [new Set(["comparison"]), new Set(Object.keys(PATHS))];
 
 /** The dialog that changes a resource at `path`; `done(resource)` is given it as it is now, null once it is deleted. */
 export function openLabels(path, resource, done) {
@@ -33,13 +38,16 @@ export function openLabels(path, resource, done) {
       event.target.textContent = "Delete for good?";
       return;
     }
+    await eraseWith(MADE_BY_THE_PAGE);
+  };
+  const eraseWith = async (kinds) => {
     try {
-      await remove(path);
+      await removeWith(path, kinds);
       close();
       announce("Deleted");
       done(null);
     } catch (error) {
-      put(said, problemBox(error), error.status === 409 ? h("p", {}, "Delete those first, or archive this one: archived, it leaves the lists and everything that rests on it stays.") : null);
+      put(said, problemBox(error), error.status === 409 ? wayOut(error, () => eraseWith(MADE_OF_IT)) : null);
     }
   };
   const form = h(
@@ -56,6 +64,27 @@ export function openLabels(path, resource, done) {
   dialog.addEventListener("close", () => dialog.remove());
   document.body.append(dialog);
   dialog.showModal();
+}
+
+/** Delete a resource, and before it what rests on it, if all of that is of these kinds. */
+async function removeWith(path, kinds) {
+  for (;;) {
+    try {
+      return await remove(path);
+    } catch (error) {
+      const { dependents } = error;
+      if (error.status !== 409 || !dependents.length || !dependents.every((one) => kinds.has(one.kind))) throw error;
+      for (const one of dependents) await removeWith(`/${PATHS[one.kind]}/${one.id}`, kinds);
+    }
+  }
+}
+
+function wayOut({ dependents }, eraseAll) {
+  const advice = h("p", {}, "Delete those first, or archive this one: archived, it leaves the lists and everything that rests on it stays.");
+  if (!dependents.length || !dependents.every((one) => MADE_OF_IT.has(one.kind))) return advice;
+  const kinds = [...new Set(dependents.map((one) => one.kind))].sort();
+  const words = kinds.map((kind) => counted(dependents.filter((one) => one.kind === kind).length, kind, PATHS[kind])).join(", ");
+  return [advice, h("p", {}, h("button", { type: "button", onclick: eraseAll }, `Delete it with ${words}`))];
 }
 
 /** A button that opens the dialog. */

@@ -67,7 +67,7 @@ export async function page(target, wanted, signal) {
   }
 
   const empty = "No model yet: a new one begins with a robot and its recordings.";
-  await resourcesPage(target, { title: "Models", caption: "Identified models", path: "/identifications", noun: "model", columns, id: "models-table", empty, acts: [compare, hint], onChanged, madeBy: MODEL_JOBS }, wanted, signal);
+  await resourcesPage(target, { title: "Models", caption: "Identified models", path: "/identifications", query: { brief: true }, noun: "model", columns, id: "models-table", empty, acts: [compare, hint], onChanged, madeBy: MODEL_JOBS }, wanted, signal);
 }
 
 function nameOf(model, robots) {

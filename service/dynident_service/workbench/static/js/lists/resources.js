@@ -10,10 +10,10 @@ import { sortable } from "./sortable.js";
 
 /**
  * `columns(changed, table)` gives the table's columns; `changed(before)(after)` puts one in its place that was relabelled, then
- * `onChanged(before)` is called; `table.show()` draws the table again, `table.fail(error)` tells an error above it. `acts`
+ * `onChanged(before)` is called; `query` is asked with the list; `table.show()` draws the table again, `table.fail(error)` tells an error above it. `acts`
  * stand above the table, which is read again when a job of the kinds `madeBy` succeeded.
  */
-export async function resourcesPage(target, { title, caption = title, path, noun, columns, id, empty, acts = [], onChanged = () => {}, madeBy = new Set() }, wanted, signal) {
+export async function resourcesPage(target, { title, caption = title, path, query = {}, noun, columns, id, empty, acts = [], onChanged = () => {}, madeBy = new Set() }, wanted, signal) {
   const state = { archived: wanted.archived === "yes", items: [] };
   const said = h("div");
   const changed = (before) => (after) => {
@@ -25,7 +25,7 @@ export async function resourcesPage(target, { title, caption = title, path, noun
   const list = sortable({ caption, noun, columns: columns(changed, table), usual: "-date", id, empty, rowOf: (one) => ({ "data-id": one.id }) });
   const read = async () => {
     try {
-      await readAll(path, { archived: state.archived || null }, (items) => {
+      await readAll(path, { ...query, archived: state.archived || null }, (items) => {
         state.items = [...items];
         list.update(state.items);
       }, signal);

@@ -1,0 +1,42 @@
+// What the links of a moving arm are nearest to: lines of an arm, and the nearest of them in words.
+
+import { quantity } from "../format.js";
+import { BASE, placed } from "./kinematics.js";
+
+const FAR = 0.3; // m: what is farther off than that, and not the nearest of all, is no line
+
+/** Along a motion as GET /v1/designs/{id}/clearances gives it: { at(time, frames), nearest }, `nearest` being when (s). */
+export function clearancesOf({ t, links }) {
+  const room = (link, k) => link.distance[k] - link.wanted[k];
+  const tightest = (k) => links.reduce((best, one) => (!best || room(one, k) < room(best, k) ? one : best), null);
+  const rooms = t.map((_, k) => (links.length ? room(tightest(k), k) : 0));
+  const at = (time, frames) => {
+    const k = sampleAt(t, time);
+    const worst = tightest(k);
+    const drawn = links.filter((one) => one === worst || one.distance[k] < FAR);
+    const lines = drawn.flatMap((one) => {
+      const other = one.others[one.to[k]];
+      const poses = [one.frame, other.frame].map((frame) => (frame === null ? BASE : frames[frame]));
+      if (!poses.every(Boolean)) return []; // a closed loop moves it: it is not drawn
+      const ends = [placed(poses[0], one.here[k]), placed(poses[1], one.there[k])];
+      return [{ ends, text: one === worst ? quantity(one.distance[k], "m") : "", nearest: one === worst }];
+    });
+    return { lines, words: worst ? inWords(worst, k) : "" };
+  };
+  return { at, nearest: t[rooms.indexOf(Math.min(...rooms))] };
+}
+
+function inWords(link, k) {
+  return `Nearest here: ${link.name} and ${link.others[link.to[k]].name}, ${quantity(link.distance[k], "m")} apart; ${quantity(link.wanted[k], "m")} are kept.`;
+}
+
+/** The nearest sample: those of the clearances are fewer than those of the motion. */
+function sampleAt(t, time) {
+  let [low, high] = [0, t.length - 1];
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (t[middle] <= time) low = middle;
+    else high = middle;
+  }
+  return time - t[low] <= t[high] - time ? low : high;
+}

@@ -1,0 +1,75 @@
+"""The whole story by keyboard alone, by two people at once, and with the service restarted, in a real Chromium."""
+
+from __future__ import annotations
+
+import contextlib
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright")
+
+from conftest import Heard, free_port, listened_page, started
+from storytelling import Keyboard, Mouse, Story
+from test_signals_in_the_browser import foreign
+from test_workbench import ask
+
+pytestmark = pytest.mark.slow
+
+
+def test_the_story_is_told_by_the_keyboard_alone_on_files_with_other_columns_in_degrees(
+    first_page: Any, recordings: tuple[Path, Path], heard: Heard, tmp_path: Path
+) -> None:
+    theirs = tuple(foreign(one, tmp_path / f"{one.stem}.csv") for one in recordings)
+    # A page that hears of a mouse was not used by the keyboard alone.
+    first_page.add_init_script("addEventListener('pointerdown', () => console.error('a pointer was used'))")
+    story = Story(Keyboard(first_page), (theirs[0], theirs[1]))
+    assert list(story.told())[-1] == "reported"
+    first, last = (ask(first_page, f"/identifications/{one}")["result"] for one in story.models)
+    assert last["validation"]["relative_total"] < 0.2 * first["validation"]["relative_total"]
+    assert heard.complaints == []
+
+
+def test_two_people_tell_their_stories_at_once_one_of_them_on_a_telephone(
+    browser: Any, recordings: tuple[Path, Path], tmp_path: Path
+) -> None:
+    heard = Heard()
+    with started(tmp_path) as service:
+        desk, telephone = (listened_page(browser, service, heard, width) for width in (1440, 390))
+        stories = [Story(Mouse(desk), recordings, "at the desk"), Story(Mouse(telephone), recordings, "on the way")]
+        for steps in zip_longest(*(one.told() for one in stories)):
+            assert steps[0] == steps[1]
+            for page in (desk, telephone):
+                assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0, steps
+        made = [ask(desk, f"/identifications/{one}") for story in stories for one in story.models]
+        assert len({one["id"] for one in made}) == 4
+        assert [one["parent_id"] for one in made] == [None, made[0]["id"], None, made[2]["id"]]
+        # Each has what is theirs, and sees that the other's is there.
+        for page in (desk, telephone):
+            page.goto("/?view=models")
+            page.locator("#models-table tbody tr[data-id]").nth(3).wait_for()
+            page.context.close()
+    assert heard.complaints == []
+    assert heard.hosts == {service.removeprefix("http://")}
+
+
+def test_the_story_goes_on_where_it_was_when_the_service_is_restarted(
+    browser: Any, recordings: tuple[Path, Path], tmp_path: Path
+) -> None:
+    heard, port = Heard(), free_port()
+    with contextlib.ExitStack() as running:
+        service = running.enter_context(started(tmp_path, port))
+        page = listened_page(browser, service, heard)
+        story, restarts = Story(Mouse(page), recordings), []
+        for step in story.told():
+            if step in ("identifying", "diagnosing"):
+                running.close()
+                running.enter_context(started(tmp_path, port))
+                restarts.append(step)
+        assert restarts == ["identifying", "diagnosing"]
+        assert len(set(story.models)) == 2
+        page.context.close()
+    # The browser tells of every connection that broke, and of nothing else.
+    assert [one for one in heard.complaints if "ERR_" not in one] == []
