@@ -2,9 +2,9 @@
 
     python benchmarks/methods_on_an_arm.py
 
-A UR10e in ../shared/data: identified from a motion of 30 s, friction apart from sweeps of three joints; held out are moves
-from point to point and another motion of 50 s, standstill and all. The errors are those on the rows where each joint
-moves. Writes the table between its two marks; some minutes.
+A UR10e in ../shared/data: identified from a motion of 30 s, friction apart from sweeps of three joints; held out are
+moves from point to point and another motion of 50 s, standstill and all. The errors are those on the rows where each
+joint moves. Writes the table between its two marks; takes a minute.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-import dynident as dy
 from common import RECORDINGS
+
+import dynident as dy
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.validation import Method, MethodResult, available_methods, validate_methods
