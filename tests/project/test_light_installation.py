@@ -9,9 +9,11 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-from dynident.extras import SCIENCE, install_hint
+from dynident.extras import FEW_NEED, SCIENCE, install_hint
 from dynident.version import __version__
+from dynident_service.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
@@ -49,9 +51,22 @@ def test_the_command_line_asks_for_the_extra_that_brings_it() -> None:
     assert ended.stderr.strip().endswith("pip install 'dynident[science]'")
 
 
+def test_a_service_that_should_keep_its_tables_in_postgresql_says_what_that_needs(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    monkeypatch.setenv("DYNIDENT_DATABASE_URL", "postgresql://user@localhost/nothing")
+    ended = CliRunner().invoke(app, ["serve", "--port", "0", "--data-dir", str(tmp_path)])
+    assert ended.exit_code == 2
+    assert "pip install 'dynident[postgresql]'" in " ".join(ended.output.split())
+
+
 def test_hints_name_the_extra_that_pyproject_puts_a_package_in() -> None:
     science = {re.split(r"[<>=\[]", text)[0] for text in EXTRAS["science"]}
     imported = {name for one in science for name in IMPORTED_AS.get(one, (one.replace("-", "_"),))}
     assert set(SCIENCE) == imported
+    few = {re.split(r"[<>=\[]", text)[0]: extra for extra in ("formats", "postgresql") for text in EXTRAS[extra]}
+    assert few == FEW_NEED
+    assert "dynident[postgresql]" in install_hint("psycopg")
     assert "dynident[service]" in install_hint("uvicorn")
     assert "dynident[science]" in install_hint("numpy.linalg")
