@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
-from dynident_service.models.identifications import DEFAULT_EFFECTS, JUDGEMENTS
+from dynident_service.models.identifications import JUDGEMENTS
 
 
 class CurrentModelsRequest(Asked):
@@ -19,11 +19,10 @@ class CurrentModelsRequest(Asked):
     measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
     validation_ids: list[Identifier] = Field(default=[], max_length=100)
     name: Name | None = None
-    effects: list[EffectChoice] = Field(
-        default=[EffectChoice(effect=name) for name in (*DEFAULT_EFFECTS, "offset")],
-        min_length=1,
-        max_length=200,
-        description="None that rests on the predicted torque, or has a constant to be searched for",
+    effects: Annotated[list[EffectChoice], Field(min_length=1, max_length=200)] | None = Field(
+        default=None,
+        description="None that rests on the predicted torque, or has a constant to be searched for; links, rotors, dry and "
+        "viscous friction and offsets where not given",
     )
 
 

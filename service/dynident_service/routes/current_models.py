@@ -45,7 +45,7 @@ def create_current_models(
     robot = needed_robot(services, body.robot_id)
     _check_gains(robot)
     refuse_coupled(robot, "currents are told joint by joint for")
-    effects = choices_of(body.effects)
+    effects = choices_of(body.effects or [])
     check_effects(effects, robot_of(robot.request))
     check_current_effects(effects)
     needs = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dynident.identification import identify_currents
+from dynident.identification.loads.payloads import PLAIN_EFFECTS
 from dynident_service.adapters.current_models import describe_currents
 from dynident_service.adapters.effects import choices_of
 from dynident_service.jobs.work import Outcome, Task
@@ -18,7 +19,7 @@ def find_currents(task: Task) -> Outcome:
         robot_by_id(task, request.robot_id),
         recordings_by_id(task, request.measurement_ids),
         recordings_by_id(task, request.validation_ids),
-        effects=choices_of(request.effects),
+        effects=choices_of(request.effects) if request.effects else PLAIN_EFFECTS,
         progress=task.progress,
     )
     return Outcome(plain(describe_currents(found)))
