@@ -1,4 +1,4 @@
-"""What `.ci/matrix lowest` tries are the lowest versions: the script that says so knows the bounds, and tells others."""
+"""What `.ci/matrix lowest` tries are the lowest versions: the script that says so knows the bounds."""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ class CurrentModelsRequest(Asked):
     name: Name | None = None
     effects: Annotated[list[EffectChoice], Field(min_length=1, max_length=200)] | None = Field(
         default=None,
-        description="None that rests on the predicted torque, or has a constant to be searched for; links, rotors, dry and "
-        "viscous friction and offsets where not given",
+        description="None that rests on the predicted torque, or has a constant to be searched for; links, rotors, dry "
+        "and viscous friction and offsets where not given",
     )
 
 
