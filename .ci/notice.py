@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Write NOTICE: what is installed beside dynident[service], and under which licences.
+"""Write NOTICE: what is installed beside dynident[service,postgresql], and under which licences.
 
-.ci/notice.py            with the Python of an environment that has dynident[service]
+.ci/notice.py            with the Python of an environment that has dynident[service,postgresql]
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ ROOT = Path(__file__).resolve().parents[1]
 HEAD = """dynident
 Copyright the dynident maintainers. Licensed under the Apache License, Version 2.0: see LICENSE.
 
-The wheel of dynident holds no program of others. What `pip install 'dynident[service]'` and the container image install
-beside it, on Linux, is listed here with the licence that each states of itself. This list is made by .ci/notice.py.
+The wheel of dynident holds no program of others. What `pip install 'dynident[service,postgresql]'` and the container
+image install beside it, on Linux, is listed here with the licence that each states of itself. This list is made by
+.ci/notice.py.
 
 CasADi and psycopg are under the LGPL: they are used as they are, as libraries that may be exchanged.
 """
@@ -33,12 +34,13 @@ def main() -> None:
 
 
 def installed_beside() -> set[str]:
-    """Names of the packages of the lock file that [service] comes with on Linux, ours left out."""
+    """Names of the packages of the lock file that [service,postgresql] comes with on Linux, ours left out."""
     packages: dict[str, list[dict[str, Any]]] = {}
     for one in tomllib.loads((ROOT / "uv.lock").read_text(encoding="utf-8"))["package"]:
         packages.setdefault(one["name"], []).append(one)
     ours = packages["dynident"][0]
-    waiting = [*ours["dependencies"], *ours["optional-dependencies"]["service"]]
+    extras = ours["optional-dependencies"]
+    waiting = [*ours["dependencies"], *extras["service"], *extras["postgresql"]]
     found: set[str] = set()
     while waiting:
         entry = waiting.pop()

@@ -42,23 +42,23 @@ def main() -> None:
     recording = recording_from_arrays(samples.t, samples.q, samples.tau, joint_names=robot.joint_names)
     model = identify(robot, [recording], choices=IdentificationChoices(EFFECTS, preprocessing=PREPROCESSING))
 
-    start = time.perf_counter()
+    start = time.process_time()
     pool = build_pool(model.model)
-    building = time.perf_counter() - start
-    start = time.perf_counter()
+    building = time.process_time() - start
+    start = time.process_time()
     data = products(reduce_recordings(pool.observation, [recording], PREPROCESSING, model.standard_inertia()))
-    reducing = time.perf_counter() - start
+    reducing = time.process_time() - start
     base = np.arange(pool.n_base, dtype=np.intp)
-    start = time.perf_counter()
+    start = time.process_time()
     before, scores = score_candidates(data, base, pool.candidates, model.noise, "interleaved")
-    scoring = time.perf_counter() - start
+    scoring = time.process_time() - start
     ours = {score.candidate: float(score.after.sum()) / float(before.sum()) for score in scores}
 
     picked = pool.candidates[:: max(1, len(pool.candidates) // N_REFITTED)][:N_REFITTED]
     each, worst = refitted(pool, picked, recording, model, ours)
-    start = time.perf_counter()
+    start = time.process_time()
     diagnose(model, [recording])
-    whole = time.perf_counter() - start
+    whole = time.process_time() - start
 
     n = len(pool.candidates)
     show(
@@ -98,9 +98,9 @@ def refitted(
     plain = held_out(w[:, :, base] / noise[:, None], y / noise, stretch) * noise
     seconds, worst = 0.0, 0.0
     for candidate in picked:
-        start = time.perf_counter()
+        start = time.process_time()
         left = held_out(w[:, :, base + candidate.columns] / noise[:, None], y / noise, stretch) * noise
-        seconds += time.perf_counter() - start
+        seconds += time.process_time() - start
         ratio = float((left**2).sum() / (plain**2).sum())
         worst = max(worst, abs(ratio - ours[candidate]))
     return seconds / len(picked), worst

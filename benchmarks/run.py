@@ -2,6 +2,7 @@
 
     python benchmarks/run.py              every one of them three times; writes the table and ratios.json (half an hour)
     python benchmarks/run.py extending    some of them; the table keeps the other rows
+    python benchmarks/run.py --repeat     as the first, but writes nothing: fails where a ratio is more than a fifth off
     python benchmarks/run.py --quick      the short ones; fails where a ratio has fallen below half of the one kept
 
 `--quick` takes the best of its runs, since a busy machine spoils some, and writes nothing.
@@ -32,6 +33,8 @@ LONG = ("large_recording", "diagnosis_ranking", "feasible_estimator", "reidentif
 RUNS, QUICK_RUNS = 3, 2
 FALLEN = 0.5
 """Share of the kept ratio below which a benchmark has failed."""
+REPEATED = 0.2
+"""By how much of the kept ratio another run on an idle machine of the same kind may differ."""
 PACKAGES = ("numpy", "scipy", "casadi", "pin", "llvmlite")
 
 Rows = dict[tuple[str, str], list[Comparison]]
@@ -41,12 +44,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scripts", nargs="*", metavar="SCRIPT", help="all where none is named")
     parser.add_argument("--quick", action="store_true", help="the short ones, against the ratios kept")
+    parser.add_argument("--repeat", action="store_true", help="hold all of them against the table, which stays")
     parser.add_argument("--runs", type=int, default=RUNS)
     asked = parser.parse_args()
     if unknown := set(asked.scripts) - {*QUICK, *LONG}:
         parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join([*QUICK, *LONG])}")
     if asked.quick:
         check(asked.scripts or QUICK)
+        return
+    if asked.repeat:
+        repeat(asked.scripts or [*QUICK, *LONG], asked.runs)
         return
     rows = measured(asked.scripts or [*QUICK, *LONG], asked.runs)
     kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else []
@@ -77,7 +84,7 @@ def measured(scripts: list[str] | tuple[str, ...], runs: int) -> Rows:
 
 def check(scripts: list[str] | tuple[str, ...]) -> None:
     """Fail where the best of a few runs is less than half as far ahead of its rival as the ratio kept."""
-    kept = {(one["what"], one["rival"]): one["times better"] for one in json.loads(KEPT.read_text(encoding="utf-8"))}
+    kept = ratios_kept()
     fallen, compared = [], 0
     for key, found in measured(scripts, QUICK_RUNS).items():
         if key not in kept:
@@ -91,6 +98,30 @@ def check(scripts: list[str] | tuple[str, ...]) -> None:
     if fallen:
         sys.exit("fallen below half:\n" + "\n".join(fallen))
     print(f"{compared} ratios, none fell below half of the one kept")
+
+
+def repeat(scripts: list[str] | tuple[str, ...], runs: int) -> None:
+    """Say how far the ratios are from those of the table; fail where one is more than a fifth off."""
+    kept = ratios_kept()
+    off = 0
+    print(f"{machine()}:")
+    for key, found in measured(scripts, runs).items():
+        ratio = statistics.median(one.times_better for one in found)
+        if key not in kept:
+            print(f"  {'; beside '.join(key)}: {number(ratio)} times better; the table has no such row")
+            continue
+        apart = ratio / kept[key] - 1
+        off += abs(apart) > REPEATED
+        print(
+            f"  {'; beside '.join(key)}: {number(ratio)} times better, in the table {number(kept[key])}: {apart:+.0%}"
+        )
+    if off:
+        sys.exit(f"{off} of the ratios are more than {REPEATED:.0%} from those of the table")
+
+
+def ratios_kept() -> dict[tuple[str, str], float]:
+    """The ratios of the table, by what was measured and beside what."""
+    return {(one["what"], one["rival"]): one["times better"] for one in json.loads(KEPT.read_text(encoding="utf-8"))}
 
 
 def entry(key: tuple[str, str], found: list[Comparison]) -> dict[str, object]:

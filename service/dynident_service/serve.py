@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import uvicorn
 from fastapi import FastAPI
 
@@ -15,6 +17,9 @@ from dynident_service.settings import Settings
 def serve(settings: Settings | None = None) -> None:
     """Answer requests until interrupted, or told to terminate."""
     settings = settings or Settings()
+    if settings.database.startswith("postgresql"):
+        # Said at once where it is missing, and not by a traceback while the service starts.
+        import_module("psycopg")
     configure(settings.log_level, settings.log_format)
     app = create_app(settings)
     DrainingServer(configuration(app, settings), lambda: app.state.services.engine, settings.drain_seconds).run()

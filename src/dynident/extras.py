@@ -8,7 +8,7 @@ from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from types import ModuleType
 
-# The import names of what [science] brings. What is not among them comes with [service].
+# The import names of what [science] brings. What is neither here nor in FEW_NEED comes with [service].
 SCIENCE = (
     "casadi",
     "clarabel",
@@ -27,13 +27,16 @@ SCIENCE = (
     "typer",
     "typst",
 )
+FEW_NEED = {"psycopg": "postgresql", "h5py": "formats", "mcap": "formats", "rosbags": "formats"}
+"""Import names, and the extra of each, of what is left out where it is not used."""
 # These rooms of the library need none of them.
 _LIGHT = ("errors", "extras", "version")
 
 
 def install_hint(package: str) -> str:
     """Say which extra brings a package that is missing."""
-    extra = "science" if package.partition(".")[0] in SCIENCE else "service"
+    name = package.partition(".")[0]
+    extra = FEW_NEED.get(name, "science" if name in SCIENCE else "service")
     return f"install it with: pip install 'dynident[{extra}]'"
 
 

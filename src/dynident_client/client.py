@@ -11,6 +11,7 @@ from dynident_client.inputs import Designs, Imports, Measurements, Robots, Simul
 from dynident_client.jobs import Jobs
 from dynident_client.outputs import (
     Comparisons,
+    CurrentModelSets,
     Diagnoses,
     DriveGainSets,
     Identifications,
@@ -55,6 +56,7 @@ class Client:
         self.series = SeriesOfDays(self._transport)
         self.validations = Validations(self._transport)
         self.drive_gains = DriveGainSets(self._transport)
+        self.current_models = CurrentModelSets(self._transport)
         self.reports = Reports(self._transport)
         self.jobs = Jobs(self._transport)
 

@@ -1,4 +1,4 @@
-"""Collections of what comes out: identifications, comparisons, diagnoses, validations, drive gains, reports."""
+"""Collections of what comes out: identifications, comparisons, diagnoses, validations, gains, currents, reports."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dynident_client.labels import Labelled
 from dynident_client.records import (
     Batch,
     Comparison,
+    CurrentModels,
     Diagnosis,
     DriveGains,
     Identification,
@@ -296,6 +297,34 @@ class DriveGainSets(Collection[DriveGains]):
             "centre": None if centre is None else list(centre),
             "weigh": None if weigh is None else [id_of(one) for one in weigh],
             "weigh_unloaded": None if weigh_unloaded is None else [id_of(one) for one in weigh_unloaded],
+            "name": name,
+        }
+        return self._post(body)
+
+
+class CurrentModelSets(Collection[CurrentModels]):
+    """Every joint's parameters in units of its current, for which no drive gain is needed."""
+
+    kind = CurrentModels
+
+    def create(
+        self,
+        robot: Record | str,
+        measurements: Sequence[Record | str],
+        *,
+        validation: Sequence[Record | str] = (),
+        effects: Effects | None = None,
+        name: str | None = None,
+    ) -> CurrentModels:
+        """Identify what each joint's current is made of.
+
+        `robot`: with a drive gain for every joint, 1 where nobody knows it. `effects`: ids, or {"effect", "joints"}.
+        """
+        body: dict[str, Any] = {
+            "robot_id": id_of(robot),
+            "measurement_ids": [id_of(one) for one in measurements],
+            "validation_ids": [id_of(one) for one in validation],
+            "effects": None if effects is None else _effects(effects),
             "name": name,
         }
         return self._post(body)

@@ -202,6 +202,12 @@ class DriveGains(Computed):
     path = "/v1/drive_gains"
 
 
+class CurrentModels(Computed):
+    """Every joint's parameters in units of its current."""
+
+    path = "/v1/current_models"
+
+
 class Report(Computed):
     """A report."""
 

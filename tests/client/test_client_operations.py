@@ -28,6 +28,7 @@ COLLECTIONS = (
     "series",
     "validations",
     "drive_gains",
+    "current_models",
     "reports",
 )
 STREAM = {"content-type": "text/event-stream"}
@@ -94,6 +95,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.series.figure("x1"),
         lambda c: c.validations.create("i1", "cross"),
         lambda c: c.drive_gains.create("r1", ["m1"], ["m2"], mass=2.0, weigh=["m3"]),
+        lambda c: c.current_models.create("r1", ["m1"], validation=["m2"]),
         lambda c: c.reports.create("i1"),
         lambda c: c.reports.content("x1"),
         lambda c: c.jobs.page(),

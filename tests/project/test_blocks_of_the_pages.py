@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -26,15 +28,23 @@ from dynident_service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-# Pages whose blocks another test runs from the page's own text; what it does not run is marked in the page.
-ELSEWHERE = {
-    "README.md": "tests/project/test_readme.py",
-    "tutorial.md": "docs/figures.py",
-    "exports.md": "tests/project/test_exports_page.py",
-    "closed-loops.md": "tests/identification/test_identifying_closed_loops.py",
-    "notebook.md": "tests/desk/test_the_page_about_notebooks.py",
-    "own-effects.md": "tests/effects/test_own_effects.py",
-    **{page.name: "tests/project/test_how_to_pages.py" for page in (ROOT / "docs" / "how-to").glob("*.md")},
+HERE = str(Path(__file__).relative_to(ROOT))
+# Where the blocks of a page are run from its own text, and in which languages; what is not run is marked in the page.
+RUN_BY = {
+    "README.md": ("tests/project/test_readme.py", "sh python"),
+    "tutorial.md": ("docs/figures.py", "sh python"),
+    "exports.md": ("tests/project/test_exports_page.py", "sh python c"),
+    "closed-loops.md": ("tests/identification/test_identifying_closed_loops.py", "json sh"),
+    "notebook.md": ("tests/desk/test_the_page_about_notebooks.py", "python"),
+    "own-effects.md": ("tests/effects/test_own_effects.py", "python toml sh"),
+    **{page.name: ("tests/project/test_how_to_pages.py", "sh python") for page in (ROOT / "docs/how-to").glob("*.md")},
+    "methods.md": (HERE, "sh"),
+    "diagnosis.md": (HERE, "sh python"),
+    "experiments.md": (HERE, "sh"),
+    "surroundings.md": (HERE, "json"),
+    "my-robot.md": (HERE, "json sh"),
+    "drive-chain.md": (HERE, "json sh"),
+    "http-service.md": (HERE, "sh"),
 }
 MARK = re.compile(r"<!-- not run: \S.+ -->\n\Z")
 
@@ -67,11 +77,17 @@ def commands(block: str) -> list[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_block_is_run_by_a_test_or_says_why_not(page: Path) -> None:
-    open_ones = [one for one in blocks_of(page) if not one.marked]
-    if not open_ones:
-        return
-    runner = ROOT / ELSEWHERE.get(page.name, str(Path(__file__).relative_to(ROOT)))
-    assert f'"{page.name}"' in runner.read_text(encoding="utf-8"), f"{page.name} is run by no test"
+    runner, languages = RUN_BY.get(page.name, (HERE, ""))
+    left = {one.language or "none" for one in blocks_of(page) if not one.marked} - set(languages.split())
+    assert not left, f"{page.name}: blocks in {', '.join(sorted(left))} are run by no test, and none says why"
+    assert not languages or f'"{page.name}"' in (ROOT / runner).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_stand_in_blocks_that_are_seen(page: Path) -> None:
+    """Not indented: such blocks have no language, and nobody runs them."""
+    prose = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    assert not re.findall(r"^    (?:dynident|curl|docker|pip) .*$", prose, re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
@@ -81,15 +97,44 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "arm.urdf").write_text(urdf_from_robot(robot_from_library("scara")), encoding="utf-8")
     for seed, name in enumerate(("run1", "run2", "june", "july", "night1", "night2", "night3")):
         run_commands(folder, f"dynident simulate arm.urdf --rate 100 --seed {seed} --out {name}.csv")
+    for seed in (1, 2):
+        asked = f"simulate arm.urdf --rate 100 --seed {seed} --current --drive-gains 14.9,13.3,100,1.1"
+        run_commands(folder, f"dynident {asked} --out currents{seed}.csv")
     run_commands(folder, "dynident identify arm.urdf run1.csv -v run2.csv --out model.npz")
     return folder
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["methods.md", "diagnosis.md"])
+@pytest.mark.parametrize("page", ["methods.md", "diagnosis.md", "drive-chain.md"])
 def test_commands_of_the_page_run(cell: Path, page: str) -> None:
     for block in to_run(page, "sh"):
         assert run_commands(cell, "\n".join(commands(block)))
+
+
+def called_otherwise(run: Path, file: Path) -> None:
+    """The same recording as another logger would write it: other names, milliseconds, degrees."""
+    rows = list(csv.reader(run.open(encoding="utf-8")))
+    kinds = {"q": "actual_pos", "current": "motor_current"}
+    parts = [re.fullmatch(r"([a-z]+)(\d?)", head) for head in rows[0]]
+    heads = [f"{kinds[one[1]]}_{one[2]}" if one and one[1] in kinds else "time_ms" for one in parts]
+    scale = [1e3 if head == "time_ms" else 1.0 for head in heads]
+    scale = [
+        180 / math.pi if one in ("actual_pos_1", "actual_pos_2", "actual_pos_4") else by
+        for one, by in zip(heads, scale, strict=True)
+    ]
+    with file.open("w", newline="", encoding="utf-8") as written:
+        csv.writer(written).writerows(
+            [heads, *([float(x) * s for x, s in zip(row, scale, strict=True)] for row in rows[1:])]
+        )
+
+
+@pytest.mark.slow
+def test_the_file_of_the_page_that_calls_things_otherwise_is_read(cell: Path) -> None:
+    for seed, name in ((1, "fit.csv"), (2, "other.csv")):
+        called_otherwise(cell / f"currents{seed}.csv", cell / name)
+    told = run_commands(cell, "\n".join(commands(to_run("my-robot.md", "sh")[0])))
+    assert "actual_pos_1" in told
+    assert "held out" in told
 
 
 @pytest.mark.slow
@@ -140,32 +185,49 @@ def test_the_robot_of_the_page_can_be_read(tmp_path: Path, page: str) -> None:
     }
 
 
+@dataclass(frozen=True)
+class Served:
+    """A service, and the folder that it keeps its data in."""
+
+    url: str
+    data: Path
+
+
 @pytest.fixture
-def service(tmp_path: Path) -> Iterator[str]:
-    with serving(Settings(data_dir=tmp_path / "data", workers=2, port=0, log_level="warning")) as url:
-        yield url
+def service(tmp_path: Path) -> Iterator[Served]:
+    data = tmp_path / "data"
+    with serving(Settings(data_dir=data, workers=2, port=0, log_level="warning")) as url:
+        yield Served(url, data)
 
 
 @pytest.mark.slow
-def test_the_requests_of_the_page_are_accepted(cell: Path, service: str) -> None:
+def test_the_requests_of_the_page_are_accepted(cell: Path, service: Served) -> None:
     if shutil.which("curl") is None:
         pytest.skip("NO CURL: the requests of http-service.md are not tested here")
     body = {"name": "arm", "description": {"format": "urdf", "content": (cell / "arm.urdf").read_text()}}
     (cell / "robot.json").write_text(json.dumps(body), encoding="utf-8")
     known: dict[str, str] = {}
     other = ""
+    data = service.data
     for block in to_run("http-service.md", "sh"):
         for command in commands(block):
+            if command.startswith("dynident "):
+                for name in ("dynident-data", "/mnt/backup", "new-data", "other-data"):
+                    command = command.replace(
+                        name, str(data if name == "dynident-data" else data.parent / Path(name).name)
+                    )
+                run_commands(data.parent, command.replace("rob_…", known["rob"]))
+                continue
             command = command.replace('"validation_ids": ["mea_…"]', f'"validation_ids": ["{other}"]')
             for prefix, identifier in known.items():
                 command = command.replace(f"{prefix}_…", identifier)
             done = subprocess.run(
-                ["bash", "-c", command.replace("localhost:8000", service)], cwd=cell, capture_output=True, text=True
+                ["bash", "-c", command.replace("localhost:8000", service.url)], cwd=cell, capture_output=True, text=True
             )
             made = json.loads(done.stdout)
             assert "id" in made, made
             known[made["id"][:3]] = made["id"]
-            with Client(service) as client:
+            with Client(service.url) as client:
                 if made["id"].startswith("rob"):
                     other = client.measurements.upload(client.robots.get(made["id"]), cell / "run2.csv").id
                 if "job_id" in made:

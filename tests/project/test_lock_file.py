@@ -1,6 +1,7 @@
 """The lock file belongs to pyproject.toml and names the public index alone."""
 
 import re
+import runpy
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,14 @@ def test_the_lock_file_holds_the_requirements_of_pyproject(locked: list[dict[str
         extra = re.search(r"extra == '(\w+)'", entry.get("marker", ""))
         held.add((extra.group(1) if extra else "", entry["name"], entry.get("specifier", "")))
     assert held == wanted, "run `uv lock` after changing the dependencies"
+
+
+def test_the_notice_lists_what_is_installed_beside_us(locked: list[dict[str, Any]]) -> None:
+    beside = runpy.run_path(str(ROOT / ".ci" / "notice.py"))["installed_beside"]()
+    text = (ROOT / "NOTICE").read_text(encoding="utf-8")
+    listed = re.findall(r"^(\S+)  (\S.*)$", text, re.MULTILINE)
+    assert {name for name, _ in listed} == beside, "run .ci/notice.py"
+    assert not [name for name, licence in listed if "not stated" in licence or "not installed" in licence]
 
 
 def _flat(extra: str, extras: dict[str, list[str]]) -> list[str]:

@@ -43,6 +43,22 @@ def test_a_ratio_below_half_of_the_one_kept_fails_and_noise_does_not(run: dict[s
         run["check"](["extending"])
 
 
+def test_a_repetition_tells_how_far_each_ratio_is_from_the_table_and_fails_beyond_a_fifth(
+    run: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from compared import Comparison
+
+    state = run["repeat"].__globals__
+    state["KEPT"] = tmp_path / "ratios.json"
+    state["KEPT"].write_text(json.dumps([{"what": "a", "rival": "b", "times better": 10.0}]), encoding="utf-8")
+    state["measured"] = lambda scripts, runs: {("a", "b"): [Comparison("a", "b", 1.0, by) for by in (2.0, 9.0, 11.0)]}
+    run["repeat"](["extending"], 3)
+    assert "a; beside b: 9 times better, in the table 10: -10%" in capsys.readouterr().out
+    state["measured"] = lambda scripts, runs: {("a", "b"): [Comparison("a", "b", 1.0, 13.0)]}
+    with pytest.raises(SystemExit, match="1 of the ratios are more than 20% from"):
+        run["repeat"](["extending"], 1)
+
+
 def test_fewer_seconds_and_more_samples_are_better(run: dict[str, Any]) -> None:
     from compared import Comparison
 

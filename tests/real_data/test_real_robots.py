@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from dynident.recordings import Recording, RecordingMetadata, import_recording
 from dynident.robot import Robot, robot_from_urdf
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+README = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
 pytestmark = [
     pytest.mark.real_data,
     pytest.mark.skipif(
@@ -34,6 +36,13 @@ UR10E_ROWS = {
     "val_ptp10": (700, 4200),
     "pair14_unloaded": (195, 4966),
 }
+
+
+def said_of(arm: str) -> tuple[float, float]:
+    """The errors before and after the diagnosis that the README's first table has of an arm."""
+    (row,) = re.findall(rf"^\| {arm} \|.*\|$", README, re.MULTILINE)
+    before, after = (float(share) / 100 for share in re.findall(r"([\d.]+) %", row))
+    return before, after
 
 
 def robot(name: str) -> Robot:
@@ -101,6 +110,15 @@ def test_a_diagnosis_of_a_ur10e_lowers_the_error_on_motions_it_has_not_seen(ur10
         assert (grown.held_out.relative < 1.02 * model.held_out.relative).all(), name
 
 
+@pytest.mark.slow
+def test_a_whole_log_of_a_ur10e_standstill_and_all_comes_to_what_the_readme_says(read):
+    arm = robot("ur10e")
+    training, validation = (read(arm, name, (), UR10E_GAINS) for name in ("id_30s_12harm", "val_ptp10"))
+    plain = identify(arm, [training], [validation], CHOICES)
+    grown = extend(plain, diagnose(plain, [training]).recommended, [training], [validation])
+    assert (held_out(plain), held_out(grown)) == pytest.approx(said_of("Universal Robots UR10e"), rel=0.05)
+
+
 def test_one_arm_recorded_twice_is_predicted_alike_by_either_run(ur10e):
     arm, recordings = ur10e
     validation = [recordings["val_ptp10"]]
@@ -135,6 +153,7 @@ def test_the_wrist_coupling_of_a_tx40_is_named_by_the_diagnosis(tx40):
     # Where joints move; at rest and at turns the wrist's shared friction holds more than the model says.
     assert grown.held_out_moving.relative_total < 0.066
     assert held_out(grown) < 0.08
+    assert (held_out(plain), held_out(grown)) == pytest.approx(said_of("Stäubli TX40"), rel=0.05)
 
 
 def test_a_ur10_is_predicted_and_its_friction_named(read):
@@ -147,6 +166,7 @@ def test_a_ur10_is_predicted_and_its_friction_named(read):
     grown = extend(plain, found.recommended, [training], [validation])
     assert grown.held_out_moving.relative_total < 0.033
     assert held_out(grown) < 0.75 * held_out(plain)
+    assert (held_out(plain), held_out(grown)) == pytest.approx(said_of("Universal Robots UR10"), rel=0.05)
 
 
 def test_an_airbot_play_is_predicted_and_its_poor_motion_is_warned_of(read):

@@ -24,6 +24,8 @@ ARMS = {
     "kinova": "kinova_description/robots/kinova.urdf",
     "z1": "z1_description/urdf/z1.urdf",
     "xarm7": "xarm_description/urdf/xarm7.urdf",
+    # With two fingers, of which one mimics the other.
+    "panda": "panda_description/urdf/panda.urdf",
 }
 UP = np.array([0.0, 0.0, 0.3])
 PRISM = """

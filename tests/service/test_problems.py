@@ -33,6 +33,7 @@ def test_a_body_that_is_no_request_gives_a_problem_and_never_a_500(client: TestC
         "/v1/designs",
         "/v1/simulations",
         "/v1/drive_gains",
+        "/v1/current_models",
         "/v1/reports",
     ):
         answer = client.post(path, content=content, headers={"content-type": "application/json"})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from tsdownsample import MinMaxLTTBDownsampler
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Comparison, Judgement
@@ -45,6 +44,9 @@ def _chosen(points: int, standing: BoolArray, *signals: FloatArray) -> IndexArra
     changes = np.flatnonzero(np.diff(standing))
     edges = np.concatenate([changes, changes + 1]) if 2 * len(changes) <= points // 2 else np.empty(0, dtype=np.intp)
     share = max(4, (points - len(edges)) // len(signals))
+    # Of [service] alone; `dynident compare` thins nothing.
+    from tsdownsample import MinMaxLTTBDownsampler
+
     picked = [MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(one), n_out=share) for one in signals]
     return np.unique(np.concatenate([edges, *picked])).astype(np.intp)
 

@@ -7,6 +7,7 @@ from dynident_service.routes import (
     batches,
     bundles,
     comparisons,
+    current_models,
     designs,
     diagnoses,
     drive_gains,
@@ -51,6 +52,7 @@ ROUTERS = (
     series.router,
     validations.router,
     drive_gains.router,
+    current_models.router,
     reports.router,
     jobs.router,
 )

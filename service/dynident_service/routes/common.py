@@ -27,6 +27,7 @@ PATHS: dict[str, str] = {
     "diagnosis": "diagnoses",
     "validation": "validations",
     "drive_gains": "drive_gains",
+    "current_models": "current_models",
     "simulation": "simulations",
     "report": "reports",
     "series": "series",

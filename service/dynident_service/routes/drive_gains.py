@@ -7,11 +7,10 @@ from fastapi import APIRouter, Response
 from dynident.errors import DynidentError
 from dynident_service.models.common import plain
 from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsView
-from dynident_service.models.robots import RobotResult
 from dynident_service.problems import unusable
 from dynident_service.routes.common import RetryKeyDep, computed, make
 from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed_measurements, needed_robot
+from dynident_service.routes.needs import needed_measurements, needed_robot, refuse_coupled
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
 
@@ -39,23 +38,11 @@ def create_drive_gains(
 ) -> DriveGainsView:
     """Identify the drive gains from the same motion without and with a load of known mass."""
     robot = needed_robot(services, body.robot_id)
-    _check_drives(robot)
+    refuse_coupled(robot, "gains are identified for")
     needs = (RestsOn(robot.id, "robot", "robot", "/robot_id"), *_measurements(services, body, robot))
     _check_loads(services, body)
     new = NewResource("drive_gains", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
     return computed(DriveGainsView, make(services, new, response))
-
-
-def _check_drives(robot: Resource) -> None:
-    joints = RobotResult.model_validate(robot.result).joints
-    coupled = [joint.name for joint in joints if joint.coupling]
-    if coupled:
-        raise unusable(
-            f"the motors of {', '.join(coupled)} of this robot act on several joints; gains are identified for motors "
-            "of one joint each",
-            "/robot_id",
-            title="Coupled drives",
-        )
 
 
 def _measurements(services: Services, body: DriveGainsRequest, robot: Resource) -> tuple[RestsOn, ...]:

@@ -107,6 +107,17 @@ def require_same_drives(services: Reading, robot: Resource, measurement: Resourc
         raise unusable(detail, pointer, title="Another robot's measurement")
 
 
+def refuse_coupled(robot: Resource, what: str) -> None:
+    """Refuse a robot of which a motor acts on several joints."""
+    coupled = [joint.name for joint in RobotResult.model_validate(robot.result).joints if joint.coupling]
+    if coupled:
+        raise unusable(
+            f"the motors of {', '.join(coupled)} of this robot act on several joints; {what} motors of one joint each",
+            "/robot_id",
+            title="Coupled drives",
+        )
+
+
 def _drives(robot: Resource) -> list[tuple[str, str, float | None, dict[str, float]]]:
     joints: list[JointView] = RobotResult.model_validate(robot.result).joints
     return [(joint.name, joint.type, joint.drive_gain, joint.coupling) for joint in joints]

@@ -15,6 +15,7 @@ PREFIXES = {
     "diagnosis": "dia",
     "validation": "val",
     "drive_gains": "gai",
+    "current_models": "cur",
     "simulation": "sim",
     "report": "rep",
     "series": "ser",

@@ -2,6 +2,7 @@
 
 from dynident_service.work import (
     comparisons,
+    current_models,
     designs,
     diagnoses,
     drive_gains,
@@ -15,6 +16,7 @@ from dynident_service.work import (
 
 __all__ = [
     "comparisons",
+    "current_models",
     "designs",
     "diagnoses",
     "drive_gains",

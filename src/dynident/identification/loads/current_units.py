@@ -16,9 +16,12 @@ from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, Solution, Statistics, errors, statistics, weighted
-from dynident.identification.checks import check_recordings
-from dynident.identification.loads.payloads import PLAIN_EFFECTS
+from dynident.identification.checks import check_recordings, check_temperature
+from dynident.identification.judgement import ParameterJudgement, judged
+from dynident.identification.loads.payloads import PLAIN_EFFECTS, scaled
+from dynident.identification.loads.stated import refuse_coupled_drives, stated_gains
 from dynident.identification.strategies.sequential import only
+from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.base_parameters import BaseParameters, random_observation, select_base
 from dynident.regressors.model import Model, build_model
@@ -31,12 +34,17 @@ _STATES = 400
 
 @dataclass(frozen=True)
 class CurrentParameter:
-    """One parameter of a joint's current: χ / g with its unit, and the base parameters that it is a sum of."""
+    """One parameter of a joint's current: χ / g with its unit, and the base parameters that it is a sum of.
+
+    `interval` holds the true value in 95 of 100 cases; `judgement` is what it says of the value.
+    """
 
     name: str
     value: float
-    standard_deviation: float
     unit: str
+    standard_deviation: float
+    interval: tuple[float, float]
+    judgement: ParameterJudgement
     grouping: str
 
 
@@ -45,7 +53,8 @@ class CurrentModel:
     """What the currents of one joint are made of.
 
     `base` groups the model's base parameters by what this joint's equation tells apart; `solution` and `statistics`
-    are of these, in units of χ over those of the gain; `fit` and `held_out` the errors of its current.
+    are of these, in units of χ over those of the gain; `fit` and `held_out` are the errors of its current (A), in the
+    row of the joint alone.
     """
 
     joint: str
@@ -64,36 +73,62 @@ def identify_currents(
     validation: Sequence[Recording] = (),
     *,
     effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
+    stated: Sequence[float] | None = None,
     preprocessing: Preprocessing | None = None,
+    progress: Progress = silent,
 ) -> tuple[CurrentModel, ...]:
-    """Identify every joint's parameters in units of its current, from recordings whose torque columns are currents.
+    """Identify every joint's parameters in units of its current (A), whatever its drive gain is.
 
     Parameters
     ----------
     robot : Robot
     recordings, validation : sequences of Recording
-        Imported with gains of one, so that "torque" is the current (A).
+        Their torque over the stated gain is the current.
+    effects : sequence of EffectChoice
+        With values for all of their shape constants.
+    stated : sequence of float, optional
+        Gains that the recordings' torque was computed with; those of the robot's drives where left out, else 1.
 
     Raises
     ------
     DynidentError
-        For an effect that rests on predicted torque, or data that do not determine a joint's parameters.
+        For an effect that rests on predicted torque or has a constant to be searched for, motors that act on several
+        joints, or data that do not determine a joint's parameters.
     """
-    for index, choice in enumerate(effects):
-        if effect_by_id(choice.effect, f"/effects/{index}").needs_load:
-            raise DynidentError(
-                f"{choice.effect} rests on the predicted torque, which nobody knows without the gains; leave it out",
-                pointer=f"/effects/{index}",
-                title="Unfit effect",
-            )
+    refuse_coupled_drives(robot, "currents are told joint by joint for")
+    gains = stated_gains(robot, stated)
+    check_current_effects(effects)
     check_recordings(robot, recordings, validation)
+    check_temperature(effects, recordings, validation)
     model = build_model(robot, effects)
     chosen = preprocessing or choose_preprocessing(recordings)
     zeros = np.zeros(10 * robot.tree.n)
-    training = reduce_recordings(model.observation, recordings, chosen, zeros)
-    held_out = reduce_recordings(model.observation, validation, chosen, zeros) if validation else None
+    training = reduce_recordings(model.observation, recordings, chosen, zeros, part(progress, 0.0, 0.7))
+    held_out = None
+    if validation:
+        held_out = reduce_recordings(model.observation, validation, chosen, zeros, part(progress, 0.7, 0.95))
+        held_out = scaled(held_out, 1.0 / gains)
+    training = scaled(training, 1.0 / gains)
     rows = random_observation(model.observation, _STATES).reshape(_STATES, robot.n, model.n_parameters)
-    return tuple(_current_model(model, joint, rows[:, joint], training, held_out) for joint in range(robot.n))
+    found = tuple(_current_model(model, joint, rows[:, joint], training, held_out) for joint in range(robot.n))
+    progress(1.0, "solved")
+    return found
+
+
+def check_current_effects(effects: Sequence[EffectChoice]) -> None:
+    """Raise for effects that no joint's current shows by itself."""
+    for index, choice in enumerate(effects):
+        effect = effect_by_id(choice.effect, f"/effects/{index}")
+        open_ones = [one.name for one in effect.shapes if one.name not in choice.shape_values]
+        reason = ""
+        if effect.needs_load:
+            reason = "rests on the predicted torque, which nobody knows without the gains; leave it out"
+        elif effect.in_some_runs:
+            reason = "is in some of the runs alone, and all are taken alike here; leave it out"
+        elif open_ones:
+            reason = f"has constants that are not searched for here: give {', '.join(open_ones)}, or leave it out"
+        if reason:
+            raise DynidentError(f"{choice.effect} {reason}", pointer=f"/effects/{index}", title="Unfit effect")
 
 
 def _current_model(
@@ -110,11 +145,22 @@ def _current_model(
     per_unit = f"A/({model.robot.joints[joint].effort_unit})"
     parameters = tuple(
         CurrentParameter(
-            model.kept[k].name, float(value), float(deviation), f"{model.kept[k].unit} {per_unit}", grouping
+            model.kept[k].name,
+            float(value),
+            f"{model.kept[k].unit} {per_unit}",
+            float(deviation),
+            (float(value - half), float(value + half)),
+            judged(float(value), float(deviation), float(half), owed=False),
+            grouping,
         )
-        for k, value, deviation, grouping in zip(
-            base.kept, solution.values, certainty.standard_deviations, base.groupings, strict=True
+        for k, value, deviation, half, grouping in zip(
+            base.kept,
+            solution.values,
+            certainty.standard_deviations,
+            certainty.half_widths(),
+            base.groupings,
+            strict=True,
         )
     )
-    judged = None if held_out is None else errors(only(held_out, (joint,)).select(kept), solution.values)
-    return CurrentModel(name, base, parameters, solution, certainty, errors(own, solution.values), judged)
+    tried = None if held_out is None else errors(only(held_out, (joint,)).select(kept), solution.values)
+    return CurrentModel(name, base, parameters, solution, certainty, errors(own, solution.values), tried)

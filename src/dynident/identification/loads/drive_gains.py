@@ -16,11 +16,11 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import EffectChoice, role_of
-from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
 from dynident.estimation.information import deviations_of
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification.loads.payloads import PLAIN_EFFECTS, known_payload, loaded_data, scaled
+from dynident.identification.loads.stated import refuse_coupled_drives, stated_gains
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
@@ -146,14 +146,7 @@ def identify_gains(
         For a missing run, a payload without a usable mass, torque that is zero, or data that do not determine the
         model.
     """
-    coupled = [name for name, drive in zip(robot.joint_names, robot.drives, strict=True) if drive.coupling]
-    if coupled:
-        raise DynidentError(
-            f"the motors of {', '.join(coupled)} act on several joints; gains are identified for motors of one joint "
-            "each",
-            pointer=f"/drives/{coupled[0]}/coupling",
-            title="Coupled drives",
-        )
+    refuse_coupled_drives(robot, "gains are identified for")
     payloads = [known_payload(recording) for recording in loaded]
     data = loaded_data(robot, unloaded, loaded, effects, preprocessing, progress)
     # A planar arm does not feel how high the load is.
@@ -169,7 +162,7 @@ def identify_gains(
         if (name, (recording.name,)) not in unfelt
     }
     factors, covariance = total_least_squares(data.reduction, known)
-    scale = _stated(robot, stated)
+    scale = stated_gains(robot, stated)
     deviations = np.sqrt(np.diag(covariance)) / np.abs(factors)
     identifiable = tuple(bool(d <= _IDENTIFIABLE) for d in deviations)
     warnings = (*_vague(robot, deviations, identifiable), *_negative(robot, factors))
@@ -337,15 +330,3 @@ def _negative(robot: Robot, factors: FloatArray) -> list[str]:
         f"Against those that were stated, the gains of {', '.join(names)} come out negative. Were runs with the load "
         "taken for runs without it? Else the sign of these torque columns is wrong."
     ]
-
-
-def _stated(robot: Robot, stated: Sequence[float] | None) -> FloatArray:
-    if stated is None:
-        return np.array([1.0 if drive.gain is None else drive.gain for drive in robot.drives])
-    given = np.asarray(stated, dtype=np.float64)
-    if given.shape != (robot.n,) or not np.all(np.isfinite(given) & (given != 0)):
-        raise DynidentError(
-            f"the stated gains are {list(stated)}; give one number other than 0 for each of the {robot.n} joints",
-            pointer="/gains",
-        )
-    return given

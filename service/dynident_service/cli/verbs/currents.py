@@ -1,0 +1,101 @@
+"""`dynident currents`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from dynident_service.cli.options import Effects, Measurements, Result, RobotArgument, RobotReading, Validation
+
+if TYPE_CHECKING:
+    from dynident.identification import CurrentModel
+    from dynident_service.cli.inputs import Loaded
+
+
+def currents(
+    robot: RobotArgument,
+    measurements: Measurements,
+    reading: RobotReading,
+    validation: Validation,
+    effects: Effects,
+    result: Result,
+) -> None:
+    """Identify what every joint's current is made of, without any drive gain.
+
+    The parameters are in units of current; each joint has its own. --out writes them as JSON.
+    """
+    from dynident.identification import identify_currents
+    from dynident.identification.loads.payloads import PLAIN_EFFECTS
+    from dynident.progress import part
+    from dynident_service.adapters.current_models import describe_currents
+    from dynident_service.cli import inputs, shown, terminal
+    from dynident_service.models.common import plain
+
+    machine = inputs.robot_of(robot, reading.drive_gains)
+    unknown = all(drive.gain is None for drive in machine.drives)
+    if unknown:
+        # Then "torque" is the current itself.
+        machine = inputs.with_gains(machine, ",".join("1" * machine.n))
+    chosen = inputs.effects_of(effects, machine) or PLAIN_EFFECTS
+    with (
+        terminal.progress_bar("currents") as progress,
+        inputs.loaded(measurements, machine, inputs.file_options(reading), part(progress, 0.0, 0.5), validation) as (
+            training,
+            held_out,
+        ),
+    ):
+        found = identify_currents(
+            machine,
+            inputs.recordings_of(training),
+            inputs.recordings_of(held_out),
+            effects=chosen,
+            progress=part(progress, 0.5, 1.0),
+        )
+    document = plain(describe_currents(found))
+    if result.out is not None:
+        inputs.write_whole(result.out, json.dumps(document, indent=2, allow_nan=False).encode())
+    if result.as_json:
+        terminal.print_json(document)
+        return
+    console = terminal.out()
+    shown.show_measurements(console, *((_unscaled(training), _unscaled(held_out)) if unknown else (training, held_out)))
+    _show(found)
+    if result.out is not None:
+        console.print(f"parameters written to {result.out}", markup=False)
+
+
+def _unscaled(measurements: Sequence[Loaded]) -> list[Loaded]:
+    """Without the check of the torque's scale, which currents in place of torques have to fail."""
+    return [
+        replace(one, checks=tuple(check for check in one.checks if check.name != "torque_scale"))
+        for one in measurements
+    ]
+
+
+def _show(found: Sequence[CurrentModel]) -> None:
+    from dynident.reports.numbers import estimate, number, percent
+    from dynident.reports.words import JUDGED
+    from dynident_service.cli import terminal
+
+    console = terminal.out()
+    rows = [
+        [
+            one.joint,
+            str(len(one.parameters)),
+            number(one.fit.rms_total, 3),
+            percent(one.fit.relative_total),
+            "–" if one.held_out is None else number(one.held_out.rms_total, 3),
+            "–" if one.held_out is None else percent(one.held_out.relative_total),
+        ]
+        for one in found
+    ]
+    heads = ("joint", "parameters", "residual, A", "of the current", "held out, A", "of the current")
+    console.print(terminal.table("The current of every joint", heads, rows))
+    for one in found:
+        told = [
+            [p.name, *estimate(p.value, 0.5 * (p.interval[1] - p.interval[0])), p.unit, JUDGED[p.judgement].words]
+            for p in one.parameters
+        ]
+        console.print(terminal.table(one.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), told))

@@ -1,0 +1,69 @@
+"""Currents told by parameters in units of current: no drive gain is needed."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+
+from dynident_service.models.common import plain
+from dynident_service.models.current_models import CurrentModelsRequest, CurrentModelsView
+from dynident_service.models.robots import RobotResult
+from dynident_service.problems import unusable
+from dynident_service.routes.common import RetryKeyDep, computed, make
+from dynident_service.routes.kept import Kept, keep
+from dynident_service.routes.needs import needed_measurements, needed_robot, refuse_coupled
+from dynident_service.services import ServicesDep
+from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+
+router = APIRouter(prefix="/v1/current_models", tags=["current models"])
+
+JOB = NewJob("current_models", "dynident_service.work.current_models:find_currents")
+keep(
+    router,
+    Kept(
+        "current_models",
+        CurrentModelsView,
+        of="robot",
+        several="current_models",
+        one="current_models",
+        listed="List the models of currents, newest first; those of one robot if asked.",
+        shown="Show models of currents, with the result once there is one.",
+        deleted="Delete models of currents.",
+    ),
+)
+
+
+@router.post("", status_code=202)
+def create_current_models(
+    body: CurrentModelsRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
+) -> CurrentModelsView:
+    """Identify every joint's parameters in units of its current: no drive gain has to be known."""
+    from dynident.identification.loads.current_units import check_current_effects
+    from dynident_service.adapters.effects import choices_of
+    from dynident_service.adapters.identifications import check_effects
+    from dynident_service.adapters.robots import robot_of
+
+    robot = needed_robot(services, body.robot_id)
+    _check_gains(robot)
+    refuse_coupled(robot, "currents are told joint by joint for")
+    effects = choices_of(body.effects or [])
+    check_effects(effects, robot_of(robot.request))
+    check_current_effects(effects)
+    needs = (
+        RestsOn(robot.id, "robot", "robot", "/robot_id"),
+        *needed_measurements(services, robot, body.measurement_ids, "measurement", "/measurement_ids"),
+        *needed_measurements(services, robot, body.validation_ids, "validation", "/validation_ids"),
+    )
+    new = NewResource("current_models", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
+    return computed(CurrentModelsView, make(services, new, response))
+
+
+def _check_gains(robot: Resource) -> None:
+    """What the torque of its measurements is in terms of currents has to be stated, be it wrong."""
+    without = [joint.name for joint in RobotResult.model_validate(robot.result).joints if joint.drive_gain is None]
+    if without:
+        raise unusable(
+            f"{', '.join(without)} of this robot state no drive gain, so that its measurements hold torques; make one "
+            'with "drives": {"…": {"drive_gain": 1}} for each of them, and upload the currents for it',
+            "/robot_id",
+            title="No currents",
+        )
