@@ -7,7 +7,7 @@ exchanged, a sign turned round, degrees for radians, gains ten times too large (
 late or early. `noticed`: a check warns or refuses that did not on the untouched file. `cured`: what the checks propose
 (their `apply`), applied one after the other, gives the untouched signals back, or ones that the robot's dynamics explain as
 well; delays to 6 ms. `harmful` are those that let the unexplained share of the torque grow by a tenth, and those of unit,
-gain and delay. With `--held-out` also: the error on the untouched file of a model of one with a gain ten times too large.
+gain and delay.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import argparse
 import os
 import secrets
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -33,6 +33,7 @@ from imports import DATA, SETS, robot_of
 from dynident.identification.mistakes.search import left_of, motion_of
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
+from dynident.recordings.sources import ArraySource
 from dynident.robot import Robot
 
 LATE, NEAR = 0.02, 0.006
@@ -95,7 +96,7 @@ def main() -> None:
             print(*untouched[-1], flush=True)
             if right.recording is None:
                 continue
-            for planted in _mistakes(columns, robot.n, rng, options.pairs):
+            for planted in _mistakes(columns, robot, rng, options.pairs):
                 one = _tried(robot, right, planted)
                 outcomes.append(one)
                 if one.harmful and not (one.noticed and one.cured):
@@ -123,7 +124,8 @@ def _columns(path: Path) -> Columns:
     return {name: table[name].to_numpy().astype(np.float64) for name in table.column_names}
 
 
-def _mistakes(columns: Columns, n: int, rng: np.random.Generator, pairs: int) -> Iterator[Planted]:
+def _mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pairs: int) -> Iterator[Planted]:
+    n = robot.n
     effort = "tau" if "tau1" in columns else "current"
     q, tau = ("q", "dq", "ddq"), (effort,)
     all_pairs = list(combinations(range(1, n + 1), 2))
@@ -134,10 +136,11 @@ def _mistakes(columns: Columns, n: int, rng: np.random.Generator, pairs: int) ->
     for kind, signals in (("torque turned", tau), ("position turned", q), ("joint turned", (*q, *tau))):
         for joint in range(1, n + 1):
             yield Planted(kind, f"{kind} {joint}", _times(columns, {f"{one}{joint}": -1.0 for one in signals}))
-    degrees = {f"q{joint}": 180.0 / np.pi for joint in range(1, n + 1)}
+    turning = [joint for joint in range(1, n + 1) if robot.joints[joint - 1].kind == "revolute"]
+    degrees = {f"q{joint}": 180.0 / np.pi for joint in turning}
     yield Planted("degrees", "positions in degrees", _times(columns, degrees))
     yield Planted("degrees", "positions and velocities in degrees", _times(
-        columns, degrees | {f"dq{joint}": 180.0 / np.pi for joint in range(1, n + 1)}))  # fmt: skip
+        columns, degrees | {f"dq{joint}": 180.0 / np.pi for joint in turning}))  # fmt: skip
     yield Planted("all gains x 10", "all gains x 10", _times(columns, {f"{effort}{k}": 10.0 for k in range(1, n + 1)}))
     for joint in range(1, n + 1):
         yield Planted("one gain x 10", f"gain {joint} x 10", _times(columns, {f"{effort}{joint}": 10.0}))
@@ -163,8 +166,8 @@ def _late(columns: Columns, effort: str, seconds: float) -> Columns:
     }
 
 
-def _read(robot: Robot, columns: Columns, said: RecordingMetadata | None = None, *, harmless: bool = False) -> Read:
-    """Read columns as a file; `harmless`: whatever is found, to have the signals."""
+def _read(robot: Robot, columns: Columns, said: RecordingMetadata | None = None) -> Read:
+    """Read columns as a file."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "file.parquet"
         pq.write_table(pa.table(columns), path)
@@ -177,10 +180,6 @@ def _read(robot: Robot, columns: Columns, said: RecordingMetadata | None = None,
 
 def _in_memory(recording: Recording) -> Recording:
     """The recording, held in memory: its file is gone soon."""
-    from dataclasses import replace
-
-    from dynident.recordings.sources import ArraySource
-
     rows = list(recording.source.rows(0, recording.n_samples, 1 << 16))
     q, tau = (np.concatenate([getattr(one, kind) for one in rows]) for kind in ("q", "tau"))
     return replace(recording, source=ArraySource(q, tau), has_temperature=False, has_command=False, path=None)
@@ -203,8 +202,8 @@ def _tried(robot: Robot, right: Read, planted: Planted) -> Outcome:
             break
         said = cure.of(said)
         read = _read(robot, planted.columns, said)
-    harm = _harm(robot, right, planted)
-    return Outcome(planted, harm, noticed, refused, noticed and _is_cured(robot, right, read, planted, said), words)
+    cured = noticed and _is_cured(robot, right, read, planted, said)
+    return Outcome(planted, cured or _harm(robot, right, planted), noticed, refused, cured, words)
 
 
 def _harm(robot: Robot, right: Read, planted: Planted) -> bool:

@@ -87,10 +87,11 @@ class Loaded:
     said: RecordingMetadata
 
 
-def robot_of(text: str, gains: str = "") -> Robot:
-    """The robot that an argument means: a file, or a well-known arm."""
+def robot_of(text: str, gains: str = "", lock: str = "", gravity: str = "") -> Robot:
+    """The robot that an argument means, a file or a well-known arm, with what options say beside it."""
     check_robot(text)
-    return with_gains(load_robot(text), gains)
+    upright = parsing.vector(gravity, "--gravity") if gravity else None
+    return with_gains(load_robot(text, locked_joints=parsing.locks(lock), gravity=upright), gains)
 
 
 def with_gains(robot: Robot, gains: str) -> Robot:

@@ -14,8 +14,11 @@ from dynident_service.models.labels import Labelled
 class Description(Asked):
     """What the robot is made from."""
 
-    format: Literal["urdf", "modified_dh"]
-    content: str | dict[str, Any] = Field(description="The URDF; or the modified Denavit-Hartenberg table, as JSON.")
+    format: Literal["urdf", "modified_dh", "mjcf", "dh"]
+    content: str | dict[str, Any] = Field(
+        description="The URDF; the modified Denavit-Hartenberg table, as JSON; the MJCF model; or, as dh, a classical or "
+        "modified table as text, whose first line says which."
+    )
 
 
 class Drive(Asked):

@@ -7,14 +7,18 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+from dynident.desk.xacro_files import expanded
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
+from dynident.robot.model import DescriptionFormat
 from dynident.robot.json_fields import expect_mapping, expect_number, expect_numbers, expect_text, parse_json
 
 _TITLE = "Unusable robot"
 _URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')
+_MJCF = re.compile(r"<mujoco\b")
+FORMATS: tuple[DescriptionFormat, ...] = get_args(DescriptionFormat)
 _FIELDS = ("name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance")
 _CONTENT = "/description/content"
 _DRIVE = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
@@ -38,8 +42,9 @@ def load_robot(
     Parameters
     ----------
     source : str or path
-        A URDF file; a JSON file with a modified Denavit-Hartenberg table (see `dynident.robot.modified_dh`) or with a
-        robot as `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as "ur10".
+        A URDF or xacro file; an MJCF model; a text file with a classical or modified Denavit-Hartenberg table (see
+        `dynident.robot.dh_text`); a JSON file with a modified one (see `dynident.robot.modified_dh`) or with a robot as
+        `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as "ur10".
     name : str
         What to call it; otherwise what the file calls it, or the file itself is called.
     limits : mapping of joint name to Limits
@@ -105,7 +110,11 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         if content.lstrip().startswith("<"):
             named = _URDF_NAME.search(content)
             called = name or (named[1] if named else path.stem)
-            return robot_from_description(called, Description("urdf", content), **stated)
+            if _MJCF.search(content):
+                return robot_from_description(name or path.stem, Description("mjcf", content), **stated)
+            return robot_from_description(called, Description("urdf", expanded(path, content)), **stated)
+        if not content.lstrip().startswith(("{", "[")):
+            return _from_table(name or path.stem, content, stated)
         document = _parsed(content)
         if not (isinstance(document, dict) and "description" in document):
             return robot_from_description(name or path.stem, Description("modified_dh", content), **stated)
@@ -119,11 +128,21 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         raise
 
 
+def _from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
+    try:
+        return robot_from_description(name, Description("dh", content), **stated)
+    except DynidentError as error:
+        if not error.pointer.startswith(_CONTENT):
+            raise
+        detail = f"this is neither XML (URDF, MJCF) nor JSON, and as a Denavit-Hartenberg table: {error.detail}"
+        raise DynidentError(detail, pointer=error.pointer, title=error.title) from error
+
+
 def _parsed(content: str) -> Any:
     try:
         return parse_json(content, "", _TITLE)
     except DynidentError as error:
-        raise DynidentError(f"this is neither XML (URDF) nor JSON: {error.detail}", title=error.title) from error
+        raise DynidentError(f"this is no JSON: {error.detail}", title=error.title) from error
 
 
 def _known(name: str) -> Robot:
@@ -175,8 +194,8 @@ def _object(document: Mapping[str, Any], field: str) -> Mapping[str, Any]:
 def _description(value: object) -> Description:
     fields = expect_mapping(value, ("format", "content"), "/description", _TITLE)
     form = fields.get("format")
-    if form not in ("urdf", "modified_dh"):
-        raise DynidentError("Expected urdf or modified_dh.", pointer="/description/format", title=_TITLE)
+    if form not in FORMATS:
+        raise DynidentError(f"Expected {', '.join(FORMATS)}.", pointer="/description/format", title=_TITLE)
     content = fields.get("content")
     if form == "modified_dh" and isinstance(content, (dict, list)):
         content = json.dumps(content)

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from dynident.errors import DynidentError
-from dynident.robot.model import Description, Drive, Limits, Robot
+from dynident.robot.dh_text import robot_from_dh_text
+from dynident.robot.mjcf import robot_from_mjcf
+from dynident.robot.model import Description, DescriptionFormat, Drive, Limits, Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.robot.urdf import robot_from_urdf
 
@@ -28,6 +30,14 @@ class _Reader(Protocol):
     ) -> Robot: ...
 
 
+_READERS: dict[DescriptionFormat, _Reader] = {
+    "urdf": robot_from_urdf,
+    "modified_dh": robot_from_modified_dh,
+    "mjcf": robot_from_mjcf,
+    "dh": robot_from_dh_text,
+}
+
+
 def robot_from_description(
     name: str,
     description: Description,
@@ -44,7 +54,8 @@ def robot_from_description(
     name : str
         Name of the robot.
     description : Description
-        A URDF, or a modified Denavit-Hartenberg table as JSON text (`dynident.robot.modified_dh`).
+        A URDF, an MJCF model, a modified Denavit-Hartenberg table as JSON text (`dynident.robot.modified_dh`), or a
+        classical or modified one pasted as text ("dh", `dynident.robot.dh_text`).
     limits, drives : mapping of joint name
         Limits win over the description's, field by field. Drive chains [12.17].
     locked_joints : mapping of joint name to position (rad or m)
@@ -57,13 +68,10 @@ def robot_from_description(
     DynidentError
         Its pointer says where: "/description/content/…", "/limits/<joint>/position", "/locked_joints/<joint>", ….
     """
-    if description.format == "urdf":
-        reader: _Reader = robot_from_urdf
-    elif description.format == "modified_dh":
-        reader = robot_from_modified_dh
-    else:
+    reader = _READERS.get(description.format)
+    if reader is None:
         raise DynidentError(
-            f"Unknown format '{description.format}'; expected urdf or modified_dh.",
+            f"Unknown format '{description.format}'; expected {', '.join(_READERS)}.",
             pointer="/description/format",
             title="Unusable robot description",
         )

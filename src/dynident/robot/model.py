@@ -79,11 +79,14 @@ class Joint:
         return "N m" if self.kind == "revolute" else "N"
 
 
+DescriptionFormat = Literal["urdf", "modified_dh", "mjcf", "dh"]
+
+
 @dataclass(frozen=True)
 class Description:
-    """The text a robot was made from, kept as it came."""
+    """The text a robot was made from: a robot's own is a URDF or a modified table, whatever it was read from."""
 
-    format: Literal["urdf", "modified_dh"]
+    format: DescriptionFormat
     content: str = field(repr=False)
 
 

@@ -11,7 +11,7 @@ import typer
 from dynident.simulation.stated import Simulated
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import DriveGains, Json, RobotArgument
+from dynident_service.cli.options import DriveGains, Gravity, Json, Lock, RobotArgument
 
 
 def simulate(
@@ -40,6 +40,8 @@ def simulate(
         TO_READ,
     ] = None,
     drive_gains: DriveGains = "",
+    lock: Lock = "",
+    gravity: Gravity = "",
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The measurement, .csv or .parquet.")] = Path(
         "measurement.csv"
     ),
@@ -54,7 +56,7 @@ def simulate(
     from dynident_service.models.common import plain
 
     tables.check_ending(out)
-    machine = inputs.robot_of(robot, drive_gains)
+    machine = inputs.robot_of(robot, drive_gains, lock, gravity)
     stated = asked.request(Simulated)
     hidden = true_effects(virtual.acting_effects(effects), machine)
     with terminal.progress_bar("simulate") as progress:

@@ -18,8 +18,9 @@ _CHECK: dict[Kind, str] = {
     "torque turned": "torque_sign",
     "position turned": "joint_sign",
     "joint turned": "joint_sign",
+    "torque scaled": "torque_scale",
 }
-
+_AMOUNTS = {"torque_scale"}
 
 _HARDLY = 1.1
 """Times what is left without a mistake below which it is friction that tells of it."""
@@ -44,8 +45,8 @@ def checks_against(robot: Robot) -> ModelChecks:
         mistakes, left = found
         wrong = {_CHECK[one.mistake.kind] for one in mistakes}
         fine = f"No other order or sign of the columns explains the torque better; on average {left:.0%} are left."
-        passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong]
         amounts = () if mistakes else (_delay(robot, recording, tau), *_scales(robot, recording, tau))
+        passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _AMOUNTS]
         return (*passed, *(_check(one, recording, q, tau) for one in mistakes), *amounts)
 
     return looked_at
@@ -112,6 +113,8 @@ def _scales(robot: Robot, recording: Recording, tau: Sequence[str]) -> tuple[Che
 def revision_of(one: Mistake, n: int) -> Revision:
     """What has to be said of a file in which a mistake was made."""
     kinds = [kind for kind, told in (("q", one.is_of_positions), ("tau", one.is_of_torques)) if told]
+    if one.kind == "torque scaled":
+        return Revision(scale={f"tau{one.joints[0] + 1}": one.factor})
     if len(one.joints) == 1:
         return Revision(signs={f"{kind}{one.joints[0] + 1}": -1.0 for kind in kinds})
     order = list(range(1, n + 1))
@@ -136,11 +139,14 @@ def told_of(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[
         "torque turned": f"the torque of {names[0]} ({tau[joint]}) has the opposite sign",
         "position turned": f"the position of {names[0]} ({q[joint]}) has the opposite sign",
         "joint turned": f"position and torque of {names[0]} ({q[joint]}, {tau[joint]}) have the opposite sign",
+        "torque scaled": f"the torque of {names[0]} ({tau[joint]}) is {1.0 / one.factor:g} times what the others need",
     }
     return what[one.kind]
 
 
 def _cure(one: Mistake, q: Sequence[str], tau: Sequence[str]) -> str:
+    if one.kind == "torque scaled":
+        return f"Look at its unit and its drive gain, or take it times {one.factor:g}."
     if len(one.joints) == 1:
         kept = "the joint's axis in the description" if one.kind != "torque turned" else "the sign of its drive gain"
         return f"Turn the column round, or {kept}."

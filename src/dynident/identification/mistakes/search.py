@@ -181,11 +181,10 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
     judge = _Judge(robot)
     if len(motion.q) * int(_moving(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
         return None
-    alike = kinds_alike(robot)
     found: list[Finding] = []
     now = judge.left(motion)
     while len(found) < _MOST_MISTAKES:
-        tried = [(one, judge.left(one.mended(motion))) for one in mistakes_among(now.moving, alike)]
+        tried = [(one, judge.left(one.mended(motion))) for one in mistakes_among(now.moving)]
         if not tried:
             break
         best, left = min(tried, key=lambda pair: pair[1].score)
@@ -214,11 +213,6 @@ def delay_in(robot: Robot, recording: Recording) -> Delay | None:
 def left_of(robot: Robot, motion: Motion) -> float:
     """Share of an average joint's torque that the robot's dynamics leave."""
     return _Judge(robot).left(motion).usual
-
-
-def kinds_alike(robot: Robot) -> BoolArray:
-    """(n, n): which joints are of one kind."""
-    return np.array([[one.kind == other.kind for other in robot.joints] for one in robot.joints])
 
 
 def _moving(motion: Motion) -> BoolArray:
