@@ -10,7 +10,8 @@ import pinocchio as pin
 from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports.fits import Fits
 from dynident.identification.imports.proposal import EffortKind
-from dynident.identification.mistakes.search import left_of
+from dynident.identification.mistakes.scales import usual_scale
+from dynident.identification.mistakes.search import CLEARLY_AGREES, agreement_of, left_of
 from dynident.identification.mistakes.swaps import Motion
 from dynident.robot import Robot
 from dynident.robot.pinocchio_model import to_pinocchio
@@ -21,6 +22,12 @@ _NEAR = (0.45, 2.1)
 """Between these a described torque and a measured one agree: descriptions are not better."""
 _POOR = (0.15, 6.0)
 """Beyond these no description is: it is another torque, or another unit."""
+_FAIR = (0.2, 3.0)
+"""Between these a torque and that of a description agree, whose masses may be guessed: 2.4 on the open recordings."""
+_CURRENTS = (0.2, 100.0)
+"""A: the largest current of an arm is between these; of a motor of a few watts, and of a robot for 300 kg."""
+_LARGEST_GAIN = 500.0
+"""N m/A: a gear of 250 behind a large motor."""
 _SAME = 1.1
 """Times what is left with gravity, below which the motion does not show whether there is any."""
 _TOLD, _STATES = 0.3, 400
@@ -89,7 +96,9 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
     """
     scales = scales_of(robot, motion)
     if scales is None:
-        return EffortGuess("unknown", 0.3, "neither name nor description tell torque from current")
+        return _torque_by_elimination(robot, motion, torque_factor) or EffortGuess(
+            "unknown", 0.3, "neither name nor description tell torque from current"
+        )
     is_torque = scales.near_one(np.full(robot.n, torque_factor))
     gains = np.array([np.nan if drive.gain is None else drive.gain for drive in robot.drives])
     is_current = current_factor is not None and bool(np.isfinite(gains).all())
@@ -98,8 +107,31 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
         return EffortGuess("joint_torque", 0.9, "it is as large as the inertias of the description say")
     if is_current and not is_torque:
         return EffortGuess("motor_current", 0.9, "with the drive gains it is what the inertias of the description say")
-    size = scales.usual * torque_factor
-    return EffortGuess("unknown", 0.3, f"taken for torque it is {size:.2g} times what the description says")
+    if is_current:
+        return EffortGuess("unknown", 0.3, "with the drive gains and without them it could be what the description says")
+    return _torque_by_elimination(robot, motion, torque_factor) or EffortGuess(
+        "unknown", 0.3, f"taken for torque it is {scales.usual * torque_factor:.2g} times what the description says"
+    )
+
+
+def _torque_by_elimination(robot: Robot, motion: Motion, torque_factor: float) -> EffortGuess | None:
+    """Torque, where it cannot be currents: they would be none of an arm's, or need one gain in all of its joints."""
+    usual = usual_scale(robot, motion)
+    if usual is None or not _FAIR[0] < usual * torque_factor < _FAIR[1]:
+        return None
+    peak = float(np.abs(motion.tau).max())
+    possible = [
+        unit
+        for unit, factor in (("A", 1.0), ("mA", 1e-3))
+        if _CURRENTS[0] <= peak * factor <= _CURRENTS[1] and 1.0 / (usual * factor) <= _LARGEST_GAIN
+    ]
+    size = f"it is {usual * torque_factor:.2g} times what the description says"
+    if not possible:
+        return EffortGuess("joint_torque", 0.85, f"{size}, and no arm's currents are so large or so small")
+    better, sure = agreement_of(robot, motion, 2.0)
+    if sure >= 2 and better < CLEARLY_AGREES:
+        return EffortGuess("joint_torque", 0.85, f"{size}, and as currents all joints would have to have the same gain")
+    return None
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,6 +35,9 @@ _CERTAIN, _CERTAIN_OF_JOINTS, _SOUND = 0.2, 0.4, 0.2
 be left of an average joint's torque. Gravity in another direction, a zero that is off by 90 degrees or a gain that is
 ten times too large look like an exchange by up to 0.16 and 0.27, or leave more (`benchmarks/gross_mistakes.py`)."""
 
+CLEARLY_AGREES = 0.05
+"""The same by which another gain of a joint has to leave more, to be ruled out."""
+
 _ALIKE = 0.02
 """Mistakes without which it falls as much, to this, cannot be told from each other."""
 
@@ -208,6 +211,24 @@ def delay_in(robot: Robot, recording: Recording) -> Delay | None:
     if len(_thinned(motion).q) * int(_moving(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
         return None
     return delay_of(motion, period, lambda tried: judge.left(_thinned(tried)).blocks)
+
+
+def agreement_of(robot: Robot, motion: Motion, factor: float) -> tuple[float, int]:
+    """Whether the torques of all joints are in one unit: what other gains would explain better, and how many say so.
+
+    Returns
+    -------
+    better : the largest fall of the mean logarithm of what is left, with any joint's torque times or over `factor`
+    sure : number of joints of which either leaves clearly more
+    """
+    judge = _Judge(robot)
+    now = judge.left(motion)
+    better, sure = 0.0, 0
+    for joint in np.flatnonzero(now.moving):
+        pair = [Mistake("torque scaled", (int(joint),), one) for one in (factor, 1.0 / factor)]
+        rise = [judge.left(one.mended(motion)).score - now.score for one in pair]
+        better, sure = max(better, -min(rise)), sure + (min(rise) >= CLEARLY_AGREES)
+    return better, sure
 
 
 def left_of(robot: Robot, motion: Motion) -> float:
