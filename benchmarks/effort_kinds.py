@@ -65,7 +65,13 @@ def main() -> None:
         names = ("time", *(f"position_{j + 1}" for j in range(robot.n)), *(f"effort_{j + 1}" for j in range(robot.n)))
         found = propose(Sample(names, np.column_stack([t, q, effort]), {}), machine)
         asked = any(one.field == "effort_kind" and one.choices for one in found.questions)
-        outcome = "cannot tell" if found.effort_kind == "unknown" or asked else "right" if found.effort_kind == kind else "wrong"
+        outcome = (
+            "cannot tell"
+            if found.effort_kind == "unknown" or asked
+            else "right"
+            if found.effort_kind == kind
+            else "wrong"
+        )
         counts[kind][outcome] += 1
         if outcome != "right":
             why = next((one.reason for one in found.guesses if one.field == "effort_kind"), "")

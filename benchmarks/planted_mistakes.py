@@ -221,9 +221,10 @@ def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
 
 def _is_cured(robot: Robot, right: Read, read: Read, planted: Planted, said: RecordingMetadata) -> bool:
     if planted.delay:
-        return abs(said.torque_delay - planted.delay - _natural(right)) <= NEAR or abs(
-            said.torque_delay - planted.delay
-        ) <= NEAR
+        return (
+            abs(said.torque_delay - planted.delay - _natural(right)) <= NEAR
+            or abs(said.torque_delay - planted.delay) <= NEAR
+        )
     if right.recording is None or read.recording is None:
         return False
     now, then = (_signals(one.recording) for one in (right, read) if one.recording is not None)

@@ -51,7 +51,9 @@ def joints_of(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
 def test_a_classical_table_places_the_joints_as_denavit_and_hartenberg_do() -> None:
     q = np.random.default_rng(1).uniform(-2, 2, 6)
     before = np.eye(4)
-    for (a, alpha, d, theta), angle, found in zip(UR10, q, joints_of(robot_from_dh_text("arm", CLASSICAL), q), strict=True):
+    for (a, alpha, d, theta), angle, found in zip(
+        UR10, q, joints_of(robot_from_dh_text("arm", CLASSICAL), q), strict=True
+    ):
         # A joint turns about z of the frame before it.
         np.testing.assert_allclose(found, before @ screw_z(theta + angle, d), atol=1e-12)
         before = before @ screw_z(theta + angle, d) @ screw_x(alpha, a)

@@ -68,9 +68,7 @@ def torque_checks(
     ]
 
 
-def _told_by_the_robot(
-    recording: Recording, layout: Layout, against: ModelChecks | None
-) -> tuple[Check, ...] | None:
+def _told_by_the_robot(recording: Recording, layout: Layout, against: ModelChecks | None) -> tuple[Check, ...] | None:
     q, tau = ([column.source for column in columns] for columns in (layout.q, layout.tau))
     return against(recording, q, tau) if against is not None and recording.role != "friction" else None
 

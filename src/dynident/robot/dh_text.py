@@ -190,9 +190,7 @@ def _row(
 ) -> dict[str, Any]:
     """A row in the words of Khalil and Kleinfinger, α and d of its own line."""
     if len(line.cells) <= max(places.values()):
-        raise _error(
-            f"{len(line.cells)} cells, and the columns need {max(places.values()) + 1}.", line.number, pointer
-        )
+        raise _error(f"{len(line.cells)} cells, and the columns need {max(places.values()) + 1}.", line.number, pointer)
 
     def read(column: str, *, angle: bool) -> tuple[float, bool]:
         return _number(line.cells[places[column]], line, column, pointer, degrees=angle and column in degrees)
@@ -222,7 +220,9 @@ def _number(cell: str, line: _Line, column: str, pointer: str, *, degrees: bool)
     try:
         value = expect_number(text, pointer, TITLE)
     except DynidentError as error:
-        raise _error(f"{column} is '{cell}'; expected a number, pi/2, 90°, or q2 + pi/2.", line.number, pointer) from error
+        raise _error(
+            f"{column} is '{cell}'; expected a number, pi/2, 90°, or q2 + pi/2.", line.number, pointer
+        ) from error
     if not in_degrees and column in ("alpha", "theta") and abs(value) > 2.0 * math.pi + 1e-6:
         raise _error(
             f"{column} is {value:g}, more than a turn in rad: write the column as {column}[deg].", line.number, pointer

@@ -10,6 +10,7 @@ import pinocchio as pin
 from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports.fits import Fits
 from dynident.identification.imports.proposal import EffortKind
+from dynident.identification.mistakes.gravity import compensated
 from dynident.identification.mistakes.scales import usual_scale
 from dynident.identification.mistakes.search import CLEARLY_AGREES, better_by_other_gains, left_of
 from dynident.identification.mistakes.swaps import Motion
@@ -33,7 +34,6 @@ _APART = 1.25
 of the open recordings, up to 1.6 without it (`benchmarks/effort_kinds.py`)."""
 _TOLD, _STATES = 0.3, 400
 _LOADED = 0.02
-_HEAVY, _ABSENT, _SEEN = 0.3, 0.25, 0.5
 _NOTHING = 0.9
 """Share left from which on the motion explains nothing of a torque."""
 
@@ -75,9 +75,13 @@ def classify_effort(
         if without < _LOST * with_gravity:
             reason = f"without gravity the robot's dynamics leave {without:.0%} of it, with gravity {with_gravity:.0%}"
             return EffortGuess("gravity_compensated", 0.9, reason)
-    lacking = _without_load(fits.robot, motion, torque_factor)
-    if lacking is not None:
-        return lacking
+    taken_out = compensated(fits.robot, motion, torque_factor)
+    if taken_out is not None:
+        reason = (
+            f"of the description's load of gravity {taken_out.gravity:.0%} is in it, of the torque that motion needs "
+            f"{taken_out.motion:.0%}"
+        )
+        return EffortGuess("gravity_compensated", 0.85, reason)
     if signal == "tau":
         scales = scales_of(fits.robot, motion)
         if scales is not None and not scales.plausible(torque_factor):
@@ -110,7 +114,9 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
     if is_current and not is_torque:
         return EffortGuess("motor_current", 0.9, "with the drive gains it is what the inertias of the description say")
     if is_current:
-        return EffortGuess("unknown", 0.3, "with the drive gains and without them it could be what the description says")
+        return EffortGuess(
+            "unknown", 0.3, "with the drive gains and without them it could be what the description says"
+        )
     return _torque_by_elimination(robot, motion, torque_factor) or EffortGuess(
         "unknown", 0.3, f"taken for torque it is {scales.usual * torque_factor:.2g} times what the description says"
     )
@@ -192,36 +198,6 @@ def _by_word(signal: str | None, unit: str | None, confidence: float, reason: st
 
 def _has_gravity(robot: Robot) -> bool:
     return bool(np.linalg.norm(robot.gravity) > 1.0)
-
-
-def _without_load(robot: Robot, motion: Motion, factor: float) -> EffortGuess | None:
-    """Torque in which there is what motion needs, as the description says, and next to nothing of the load of gravity.
-
-    Only where the description has masses, and of the joints that carry most. None where gravity is in it, or where
-    neither is.
-    """
-    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0) or not _has_gravity(robot):
-        return None
-    model = to_pinocchio(robot)
-    data = model.createData()
-    every = max(1, len(motion.q) // _STATES)
-    q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
-    load = np.array([pin.computeGeneralizedGravity(model, data, state) for state in q])
-    rest = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)]) - load
-    size = np.sqrt((load**2).mean(axis=0))
-    shares = []
-    for joint in np.flatnonzero((size > _HEAVY * size.max()) & (np.ptp(load, axis=0) > 0)):
-        speed = dq[:, joint]
-        rows = np.column_stack([load[:, joint], rest[:, joint], speed, np.sign(speed)])
-        length = np.sqrt((rows**2).sum(axis=0)) + 1e-30
-        shares.append(np.linalg.lstsq(rows / length, tau[:, joint], rcond=1e-10)[0][:2] / length[:2])
-    if not shares:
-        return None
-    gravity, inertia = np.median(np.abs(shares), axis=0)
-    if gravity > _ABSENT * inertia or not _SEEN < inertia < _POOR[1]:
-        return None
-    reason = f"of the description's load of gravity {gravity:.0%} is in it, of the torque that motion needs {inertia:.0%}"
-    return EffortGuess("gravity_compensated", 0.85, reason)
 
 
 def _has_load(robot: Robot, motion: Motion) -> bool:

@@ -363,6 +363,14 @@ class _Guesser:
                     f"explained as the columns are, and {one.left_without:.0%} otherwise. Is the mapping right?"
                 )
                 self._ask("columns", detail)
+        mounted = None if found else self.fits.other_mounting(q, tau, left)
+        if mounted is not None:
+            along = ",".join(f"{value:g}" for value in mounted.gravity + 0.0)
+            self._ask(
+                "gravity",
+                f"Does the base stand upright? With gravity along ({along}) m/s² the robot's dynamics leave "
+                f"{mounted.left:.0%} of the torque, with the stated one {mounted.left_as_stated:.0%}: state it with the robot.",
+            )
         self._say(
             "check", f"{left:.0%} left", 0.9 if left < _SOUND else 0.4, "what the robot's dynamics do not explain"
         )

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dynident.identification.mistakes.gravity import Mounting, compensated, other_mounting
 from dynident.identification.mistakes.scales import scales_of
 from dynident.identification.mistakes.search import Finding, delay_in, mistakes_in, motion_of
 from dynident.identification.mistakes.swaps import Kind, Mistake
 from dynident.recordings.revisions import Revision
-from dynident.recordings.types import Check, ModelChecks, Recording
+from dynident.recordings.types import NO_MEASUREMENT, Check, ModelChecks, Recording
 from dynident.robot.model import Robot
 
 _CHECK: dict[Kind, str] = {
@@ -47,6 +48,8 @@ def checks_against(robot: Robot) -> ModelChecks:
         fine = f"No other order or sign of the columns explains the torque better; on average {left:.0%} are left."
         amounts = () if mistakes else (_delay(robot, recording, tau), *_scales(robot, recording, tau))
         passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _AMOUNTS]
+        if not mistakes:
+            amounts = (*_gravity(robot, recording, tau, left), *amounts)
         return (*passed, *(_check(one, recording, q, tau) for one in mistakes), *amounts)
 
     return looked_at
@@ -70,6 +73,37 @@ def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[s
         f"{known} {told}: as the columns are, {why}. {_cure(one.mistake, q, tau)}{doubt}{otherwise}",
         columns[one.mistake.joints[0]],
         apply=revision_of(one.mistake, recording.n),
+    )
+
+
+def _gravity(robot: Robot, recording: Recording, tau: Sequence[str], left: float) -> tuple[Check, ...]:
+    motion = motion_of(recording)
+    if motion is None:
+        return ()
+    found = compensated(robot, motion)
+    if found is None:
+        mounted = other_mounting(robot, motion, left)
+        return () if mounted is None else (_mounting(mounted),)
+    return (
+        Check(
+            "gravity_load",
+            "error",
+            f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): of the load of gravity that the masses of "
+            f"the description need {found.gravity:.0%} is in it, of what motion needs {found.motion:.0%}. "
+            f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or the current, that was measured.",
+            tau[0],
+        ),
+    )
+
+
+def _mounting(found: Mounting) -> Check:
+    told = ",".join(f"{value:g}" for value in found.gravity + 0.0)
+    return Check(
+        "gravity_direction",
+        "warning",
+        f"Gravity seems to pull along ({told}) m/s² of the base, as on a wall or a ceiling: with the stated one "
+        f"{found.left_as_stated:.0%} of an average joint's torque cannot be explained by the robot's dynamics, with that "
+        f'{found.left:.0%}. State "gravity": [{told}] with the robot.',
     )
 
 
