@@ -2,10 +2,11 @@
 
     python benchmarks/effort_kinds.py [--seed 1 | --seed new] [--cases 40]
 
-Recordings of real robots whose torques are made into what other drivers report: currents by drawn gains (known to the robot
-or not), torques before drawn gears, torques without the load of gravity or without all that the robot's dynamics need,
-in drawn units. Gravity and dynamics are those of parameters fitted to the recording with Pinocchio's
-regressor, beside the description's, as a driver has them; friction stays in what is gravity-compensated, and half of it in what is external.
+Recordings of real robots whose torques are made into what other drivers report: currents by drawn gains (known to the
+robot or not), torques before drawn gears, torques without the load of gravity or without all that the robot's dynamics
+need, in drawn units. Gravity and dynamics are those of parameters fitted to the recording with Pinocchio's regressor, beside
+the description's, as a driver has them; friction stays in what is gravity-compensated, and half of it in what is
+external.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 import pinocchio as pin
 from common import FloatArray, show
-from imports import DATA, GAINS, robot_of
+from imports import DATA, robot_of
 from planted_mistakes import _columns, _read, _signals
 from scipy.signal import butter, filtfilt
 

@@ -5,9 +5,9 @@
 Every open recording is read untouched, then with one mistake in its columns: torques, positions or both of two joints
 exchanged, a sign turned round, degrees for radians, gains ten times too large (all joints, each joint), torque 20 ms
 late or early. `noticed`: a check warns or refuses that did not on the untouched file. `cured`: what the checks propose
-(their `apply`), applied one after the other, gives the untouched signals back, or ones that the robot's dynamics explain as
-well; delays to 6 ms. `harmful` are those that let the unexplained share of the torque grow by a tenth, and those of unit,
-gain and delay.
+(their `apply`), applied one after the other, gives the untouched signals back, or ones that the robot's dynamics
+explain as well; delays to 6 ms. `harmful` are those that let the unexplained share of the torque grow by a tenth, and
+those of unit, gain and delay.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from imports import DATA, SETS, robot_of
 
 from dynident.identification.mistakes.search import left_of, motion_of
 from dynident.identification.robot_recordings import import_for_robot
-from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
+from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.sources import ArraySource
 from dynident.robot import Robot
 

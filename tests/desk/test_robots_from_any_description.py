@@ -18,7 +18,8 @@ PARTS = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:property name="length" value="${0.2 * 2}"/>
   <xacro:macro name="joint" params="n parent child">
     <joint name="joint${n}" type="revolute"><parent link="${parent}"/><child link="${child}"/>
-      <origin xyz="0 0 ${length}"/><axis xyz="0 1 0"/><limit lower="${-pi}" upper="${pi}" velocity="2" effort="50"/></joint>
+      <origin xyz="0 0 ${length}"/><axis xyz="0 1 0"/>
+      <limit lower="${-pi}" upper="${pi}" velocity="2" effort="50"/></joint>
     <link name="${child}"/>
   </xacro:macro>
 </robot>"""

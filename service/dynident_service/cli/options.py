@@ -14,8 +14,8 @@ RobotArgument = Annotated[
     str,
     typer.Argument(
         metavar="ROBOT",
-        help="A URDF, xacro or MJCF file, a text file with a classical or modified Denavit-Hartenberg table, a JSON file "
-        "(a modified table, or a robot as the service takes it), or "
+        help="A URDF, xacro or MJCF file, a text file with a classical or modified Denavit-Hartenberg table, a JSON "
+        "file (a modified table, or a robot as the service takes it), or "
         f"a well-known arm: {', '.join(known_arms())}.",
         show_default=False,
     ),
@@ -120,8 +120,8 @@ Lock = Annotated[
     typer.Option(
         "--lock",
         metavar="JOINT[=POSITION],…",
-        help="Joints that do not move, or are in no recording (a gripper's), at these positions in rad (m); 0 where none "
-        "is said.",
+        help="Joints that do not move, or are in no recording (a gripper's), at these positions in rad (m); 0 where "
+        "none is said.",
     ),
 ]
 Gravity = Annotated[

@@ -16,8 +16,8 @@ class Description(Asked):
 
     format: Literal["urdf", "modified_dh", "mjcf", "dh"]
     content: str | dict[str, Any] = Field(
-        description="The URDF; the modified Denavit-Hartenberg table, as JSON; the MJCF model; or, as dh, a classical or "
-        "modified table as text, whose first line says which."
+        description="The URDF; the modified Denavit-Hartenberg table, as JSON; the MJCF model; or, as dh, a classical "
+        "or modified table as text, whose first line says which."
     )
 
 

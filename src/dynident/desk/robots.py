@@ -12,8 +12,8 @@ from typing import Any, get_args
 from dynident.desk.xacro_files import expanded
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
-from dynident.robot.model import DescriptionFormat
 from dynident.robot.json_fields import expect_mapping, expect_number, expect_numbers, expect_text, parse_json
+from dynident.robot.model import DescriptionFormat
 
 _TITLE = "Unusable robot"
 _URDF_NAME = re.compile(r'<robot\b[^>]*?\bname="([^"<]+)"')

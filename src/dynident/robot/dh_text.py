@@ -8,9 +8,9 @@ The first line says the convention and the columns; the others are a joint each:
     -0.612  0       0       q2         -pi/2  0     0      q2
     -0.5723 0       0       q3 - pi/2  pi/2   0     0.316  q3
 
-Columns stand in any order and are separated by spaces, tabs, commas, semicolons or bars; lines that start with # or % are
-comments, and may say the convention too. The joint variable (q2, θ2, *) in theta or d tells revolute from prismatic;
-what stands beside it is constant. A column without one is a constant; theta is the variable where there is none.
+Columns stand in any order and are separated by spaces, tabs, commas, semicolons or bars; lines that start with # or %
+are comments, and may say the convention too. The joint variable (q2, θ2, *) in theta or d tells revolute from
+prismatic; what stands beside it is constant. A column without one is a constant; theta is the variable where there is none.
 Angles are in radians, or in degrees where the column says so (`alpha[deg]`) or a number has °.
 
 classical (standard, distal): T = Rot(z, θ) Trans(z, d) Trans(x, a) Rot(x, α), of Denavit and Hartenberg (1955).
@@ -106,8 +106,9 @@ def table_from_text(text: str, pointer: str = "") -> dict[str, Any]:
     convention = convention or implied
     if convention is None:
         raise _error(
-            "is the table classical or modified? Write the one or the other above it: classical has "
-            "Rot(z, θ) Trans(z, d) Trans(x, a) Rot(x, α), modified (Craig) Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d).",
+            "is the table classical or modified? Write one or the other above it: classical has "
+            "Rot(z, θ) Trans(z, d) Trans(x, a) Rot(x, α), modified (Craig) "
+            "Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d).",
             head.number,
             pointer,
         )

@@ -32,7 +32,7 @@ def robot_from_mjcf(
     gravity: Sequence[float] | None = None,
     pointer: str = "",
 ) -> Robot:
-    """Return the robot that an MJCF model describes, on a fixed base; its description is then the URDF of the same tree.
+    """Return the robot that an MJCF model describes, on a fixed base; its description is then a URDF of that tree.
 
     Bodies, hinge and slide joints, inertias (stated, or of geoms), ranges and `<option gravity>` are read; armature,
     damping, actuators, tendons and equality constraints are not. The other arguments are those of `robot_from_urdf`.
@@ -95,9 +95,8 @@ def _name(root: ElementTree.Element) -> None:
     """Give bodies and joints without a name one: Pinocchio reads them by their names."""
     for tag in ("body", "joint"):
         taken = {one.get("name") for one in root.iter(tag)}
-        count = 0
-        for one in (found for world in root.iter("worldbody") for found in world.iter(tag)):
-            count += 1
+        every = [one for world in root.iter("worldbody") for one in world.iter(tag)]
+        for count, one in enumerate(every, start=1):
             if one.get("name") is None:
                 called = f"{tag}{count}"
                 while called in taken:

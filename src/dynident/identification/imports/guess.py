@@ -369,7 +369,8 @@ class _Guesser:
             self._ask(
                 "gravity",
                 f"Does the base stand upright? With gravity along ({along}) m/s² the robot's dynamics leave "
-                f"{mounted.left:.0%} of the torque, with the stated one {mounted.left_as_stated:.0%}: state it with the robot.",
+                f"{mounted.left:.0%} of the torque, with the stated one {mounted.left_as_stated:.0%}: state it with "
+                "the robot.",
             )
         self._say(
             "check", f"{left:.0%} left", 0.9 if left < _SOUND else 0.4, "what the robot's dynamics do not explain"

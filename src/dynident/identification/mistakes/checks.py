@@ -88,9 +88,9 @@ def _gravity(robot: Robot, recording: Recording, tau: Sequence[str], left: float
         Check(
             "gravity_load",
             "error",
-            f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): of the load of gravity that the masses of "
-            f"the description need {found.gravity:.0%} is in it, of what motion needs {found.motion:.0%}. "
-            f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or the current, that was measured.",
+            f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): of the load of gravity that the "
+            f"masses of the description need {found.gravity:.0%} is in it, of what motion needs {found.motion:.0%}. "
+            f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was measured.",
             tau[0],
         ),
     )
@@ -102,8 +102,8 @@ def _mounting(found: Mounting) -> Check:
         "gravity_direction",
         "warning",
         f"Gravity seems to pull along ({told}) m/s² of the base, as on a wall or a ceiling: with the stated one "
-        f"{found.left_as_stated:.0%} of an average joint's torque cannot be explained by the robot's dynamics, with that "
-        f'{found.left:.0%}. State "gravity": [{told}] with the robot.',
+        f"{found.left_as_stated:.0%} of an average joint's torque cannot be explained by the robot's dynamics, with "
+        f'that {found.left:.0%}. State "gravity": [{told}] with the robot.',
     )
 
 

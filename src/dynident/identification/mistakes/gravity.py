@@ -21,8 +21,8 @@ _ABSENT, _SEEN, _MOST = 0.25, 0.5, 6.0
 torques of open recordings gravity's is at least 0.4 times inertia's; where it was taken out at most 0.15, and where all
 that the robot needs was, inertia's is at most 0.4 (`benchmarks/effort_kinds.py`)."""
 _APART, _EXPLAINED = 1.7, 0.3
-"""Times what the robot's dynamics leave with gravity that they leave without it: at least that in right torques; and what
-they may leave."""
+"""Times what the robot's dynamics leave with gravity that they leave without it: at least that in right torques; and
+what they may leave."""
 _POOR = 0.15
 """Left of the torque from which on another direction of gravity is looked for: at most 0.11 on the open recordings."""
 _CLEARLY = 1.25
@@ -52,7 +52,7 @@ class Mounting:
 
 
 def shares_of(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | None:
-    """What is in a torque of the description's load; `factor` makes N m of it. None where the description says nothing."""
+    """What is in a torque of the description's load; `factor` makes N m of it. None without masses or gravity."""
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0) or not np.linalg.norm(robot.gravity) > 1.0:
         return None
     model = to_pinocchio(robot)
