@@ -4,9 +4,9 @@
 
 Recordings of real robots whose torques are made into what other drivers report: currents by drawn gains (known to the
 robot or not), torques before drawn gears, torques without the load of gravity or without all that the robot's dynamics
-need, in drawn units. Gravity and dynamics are those of parameters fitted to the recording with Pinocchio's regressor, beside
-the description's, as a driver has them; friction stays in what is gravity-compensated, and half of it in what is
-external.
+need, in drawn units. Gravity and dynamics are those of parameters fitted to the recording with Pinocchio's
+regressor, beside the description's, as a driver has them; friction stays in what is gravity-compensated, and half of
+it in what is external.
 """
 
 from __future__ import annotations

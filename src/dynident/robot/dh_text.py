@@ -10,8 +10,8 @@ The first line says the convention and the columns; the others are a joint each:
 
 Columns stand in any order and are separated by spaces, tabs, commas, semicolons or bars; lines that start with # or %
 are comments, and may say the convention too. The joint variable (q2, θ2, *) in theta or d tells revolute from
-prismatic; what stands beside it is constant. A column without one is a constant; theta is the variable where there is none.
-Angles are in radians, or in degrees where the column says so (`alpha[deg]`) or a number has °.
+prismatic; what stands beside it is constant. A column without one is a constant; theta is the variable where there
+is none. Angles are in radians, or in degrees where the column says so (`alpha[deg]`) or a number has °.
 
 classical (standard, distal): T = Rot(z, θ) Trans(z, d) Trans(x, a) Rot(x, α), of Denavit and Hartenberg (1955).
 modified (Craig, proximal): T = Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d), with α and a of index j - 1 in row j.
