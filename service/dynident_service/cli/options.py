@@ -135,6 +135,15 @@ Gravity = Annotated[
 
 
 @dataclass(frozen=True)
+class Beside:
+    """What a robot's description does not say."""
+
+    drive_gains: DriveGains = ""
+    lock: Lock = ""
+    gravity: Gravity = ""
+
+
+@dataclass(frozen=True)
 class Reading:
     """How measurement files are read."""
 

@@ -142,7 +142,7 @@ def _parsed(content: str) -> Any:
     try:
         return parse_json(content, "", _TITLE)
     except DynidentError as error:
-        raise DynidentError(f"this is no JSON: {error.detail}", title=error.title) from error
+        raise DynidentError(f"this is neither XML (URDF) nor JSON: {error.detail}", title=error.title) from error
 
 
 def _known(name: str) -> Robot:
