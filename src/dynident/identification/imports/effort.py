@@ -10,7 +10,7 @@ import pinocchio as pin
 from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports.fits import Fits
 from dynident.identification.imports.proposal import EffortKind
-from dynident.identification.mistakes.gravity import compensated
+from dynident.identification.mistakes.gravity import compensated, mounting_of
 from dynident.identification.mistakes.scales import usual_scale
 from dynident.identification.mistakes.search import CLEARLY_AGREES, better_by_other_gains, left_of
 from dynident.identification.mistakes.swaps import Motion
@@ -72,7 +72,8 @@ def classify_effort(
     if _has_gravity(fits.robot):
         without = left_of(_floating(fits.robot), motion)
         told_apart = without / max(with_gravity, 1e-9)
-        if without < _LOST * with_gravity:
+        # Where the base is not as stated, gravity along another axis explains it as well.
+        if without < _LOST * with_gravity and mounting_of(fits.robot, motion).left > without / _LOST:
             reason = f"without gravity the robot's dynamics leave {without:.0%} of it, with gravity {with_gravity:.0%}"
             return EffortGuess("gravity_compensated", 0.9, reason)
     taken_out = compensated(fits.robot, motion, torque_factor)
