@@ -39,7 +39,7 @@ from hiding.recorded import recorded
 from placebos.subjects import REAL_ARMS, imported
 
 from dynident.identification.mistakes.scales import scales_of
-from dynident.identification.mistakes.search import delay_in, kinds_alike, left_of, mistakes_of, motion_of
+from dynident.identification.mistakes.search import delay_in, left_of, mistakes_of, motion_of
 from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot
@@ -69,7 +69,7 @@ def main() -> None:
             if told is None:
                 continue
             untouched.append((name, len(told[0]), told[1]))
-            possible = list(mistakes_among(np.ones(robot.n, dtype=bool), kinds_alike(robot)))
+            possible = list(mistakes_among(np.ones(robot.n, dtype=bool)))
             chosen = [possible[k] for k in rng.permutation(len(possible))[: options.each]]
             planted += [(one.kind, *_tried(robot, motion, one)) for one in chosen]
     show(

@@ -27,7 +27,14 @@ SCIENCE = (
     "typer",
     "typst",
 )
-FEW_NEED = {"psycopg": "postgresql", "h5py": "formats", "mcap": "formats", "rosbags": "formats"}
+FEW_NEED = {
+    "h5py": "formats",
+    "mcap": "formats",
+    "mujoco": "formats",
+    "psycopg": "postgresql",
+    "rosbags": "formats",
+    "xacro": "formats",
+}
 """Import names, and the extra of each, of what is left out where it is not used."""
 # These rooms of the library need none of them.
 _LIGHT = ("errors", "extras", "version")

@@ -12,6 +12,8 @@ import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification.mistakes import Mistake, checks_against, mistakes_in
+from dynident.identification.mistakes.gravity import mounting_of
+from dynident.identification.mistakes.search import motion_of
 from dynident.recordings import JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.robot import Robot
 
@@ -189,7 +191,7 @@ def test_a_torque_in_another_unit_is_told_by_the_masses_of_the_description(facto
     motion, tau = measured()
     scaled = record(ROBOT, motion, tau * np.where(np.arange(6) == 2, factor, 1.0))
     told = {one.name: one for one in checks_against(ROBOT)(scaled, Q, TAU) or ()}
-    assert told["torque_scale"].status == "warning"
+    assert told["torque_scale"].status in ("warning", "error")
     assert told["torque_scale"].apply is not None
     assert told["torque_scale"].apply.scale == {"tau3": pytest.approx(1.0 / factor)}
     assert {one.name: one.status for one in checks_against(ROBOT)(recorded(), Q, TAU) or ()}["torque_scale"] == "ok"
@@ -198,3 +200,38 @@ def test_a_torque_in_another_unit_is_told_by_the_masses_of_the_description(facto
 def test_a_description_without_masses_tells_nothing_of_units() -> None:
     bare = replace(ROBOT, inertias=None)
     assert "torque_scale" not in {one.name for one in checks_against(bare)(recorded(), Q, TAU) or ()}
+
+
+def without_gravity(share: float) -> Recording:
+    motion, tau = measured()
+    still = np.zeros_like(motion.dq)
+    return record(ROBOT, motion, tau - share * pinocchio_torque(ROBOT, motion.q, still, still))
+
+
+def test_gravity_compensated_torque_is_refused_with_that_word() -> None:
+    told = {one.name: one for one in checks_against(ROBOT)(without_gravity(1.0), Q, TAU) or ()}
+    assert told["gravity_load"].status == "error"
+    assert "gravity-compensated" in told["gravity_load"].detail
+
+
+def test_torque_with_most_of_its_gravity_is_not() -> None:
+    assert "gravity_load" not in {one.name for one in checks_against(ROBOT)(without_gravity(0.4), Q, TAU) or ()}
+
+
+@pytest.mark.parametrize("gravity", [(9.81, 0.0, 0.0), (0.0, 0.0, 9.81)], ids=["wall", "ceiling"])
+def test_a_robot_that_is_said_to_stand_elsewhere_is_told_where_gravity_pulls(gravity: tuple[float, ...]) -> None:
+    motion = motion_of(recorded())
+    assert motion is not None
+    found = mounting_of(replace(ROBOT, gravity=np.array(gravity)), motion)
+    assert found.is_sure
+    assert found.gravity.tolist() == [0, 0, -9.81]
+    assert found.left < found.left_as_stated or gravity[2] > 0
+
+
+def test_a_torque_that_is_ten_times_off_is_found_from_the_other_joints_without_any_mass() -> None:
+    motion, tau = measured()
+    scaled = record(ROBOT, motion, tau * np.where(np.arange(6) == 2, 10.0, 1.0))
+    told = {one.name: one for one in checks_against(replace(ROBOT, inertias=None))(scaled, Q, TAU) or ()}
+    assert told["torque_scale"].status != "ok"
+    assert told["torque_scale"].apply is not None
+    assert told["torque_scale"].apply.scale == {"tau3": pytest.approx(0.1)}

@@ -42,7 +42,7 @@ RUN_BY = {
     "diagnosis.md": (HERE, "sh python"),
     "experiments.md": (HERE, "sh"),
     "surroundings.md": (HERE, "json"),
-    "my-robot.md": (HERE, "json sh"),
+    "my-robot.md": (HERE, "json sh text"),
     "drive-chain.md": (HERE, "json sh"),
     "http-service.md": (HERE, "sh"),
 }
@@ -135,6 +135,11 @@ def test_the_file_of_the_page_that_calls_things_otherwise_is_read(cell: Path) ->
     told = run_commands(cell, "\n".join(commands(to_run("my-robot.md", "sh")[0])))
     assert "actual_pos_1" in told
     assert "held out" in told
+
+
+def test_the_table_of_the_page_is_a_robot_of_three_joints(tmp_path: Path) -> None:
+    (tmp_path / "arm.txt").write_text(to_run("my-robot.md", "text")[0], encoding="utf-8")
+    assert dy.load_robot(tmp_path / "arm.txt").joint_names == ("joint1", "joint2", "joint3")
 
 
 @pytest.mark.slow

@@ -31,6 +31,8 @@ CONTRACT = {
     "service/dynident_service/cli/verbs/demo.py": {"stribeck"},
     # A check of recordings has the name of what it looks for; a URDF's mimic joint has an offset.
     "src/dynident/identification/mistakes/checks.py": {"torque_delay"},
+    # What is said of a recording has a field of that name.
+    "src/dynident/reports/commands.py": {"torque_delay"},
     "src/dynident/robot/urdf_writer.py": {"offset"},
     "src/dynident/robot/urdf_xml.py": {"offset"},
     "service/dynident_service/workbench/static/js/identification_form.js": {c.effect for c in DEFAULT_EFFECTS},

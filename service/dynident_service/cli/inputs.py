@@ -42,6 +42,7 @@ _REWORDED = (
     (re.compile(r'"units": \{"(\w+)": "([^"]+)"\}'), r"--units \1=\2"),
     (re.compile(r'Name it by columns, \{"(\w+)": "…"\}'), r"Name it by --columns \1=…"),
     (re.compile(r'say "role": "friction" for'), "give it as --friction if it is"),
+    (re.compile(r'State "gravity": \[([^\]]+)\] with the robot'), r"Say --gravity \1"),
     (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give --drive-gains in N m/A"),
 )
 
@@ -87,10 +88,11 @@ class Loaded:
     said: RecordingMetadata
 
 
-def robot_of(text: str, gains: str = "") -> Robot:
-    """The robot that an argument means: a file, or a well-known arm."""
+def robot_of(text: str, gains: str = "", lock: str = "", gravity: str = "") -> Robot:
+    """The robot that an argument means, a file or a well-known arm, with what options say beside it."""
     check_robot(text)
-    return with_gains(load_robot(text), gains)
+    upright = parsing.vector(gravity, "--gravity") if gravity else None
+    return with_gains(load_robot(text, locked_joints=parsing.locks(lock), gravity=upright), gains)
 
 
 def with_gains(robot: Robot, gains: str) -> Robot:

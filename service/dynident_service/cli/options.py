@@ -14,8 +14,9 @@ RobotArgument = Annotated[
     str,
     typer.Argument(
         metavar="ROBOT",
-        help="A URDF or MJCF file, a JSON file (a modified Denavit-Hartenberg table, or a robot as the service takes "
-        f"it), or a well-known arm: {', '.join(known_arms())}.",
+        help="A URDF, xacro or MJCF file, a text file with a classical or modified Denavit-Hartenberg table, a JSON "
+        "file (a modified table, or a robot as the service takes it), or "
+        f"a well-known arm: {', '.join(known_arms())}.",
         show_default=False,
     ),
     A_ROBOT,
@@ -115,6 +116,33 @@ DriveGains = Annotated[
     ),
 ]
 
+Lock = Annotated[
+    str,
+    typer.Option(
+        "--lock",
+        metavar="JOINT[=POSITION],…",
+        help="Joints that do not move, or are in no recording (a gripper's), at these positions in rad (m); 0 where "
+        "none is said.",
+    ),
+]
+Gravity = Annotated[
+    str,
+    typer.Option(
+        "--gravity",
+        metavar="X,Y,Z",
+        help="Gravity in the base frame in m/s², where the base does not stand upright: 0,0,9.81 for a ceiling.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What a robot's description does not say."""
+
+    drive_gains: DriveGains = ""
+    lock: Lock = ""
+    gravity: Gravity = ""
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -131,9 +159,11 @@ class Reading:
 
 @dataclass(frozen=True)
 class RobotReading(Reading):
-    """The same, with the drive gains of the robot that they are of."""
+    """The same, with what the robot's description does not say."""
 
     drive_gains: DriveGains = ""
+    lock: Lock = ""
+    gravity: Gravity = ""
 
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where to write the result.")]

@@ -59,6 +59,23 @@ def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
     return found
 
 
+def locks(text: str) -> dict[str, float]:
+    """Positions to lock joints at: `joint=position`, or `joint` alone for 0."""
+    found: dict[str, float] = {}
+    for item in _items(text):
+        joint, sign, position = item.partition("=")
+        found[joint.strip()] = number(position, "--lock") if sign else 0.0
+    return found
+
+
+def vector(text: str, option: str) -> tuple[float, float, float]:
+    """Three numbers with commas between."""
+    values = numbers(text, option)
+    if len(values) != 3:
+        raise DynidentError(f"{text!r} has {len(values)} numbers; expected three", pointer=option)
+    return values[0], values[1], values[2]
+
+
 def windows_of(
     given: Sequence[str], names: Sequence[str], neighbours: Collection[str] = ()
 ) -> dict[str, tuple[Window, ...]]:

@@ -17,7 +17,8 @@ class Description(Asked):
 
     format: DescriptionFormat
     content: str | dict[str, Any] = Field(
-        description="The URDF or MJCF; or the modified Denavit-Hartenberg table, as JSON."
+        description="The URDF or MJCF; the modified Denavit-Hartenberg table, as JSON; or, as dh, a classical or "
+        "modified table as text, whose first line says which."
     )
 
 

@@ -9,10 +9,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from dynident.desk.xacro_files import expanded
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
 from dynident.robot.json_fields import expect_mapping, expect_number, expect_numbers, expect_text, parse_json
-from dynident.robot.model import FORMATS, DescriptionFormat
+from dynident.robot.model import FORMATS
 from dynident.robot.pointers import listed
 
 _TITLE = "Unusable robot"
@@ -41,9 +42,9 @@ def load_robot(
     Parameters
     ----------
     source : str or path
-        A URDF or MJCF file; a JSON file with a modified Denavit-Hartenberg table (see `dynident.robot.modified_dh`) or
-        with a robot as `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as
-        "ur10".
+        A URDF or xacro file; an MJCF model; a text file with a classical or modified Denavit-Hartenberg table (see
+        `dynident.robot.dh_text`); a JSON file with a modified one (see `dynident.robot.modified_dh`) or with a robot as
+        `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as "ur10".
     name : str
         What to call it; otherwise what the file calls it, or the file itself is called.
     limits : mapping of joint name to Limits
@@ -109,7 +110,11 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         if content.lstrip().startswith("<"):
             named = _NAMED.search(content)
             called = name or (named[1] if named else path.stem)
-            return robot_from_description(called, Description(_kind_of_xml(content), content), **stated)
+            if _MJCF.match(content):
+                return robot_from_description(called, Description("mjcf", content), **stated)
+            return robot_from_description(called, Description("urdf", expanded(path, content)), **stated)
+        if not content.lstrip().startswith(("{", "[")):
+            return _from_table(name or path.stem, content, stated)
         document = _parsed(content)
         if not (isinstance(document, dict) and "description" in document):
             return robot_from_description(name or path.stem, Description("modified_dh", content), **stated)
@@ -123,9 +128,14 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         raise
 
 
-def _kind_of_xml(content: str) -> DescriptionFormat:
-    """MJCF where the root is <mujoco>."""
-    return "mjcf" if _MJCF.match(content) else "urdf"
+def _from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
+    try:
+        return robot_from_description(name, Description("dh", content), **stated)
+    except DynidentError as error:
+        if not error.pointer.startswith(_CONTENT):
+            raise
+        detail = f"this is neither XML (URDF, MJCF) nor JSON, and as a Denavit-Hartenberg table: {error.detail}"
+        raise DynidentError(detail, pointer=error.pointer, title=error.title) from error
 
 
 def _parsed(content: str) -> Any:

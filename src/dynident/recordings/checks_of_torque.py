@@ -55,25 +55,26 @@ def torque_checks(
     checks = [_saturation(sample, layout, limits), _constant(recording, sample, layout)]
     if any(check.status == "error" for check in checks):
         return checks
+    told = _told_by_the_robot(recording, layout, against)
     evidence = against_motion.gather(recording)
     if evidence is None:
         nothing = "The recording is too short, or moves too little, to tell without a model."
-        return [*checks, *(Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))]
+        columns = told or (Check("torque_order", "ok", nothing), Check("torque_sign", "ok", nothing))
+        return [*checks, *columns, Check("torque_alignment", "ok", nothing)]
     return [
         *checks,
-        *_columns(recording, evidence, layout, sample, against),
+        *(told or _columns(recording, evidence, layout, sample)),
         _alignment(recording, evidence, layout, sample),
     ]
 
 
-def _columns(
-    recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample, against: ModelChecks | None
-) -> tuple[Check, ...]:
-    """Whether every torque is that of its joint, and turned the right way."""
+def _told_by_the_robot(recording: Recording, layout: Layout, against: ModelChecks | None) -> tuple[Check, ...] | None:
     q, tau = ([column.source for column in columns] for columns in (layout.q, layout.tau))
-    told = against(recording, q, tau) if against is not None and recording.role != "friction" else None
-    if told is not None:
-        return told
+    return against(recording, q, tau) if against is not None and recording.role != "friction" else None
+
+
+def _columns(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> tuple[Check, ...]:
+    """Whether every torque is that of its joint, and turned the right way, as friction tells."""
     order = _order(recording, evidence, layout, sample)
     # A torque of another joint's has no sign to speak of.
     return (order, *(_sign(recording, evidence, layout, sample) if order.status == "ok" else ()))

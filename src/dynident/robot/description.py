@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from dynident.errors import DynidentError
+from dynident.robot.dh_text import robot_from_dh_text
 from dynident.robot.mjcf import robot_from_mjcf
-from dynident.robot.model import FORMATS, Description, Drive, Limits, Robot
+from dynident.robot.model import FORMATS, Description, DescriptionFormat, Drive, Limits, Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.robot.pointers import listed
 from dynident.robot.urdf import robot_from_urdf
@@ -30,7 +31,12 @@ class _Reader(Protocol):
     ) -> Robot: ...
 
 
-_READERS: dict[str, _Reader] = {"urdf": robot_from_urdf, "mjcf": robot_from_mjcf, "modified_dh": robot_from_modified_dh}
+_READERS: dict[DescriptionFormat, _Reader] = {
+    "urdf": robot_from_urdf,
+    "modified_dh": robot_from_modified_dh,
+    "mjcf": robot_from_mjcf,
+    "dh": robot_from_dh_text,
+}
 
 
 def robot_from_description(
@@ -49,7 +55,8 @@ def robot_from_description(
     name : str
         Name of the robot.
     description : Description
-        A URDF, an MJCF, or a modified Denavit-Hartenberg table as JSON text (`dynident.robot.modified_dh`).
+        A URDF, an MJCF model, a modified Denavit-Hartenberg table as JSON text (`dynident.robot.modified_dh`), or a
+        classical or modified one pasted as text ("dh", `dynident.robot.dh_text`).
     limits, drives : mapping of joint name
         Limits win over the description's, field by field. Drive chains [12.17].
     locked_joints : mapping of joint name to position (rad or m)

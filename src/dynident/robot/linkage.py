@@ -17,8 +17,8 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.cut_joints import Loop
 from dynident.robot.loop_equations import without_repeated
+from dynident.robot.loop_errors import TITLE as CLOSURE_TITLE
 from dynident.robot.loops import SINGULAR, Closure
-from dynident.robot.loops import TITLE as CLOSURE_TITLE
 from dynident.robot.pointers import listed
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ import scipy.linalg
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.loops import CLOSED, TITLE, Closure
+from dynident.robot.loop_errors import TITLE
+from dynident.robot.loops import CLOSED, Closure
 from dynident.robot.pointers import listed
 
 _POSTURES, _NEAR, _ROUNDS = 20, 0.1, 30

@@ -28,3 +28,27 @@ def products(factors: Sequence[Any], degree: int) -> list[Any]:
             last = factors[places[-1]]
             made[places] = last if count == 1 else made[places[:-1]] * last
     return list(made.values())
+
+
+def hanging_together(over_driven: BoolArray, over_passive: BoolArray) -> list[tuple[list[int], list[int], list[int]]]:
+    """Equations, passive coordinates and driven joints that hang together.
+
+    Parameters
+    ----------
+    over_driven, over_passive : (e, n), (e, p)
+        Which coordinates each equation depends on.
+    """
+    left = set(range(over_passive.shape[0]))
+    groups = []
+    while left:
+        rows, unknowns = {min(left)}, set[int]()
+        while True:
+            unknowns = {int(k) for k in np.flatnonzero(over_passive[sorted(rows)].any(axis=0))}
+            more = {int(r) for r in np.flatnonzero(over_passive[:, sorted(unknowns)].any(axis=1))} | rows
+            if more == rows:
+                break
+            rows = more
+        driven = np.flatnonzero(over_driven[sorted(rows)].any(axis=0))
+        groups.append((sorted(rows), sorted(unknowns), [int(j) for j in driven]))
+        left -= rows
+    return groups

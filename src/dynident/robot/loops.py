@@ -20,12 +20,12 @@ from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.robot.cut_joints import Loop, gap_of, sparse
 from dynident.robot.elimination import Pivots, pivots_of, solved
-from dynident.robot.loop_numbers import condition_of
+from dynident.robot.loop_errors import TITLE, loop_error, redundant
+from dynident.robot.loop_numbers import condition_of, hanging_together
 from dynident.robot.model import Joint
 from dynident.robot.passive_positions import passive_positions
 from dynident.robot.pointers import listed
 
-TITLE = "Unusable closed loop"
 CLOSED = 1e-9
 """Gap of a closed loop (m, rad): rounding."""
 SINGULAR = 1e3
@@ -297,7 +297,7 @@ class Closure:
                     loop,
                 )
             if len(unknowns) < len(rows):
-                raise _redundant(loop, len(rows), len(unknowns), passive)
+                raise redundant(loop, len(rows), len(unknowns), passive)
         free = [self.names[self.n + k] for k in range(self.p) if k not in touched]
         if free:
             raise DynidentError(
@@ -317,7 +317,7 @@ class Closure:
             )
         own = set(self.rows_of(loop))
         held = sorted({k for rows, unknowns, _ in self.groups if own & set(rows) for k in unknowns})
-        raise _redundant(loop, len(own), len(held), listed(self.names[self.n + k] for k in held))
+        raise redundant(loop, len(own), len(held), listed(self.names[self.n + k] for k in held))
 
     def _check_rank(self, posture: FloatArray) -> None:
         """Raise where equations say the same thing twice wherever one looks."""
@@ -370,20 +370,7 @@ class Closure:
     def groups(self) -> list[tuple[list[int], list[int], list[int]]]:
         """Equations, passive coordinates and driven joints that hang together."""
         over_driven, over_passive = (np.asarray(ca.DM(one.sparsity(), 1.0).full() != 0) for one in self.slopes)
-        left = set(range(over_passive.shape[0]))
-        groups = []
-        while left:
-            rows, unknowns = {min(left)}, set()
-            while True:
-                unknowns = {int(k) for k in np.flatnonzero(over_passive[sorted(rows)].any(axis=0))}
-                more = {int(r) for r in np.flatnonzero(over_passive[:, sorted(unknowns)].any(axis=1))} | rows
-                if more == rows:
-                    break
-                rows = more
-            driven = np.flatnonzero(over_driven[sorted(rows)].any(axis=0))
-            groups.append((sorted(rows), sorted(unknowns), [int(j) for j in driven]))
-            left -= rows
-        return groups
+        return hanging_together(over_driven, over_passive)
 
     def _check_reach(self, fine: BoolArray) -> None:
         if np.mean(fine) < _LEAST_REACHED:
@@ -406,17 +393,3 @@ class Closure:
                 break
             first += other.count
         return list(range(first, first + loop.count))
-
-
-def loop_error(detail: str, loop: Loop) -> DynidentError:
-    """Error that names a loop's place."""
-    return DynidentError(f"line {loop.line}: {detail}" if loop.line else detail, pointer=loop.where, title=TITLE)
-
-
-def _redundant(loop: Loop, equations: int, unknowns: int, passive: str) -> DynidentError:
-    return loop_error(
-        f"Loop '{loop.name}' has redundant constraints: {equations} equations for {unknowns} passive joints "
-        f"({passive}). A loop in a plane is of the kind planar (2 equations), one with ball joints of the kind point "
-        "(3).",
-        loop,
-    )

@@ -18,7 +18,7 @@ INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""
 
 JointKind = Literal["revolute", "prismatic"]
-DescriptionFormat = Literal["urdf", "mjcf", "modified_dh"]
+DescriptionFormat = Literal["urdf", "mjcf", "modified_dh", "dh"]
 FORMATS: tuple[DescriptionFormat, ...] = get_args(DescriptionFormat)
 """What a robot can be described in."""
 
@@ -84,7 +84,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Description:
-    """The text a robot was made from, kept as it came."""
+    """The text a robot was made from; a table pasted as text is kept as the JSON that it says."""
 
     format: DescriptionFormat
     content: str = field(repr=False)

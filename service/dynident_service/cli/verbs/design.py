@@ -86,7 +86,7 @@ def design(
     from dynident_service.models.common import plain
 
     tables.check_ending(out, tables.TRAJECTORY_ENDINGS)
-    machine = inputs.robot_of(robot, reading.drive_gains)
+    machine = inputs.robot_of(robot, reading.drive_gains, reading.lock, reading.gravity)
     wanted = asked.request(DesignRequest, effects=inputs.effects_of(effects, machine) or None)
     request = replace(
         wanted if beside.diagnosis is None else proposed_design(beside.diagnosis),

@@ -77,7 +77,7 @@ def gains(
 
     if weigh_unloaded and not weigh:
         raise DynidentError("nothing is to be weighed: give --weigh too", pointer="--weigh-unloaded")
-    machine = inputs.robot_of(robot, reading.drive_gains)
+    machine = inputs.robot_of(robot, reading.drive_gains, reading.lock, reading.gravity)
     payload = {
         "mass": load.mass,
         **({"centre": parsing.numbers(load.centre, "--centre")} if load.centre else {}),

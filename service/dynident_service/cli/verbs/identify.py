@@ -62,7 +62,7 @@ def identify(
     from dynident_service.cli import inputs, parsing, shown, shown_verdicts, terminal
     from dynident_service.models.common import plain
 
-    machine = inputs.robot_of(robot, reading.drive_gains)
+    machine = inputs.robot_of(robot, reading.drive_gains, reading.lock, reading.gravity)
     options = inputs.file_options(reading, dict.fromkeys(beside.friction, "friction"))
     chosen = inputs.effects_of(beside.effects, machine) or DEFAULT_EFFECTS
     unfiltered = asked.request(IdentificationChoices, effects=chosen)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynident_service.cli.files import A_ROBOT, TO_READ
-from dynident_service.cli.options import DriveGains, Json, Out
+from dynident_service.cli.options import Beside, Json, Out
 
 if TYPE_CHECKING:
     from dynident.identification.imports import Inspection
@@ -21,6 +21,7 @@ def inspect(
         typer.Argument(metavar="FILE", help="A recording, as a robot or a logger wrote it.", show_default=False),
         TO_READ,
     ],
+    beside_it: Beside,
     robot: Annotated[
         str | None,
         typer.Option(
@@ -28,7 +29,6 @@ def inspect(
         ),
         A_ROBOT,
     ] = None,
-    drive_gains: DriveGains = "",
     out: Out = None,
     as_proposed: Annotated[
         bool, typer.Option("--as-proposed", help="Fail where anything is to be answered, and write nothing then.")
@@ -42,7 +42,9 @@ def inspect(
     from dynident.identification.imports import inspect_file
     from dynident_service.cli import inputs, metadata, terminal
 
-    machine = None if robot is None else inputs.robot_of(robot, drive_gains)
+    machine = (
+        None if robot is None else inputs.robot_of(robot, beside_it.drive_gains, beside_it.lock, beside_it.gravity)
+    )
     found = inspect_file(file, machine)
     if found.proposal is not None:
         if as_proposed:

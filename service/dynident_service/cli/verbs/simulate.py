@@ -11,11 +11,12 @@ import typer
 from dynident.simulation.stated import Simulated
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import DriveGains, Json, RobotArgument
+from dynident_service.cli.options import Beside, Json, RobotArgument
 
 
 def simulate(
     robot: RobotArgument,
+    beside_it: Beside,
     effects: Annotated[
         list[str],
         typer.Option(
@@ -39,7 +40,6 @@ def simulate(
         ),
         TO_READ,
     ] = None,
-    drive_gains: DriveGains = "",
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The measurement, .csv or .parquet.")] = Path(
         "measurement.csv"
     ),
@@ -54,7 +54,7 @@ def simulate(
     from dynident_service.models.common import plain
 
     tables.check_ending(out)
-    machine = inputs.robot_of(robot, drive_gains)
+    machine = inputs.robot_of(robot, beside_it.drive_gains, beside_it.lock, beside_it.gravity)
     stated = asked.request(Simulated)
     hidden = true_effects(virtual.acting_effects(effects), machine)
     with terminal.progress_bar("simulate") as progress:

@@ -9,7 +9,9 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports.fits import Fits
 from dynident.identification.imports.proposal import EffortKind
-from dynident.identification.mistakes.search import left_of
+from dynident.identification.mistakes.gravity import compensated, mounting_of
+from dynident.identification.mistakes.scales import usual_scale
+from dynident.identification.mistakes.search import CLEARLY_AGREES, better_by_other_gains, left_of
 from dynident.identification.mistakes.swaps import Motion
 from dynident.robot import Robot
 from dynident.robot.pinocchio_model import described_torque
@@ -20,11 +22,17 @@ _NEAR = (0.45, 2.1)
 """Between these a described torque and a measured one agree: descriptions are not better."""
 _POOR = (0.15, 6.0)
 """Beyond these no description is: it is another torque, or another unit."""
-_SAME = 1.1
-"""Times what is left with gravity, below which the motion does not show whether there is any."""
+_FAIR = (0.2, 3.0)
+"""Between these a torque and that of a description agree, whose masses may be guessed: 2.4 on the open recordings."""
+_CURRENTS = (0.2, 100.0)
+"""A: the largest current of an arm is between these; of a motor of a few watts, and of a robot for 300 kg."""
+_LARGEST_GAIN = 500.0
+"""N m/A: a gear of 250 behind a large motor."""
+_APART = 1.25
+"""Times what is left with gravity, below which the motion does not show whether there is any: at least 1.7 in torques
+of the open recordings, up to 1.6 without it (`benchmarks/effort_kinds.py`)."""
 _TOLD, _STATES = 0.3, 400
 _LOADED = 0.02
-_HEAVY, _ABSENT = 0.5, 0.2
 _NOTHING = 0.9
 """Share left from which on the motion explains nothing of a torque."""
 
@@ -63,12 +71,17 @@ def classify_effort(
     if _has_gravity(fits.robot):
         without = left_of(_floating(fits.robot), motion)
         told_apart = without / max(with_gravity, 1e-9)
-        if without < _LOST * with_gravity:
+        # Where the base is not as stated, gravity along another axis explains it as well.
+        if without < _LOST * with_gravity and mounting_of(fits.robot, motion).left > without / _LOST:
             reason = f"without gravity the robot's dynamics leave {without:.0%} of it, with gravity {with_gravity:.0%}"
             return EffortGuess("gravity_compensated", 0.9, reason)
-    if signal == "tau" and told_apart < _SAME and _lacks_load(fits.robot, motion, torque_factor):
-        reason = "the load of gravity that the description says is not in it"
-        return EffortGuess("gravity_compensated", 0.7, reason)
+    taken_out = compensated(fits.robot, motion, torque_factor)
+    if taken_out is not None:
+        reason = (
+            f"of the description's load of gravity {taken_out.gravity:.0%} is in it, of the torque that motion needs "
+            f"{taken_out.motion:.0%}"
+        )
+        return EffortGuess("gravity_compensated", 0.85, reason)
     if signal == "tau":
         scales = scales_of(fits.robot, motion)
         if scales is not None and not scales.plausible(torque_factor):
@@ -76,7 +89,7 @@ def classify_effort(
             return EffortGuess("unknown", 0.3, f"it is {size:.2g} times what the inertias of the description say")
     if signal in ("tau", "current") or unit is not None:
         return _by_word(signal, unit, 0.9, "by its name; gravity and motion of the robot explain it")
-    if told_apart < _SAME and _has_load(fits.robot, motion):
+    if told_apart < _APART and _has_load(fits.robot, motion):
         return EffortGuess("unknown", 0.3, "the motion does not tell whether the load of gravity is in it")
     return by_size(fits.robot, motion, torque_factor, current_factor)
 
@@ -88,17 +101,42 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
     """
     scales = scales_of(robot, motion)
     if scales is None:
-        return EffortGuess("unknown", 0.3, "neither name nor description tell torque from current")
+        return _torque_by_elimination(robot, motion, torque_factor) or EffortGuess(
+            "unknown", 0.3, "neither name nor description tell torque from current"
+        )
     is_torque = scales.near_one(np.full(robot.n, torque_factor))
     gains = np.array([np.nan if drive.gain is None else drive.gain for drive in robot.drives])
     is_current = current_factor is not None and bool(np.isfinite(gains).all())
     is_current = is_current and scales.near_one(gains * (current_factor or 1.0))
-    if is_torque and not is_current:
+    agrees = is_torque and not is_current and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES
+    if agrees:
         return EffortGuess("joint_torque", 0.9, "it is as large as the inertias of the description say")
     if is_current and not is_torque:
         return EffortGuess("motor_current", 0.9, "with the drive gains it is what the inertias of the description say")
-    size = scales.usual * torque_factor
-    return EffortGuess("unknown", 0.3, f"taken for torque it is {size:.2g} times what the description says")
+    if is_current:
+        return EffortGuess(
+            "unknown", 0.3, "with the drive gains and without them it could be what the description says"
+        )
+    return _torque_by_elimination(robot, motion, torque_factor) or EffortGuess(
+        "unknown", 0.3, f"taken for torque it is {scales.usual * torque_factor:.2g} times what the description says"
+    )
+
+
+def _torque_by_elimination(robot: Robot, motion: Motion, torque_factor: float) -> EffortGuess | None:
+    """Torque, where it can be no currents: they would be none of an arm's."""
+    usual = usual_scale(robot, motion)
+    if usual is None or not _FAIR[0] < usual * torque_factor < _FAIR[1]:
+        return None
+    peak = float(np.abs(motion.tau).max())
+    possible = [
+        unit
+        for unit, factor in (("A", 1.0), ("mA", 1e-3))
+        if _CURRENTS[0] <= peak * factor <= _CURRENTS[1] and 1.0 / (usual * factor) <= _LARGEST_GAIN
+    ]
+    size = f"it is {usual * torque_factor:.2g} times what the description says"
+    if not possible and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES:
+        return EffortGuess("joint_torque", 0.85, f"{size}, and no arm's currents are so large or so small")
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,24 +196,6 @@ def _by_word(signal: str | None, unit: str | None, confidence: float, reason: st
 
 def _has_gravity(robot: Robot) -> bool:
     return bool(np.linalg.norm(robot.gravity) > 1.0)
-
-
-def _lacks_load(robot: Robot, motion: Motion, factor: float) -> bool:
-    """Whether the load of gravity on every joint that has much of it, as the description says, is not there."""
-    if robot.inertias is None:
-        return False
-    every = max(1, len(motion.q) // _STATES)
-    q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
-    load = described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
-    rest = described_torque(robot, q, dq, ddq) - load
-    shares = []
-    for joint in range(robot.n):
-        if (load[:, joint] ** 2).mean() > _HEAVY**2 * (tau[:, joint] ** 2).mean():
-            speed = dq[:, joint]
-            rows = np.column_stack([load[:, joint], rest[:, joint], speed, np.sign(speed)])
-            size = np.sqrt((rows**2).sum(axis=0)) + 1e-30
-            shares.append(np.linalg.lstsq(rows / size, tau[:, joint], rcond=1e-10)[0][0] / size[0])
-    return bool(shares and np.max(np.abs(shares)) < _ABSENT)
 
 
 def _has_load(robot: Robot, motion: Motion) -> bool:

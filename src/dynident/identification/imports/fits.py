@@ -6,6 +6,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
+from dynident.identification.mistakes.gravity import Mounting, other_mounting
 from dynident.identification.mistakes.search import Finding, left_of, mistakes_of, motion_of
 from dynident.identification.mistakes.swaps import Motion
 from dynident.recordings import recording_from_arrays
@@ -45,6 +46,11 @@ class Fits:
             return None
         found = left_of(self.robot, motion)
         return found if np.isfinite(found) else None
+
+    def other_mounting(self, positions: FloatArray, torques: FloatArray, left: float) -> Mounting | None:
+        """Another direction of gravity that explains surely more than the robot's, which leaves `left`."""
+        motion = self.motion(positions, torques)
+        return None if motion is None else other_mounting(self.robot, motion, left)
 
     def mistakes(self, positions: FloatArray, torques: FloatArray) -> tuple[tuple[Finding, ...], float] | None:
         """Gross mistakes in order and signs, and what is left without them."""

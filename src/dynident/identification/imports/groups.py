@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dynident.identification.imports.words import Named, Signal, signal_of_unit
 
@@ -23,6 +23,10 @@ class Group:
     rank: int
     named: Named
     reason: str
+
+    def among(self, places: list[int]) -> Group:
+        """The same group where its columns are at these places of all."""
+        return replace(self, columns=tuple(places[index] for index in self.columns))
 
 
 def groups_of(

@@ -68,7 +68,7 @@ class _Guesser:
         if following:
             told = ", ".join(others[index].name for index in following)
             self._say("columns", told, 0.9, "not used: of joints that are not driven, which follow from those that are")
-        groups = [_moved(group, places) for group in local]
+        groups = [group.among(places) for group in local]
         groups += self._unnamed(groups, [places[index] for index in rest], n)
         position = self._position(groups)
         effort, kind = self._effort(groups, position)
@@ -368,6 +368,15 @@ class _Guesser:
                     f"explained as the columns are, and {one.left_without:.0%} otherwise. Is the mapping right?"
                 )
                 self._ask("columns", detail)
+        mounted = None if found else self.fits.other_mounting(q, tau, left)
+        if mounted is not None:
+            along = ",".join(f"{value:g}" for value in mounted.gravity + 0.0)
+            self._ask(
+                "gravity",
+                f"Does the base stand upright? With gravity along ({along}) m/s² the robot's dynamics leave "
+                f"{mounted.left:.0%} of the torque, with the stated one {mounted.left_as_stated:.0%}: state it with "
+                "the robot.",
+            )
         self._say(
             "check", f"{left:.0%} left", 0.9 if left < _SOUND else 0.4, "what the robot's dynamics do not explain"
         )
@@ -380,11 +389,6 @@ class _Guesser:
     def _shown(self, group: Group) -> str:
         first, last = (self.sample.names[group.columns[place]] for place in (0, -1))
         return f"{first} … {last}" if first != last else first
-
-
-def _moved(group: Group, places: list[int]) -> Group:
-    columns = tuple(places[index] for index in group.columns)
-    return Group(columns, group.signal, group.unit, group.rank, group.named, group.reason)
 
 
 def says_nothing(named: Named) -> bool:

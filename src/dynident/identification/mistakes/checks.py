@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dynident.identification.mistakes.gravity import Mounting, compensated, other_mounting
 from dynident.identification.mistakes.scales import scales_of
 from dynident.identification.mistakes.search import Finding, delay_in, mistakes_in, motion_of
 from dynident.identification.mistakes.swaps import Kind, Mistake
 from dynident.recordings.revisions import Revision
-from dynident.recordings.types import Check, ModelChecks, Recording
+from dynident.recordings.types import NO_MEASUREMENT, Check, ModelChecks, Recording
 from dynident.robot.model import Robot
 
 _CHECK: dict[Kind, str] = {
@@ -18,8 +19,9 @@ _CHECK: dict[Kind, str] = {
     "torque turned": "torque_sign",
     "position turned": "joint_sign",
     "joint turned": "joint_sign",
+    "torque scaled": "torque_scale",
 }
-
+_AMOUNTS = {"torque_scale"}
 
 _HARDLY = 1.1
 """Times what is left without a mistake below which it is friction that tells of it."""
@@ -44,8 +46,10 @@ def checks_against(robot: Robot) -> ModelChecks:
         mistakes, left = found
         wrong = {_CHECK[one.mistake.kind] for one in mistakes}
         fine = f"No other order or sign of the columns explains the torque better; on average {left:.0%} are left."
-        passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong]
         amounts = () if mistakes else (_delay(robot, recording, tau), *_scales(robot, recording, tau))
+        passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _AMOUNTS]
+        if not mistakes:
+            amounts = (*_gravity(robot, recording, tau, left), *amounts)
         return (*passed, *(_check(one, recording, q, tau) for one in mistakes), *amounts)
 
     return looked_at
@@ -69,6 +73,37 @@ def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[s
         f"{known} {told}: as the columns are, {why}. {_cure(one.mistake, q, tau)}{doubt}{otherwise}",
         columns[one.mistake.joints[0]],
         apply=revision_of(one.mistake, recording.n),
+    )
+
+
+def _gravity(robot: Robot, recording: Recording, tau: Sequence[str], left: float) -> tuple[Check, ...]:
+    motion = motion_of(recording)
+    if motion is None:
+        return ()
+    found = compensated(robot, motion)
+    if found is None:
+        mounted = other_mounting(robot, motion, left)
+        return () if mounted is None else (_mounting(mounted),)
+    return (
+        Check(
+            "gravity_load",
+            "error",
+            f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): of the load of gravity that the "
+            f"masses of the description need {found.gravity:.0%} is in it, of what motion needs {found.motion:.0%}. "
+            f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was measured.",
+            tau[0],
+        ),
+    )
+
+
+def _mounting(found: Mounting) -> Check:
+    told = ",".join(f"{value:g}" for value in found.gravity + 0.0)
+    return Check(
+        "gravity_direction",
+        "warning",
+        f"Gravity seems to pull along ({told}) m/s² of the base, as on a wall or a ceiling: with the stated one "
+        f"{found.left_as_stated:.0%} of an average joint's torque cannot be explained by the robot's dynamics, with "
+        f'that {found.left:.0%}. State "gravity": [{told}] with the robot.',
     )
 
 
@@ -112,6 +147,8 @@ def _scales(robot: Robot, recording: Recording, tau: Sequence[str]) -> tuple[Che
 def revision_of(one: Mistake, n: int) -> Revision:
     """What has to be said of a file in which a mistake was made."""
     kinds = [kind for kind, told in (("q", one.is_of_positions), ("tau", one.is_of_torques)) if told]
+    if one.kind == "torque scaled":
+        return Revision(scale={f"tau{one.joints[0] + 1}": one.factor})
     if len(one.joints) == 1:
         return Revision(signs={f"{kind}{one.joints[0] + 1}": -1.0 for kind in kinds})
     order = list(range(1, n + 1))
@@ -136,11 +173,14 @@ def told_of(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[
         "torque turned": f"the torque of {names[0]} ({tau[joint]}) has the opposite sign",
         "position turned": f"the position of {names[0]} ({q[joint]}) has the opposite sign",
         "joint turned": f"position and torque of {names[0]} ({q[joint]}, {tau[joint]}) have the opposite sign",
+        "torque scaled": f"the torque of {names[0]} ({tau[joint]}) is {1.0 / one.factor:g} times what the others need",
     }
     return what[one.kind]
 
 
 def _cure(one: Mistake, q: Sequence[str], tau: Sequence[str]) -> str:
+    if one.kind == "torque scaled":
+        return f"Look at its unit and its drive gain, or take it times {one.factor:g}."
     if len(one.joints) == 1:
         kept = "the joint's axis in the description" if one.kind != "torque turned" else "the sign of its drive gain"
         return f"Turn the column round, or {kept}."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,10 @@ _CERTAIN, _CERTAIN_OF_JOINTS, _SOUND = 0.2, 0.4, 0.2
 """The same from which on nothing else is likely: of torques or positions alone, and of whole joints; and what may then
 be left of an average joint's torque. Gravity in another direction, a zero that is off by 90 degrees or a gain that is
 ten times too large look like an exchange by up to 0.16 and 0.27, or leave more (`benchmarks/gross_mistakes.py`)."""
+
+CLEARLY_AGREES = 0.05
+"""The same by which other gains of some joints have to explain more, for the joints not to be in one unit: at most 0.04
+with twice or half of it, on the open recordings."""
 
 _ALIKE = 0.02
 """Mistakes without which it falls as much, to this, cannot be told from each other."""
@@ -181,11 +185,10 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
     judge = _Judge(robot)
     if len(motion.q) * int(_moving(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
         return None
-    alike = kinds_alike(robot)
     found: list[Finding] = []
     now = judge.left(motion)
     while len(found) < _MOST_MISTAKES:
-        tried = [(one, judge.left(one.mended(motion))) for one in mistakes_among(now.moving, alike)]
+        tried = [(one, judge.left(one.mended(motion))) for one in mistakes_among(now.moving)]
         if not tried:
             break
         best, left = min(tried, key=lambda pair: pair[1].score)
@@ -211,14 +214,24 @@ def delay_in(robot: Robot, recording: Recording) -> Delay | None:
     return delay_of(motion, period, lambda tried: judge.left(_thinned(tried)).blocks)
 
 
+def better_by_other_gains(robot: Robot, motion: Motion, factor: float) -> float:
+    """By how much other gains would explain better: near 0 where the torques of all joints are in one unit.
+
+    Returns
+    -------
+    The largest fall of the mean logarithm of what is left, with the torque of any joint, or of all joints from one on,
+    times or over `factor`.
+    """
+    judge = _Judge(robot)
+    now, joints = judge.left(motion), np.arange(robot.n)
+    groups = [*(joints == k for k in np.flatnonzero(now.moving)), *(joints >= k for k in range(2, robot.n - 1))]
+    tried = [np.where(group, one, 1.0) for group in groups for one in (factor, 1.0 / factor)]
+    return max(now.score - judge.left(replace(motion, tau=motion.tau * times)).score for times in tried)
+
+
 def left_of(robot: Robot, motion: Motion) -> float:
     """Share of an average joint's torque that the robot's dynamics leave."""
     return _Judge(robot).left(motion).usual
-
-
-def kinds_alike(robot: Robot) -> BoolArray:
-    """(n, n): which joints are of one kind."""
-    return np.array([[one.kind == other.kind for other in robot.joints] for one in robot.joints])
 
 
 def _moving(motion: Motion) -> BoolArray:

@@ -12,13 +12,21 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray, IntArray
 
 Kind = Literal[
-    "torques swapped", "positions swapped", "joints swapped", "torque turned", "position turned", "joint turned"
+    "torques swapped",
+    "positions swapped",
+    "joints swapped",
+    "torque turned",
+    "position turned",
+    "joint turned",
+    "torque scaled",
 ]
 
 _SWAPS: tuple[Kind, ...] = ("torques swapped", "positions swapped", "joints swapped")
 _TURNS: tuple[Kind, ...] = ("torque turned", "position turned", "joint turned")
 _OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned")
-_OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned")
+_OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned", "torque scaled")
+FACTORS = (0.001, 0.1, 10.0, 1000.0)
+"""By which a torque may have to be multiplied: a gain that is ten times off, and units in steps of a thousand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +42,14 @@ class Motion:
 
 @dataclass(frozen=True)
 class Mistake:
-    """One mistake: two joints whose columns stand in each other's place, or one whose sign is turned round.
+    """One mistake: two joints whose columns stand in each other's place, or one whose sign or size is another.
 
-    Of a joint that is swapped or turned, both position and torque are.
+    Of a joint that is swapped or turned, both position and torque are. `factor` mends a torque that is scaled.
     """
 
     kind: Kind
     joints: tuple[int, ...]
+    factor: float = 1.0
 
     @property
     def is_of_positions(self) -> bool:
@@ -64,6 +73,8 @@ class Mistake:
         if len(self.joints) == 2:
             first, second = self.joints
             order[first], order[second] = second, first
+        elif self.kind == "torque scaled":
+            sign[self.joints[0]] = self.factor
         else:
             sign[self.joints[0]] = -1.0
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
@@ -74,19 +85,17 @@ class Mistake:
         return Motion(q, dq, ddq, tau, motion.block)
 
 
-def mistakes_among(moving: BoolArray, alike: BoolArray) -> Iterator[Mistake]:
+def mistakes_among(moving: BoolArray) -> Iterator[Mistake]:
     """All single mistakes that may have been made.
 
     Parameters
     ----------
     moving : (n,)
         Joints that move: of the others nothing can be told.
-    alike : (n, n)
-        Which joints are of one kind: a position in m is not taken for one in rad.
     """
     joints = [int(j) for j in np.flatnonzero(moving)]
     for first, second in combinations(joints, 2):
-        if alike[first, second]:
-            yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
+        yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
     for joint in joints:
         yield from (Mistake(kind, (joint,)) for kind in _TURNS)
+        yield from (Mistake("torque scaled", (joint,), factor) for factor in FACTORS)

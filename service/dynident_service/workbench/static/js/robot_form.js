@@ -6,7 +6,12 @@ import { dropZone } from "./drop_zone.js";
 import { clearForm, showInForm } from "./problem.js";
 import { factsIn, gainFields, placeFields } from "./recordings/robot_facts.js";
 
-const FORMATS = [["urdf", "URDF"], ["mjcf", "MJCF (MuJoCo)"], ["modified_dh", "modified Denavit-Hartenberg table (JSON)"]];
+const FORMATS = [
+  ["urdf", "URDF"],
+  ["mjcf", "MJCF"],
+  ["dh", "Denavit-Hartenberg table, classical or modified (text)"],
+  ["modified_dh", "modified Denavit-Hartenberg table (JSON)"],
+];
 const MOVING = new Set(["revolute", "continuous", "prismatic"]);
 
 /** A form that makes a robot; `onMade` is given it. */
@@ -51,7 +56,7 @@ export function robotForm(onMade, open) {
   const form = h(
     "form",
     { onsubmit: send },
-    dropZone("Drop the robot's file here, or choose it:", { accept: ".urdf,.xml,.json", id: "robot-file" }, read),
+    dropZone("Drop the robot's file here, or choose it:", { accept: ".urdf,.xml,.json,.txt,.csv", id: "robot-file" }, read),
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" }), field("Format", format, { pointer: "/description/format" })),
     field("Description", content, { pointer: "/description", hint: "Paste it, or drop the file above.", wide: true }),
     gains,
@@ -60,6 +65,13 @@ export function robotForm(onMade, open) {
     h("p", {}, submit),
   );
   return h("details", { open, id: "new-robot" }, h("summary", {}, "A new robot"), form);
+}
+
+/** The format that a text is in. */
+function formatOf(text) {
+  const start = text.trimStart();
+  if (start.startsWith("<")) return /<mujoco\b/.test(start) ? "mjcf" : "urdf";
+  return start.startsWith("{") || start.startsWith("[") ? "modified_dh" : "dh";
 }
 
 /** What was typed for joints that are still there stays. */
@@ -94,6 +106,7 @@ function jointsIn(text, format) {
     const joints = [...xml(text).querySelectorAll("worldbody joint[name]")];
     return joints.map((one) => ({ name: one.getAttribute("name"), type: one.getAttribute("type") === "slide" ? "prismatic" : "revolute" }));
   }
+  if (format === "dh") return [];
   try {
     const table = JSON.parse(text);
     const rows = Array.isArray(table) ? table : (table.joints ?? []);

@@ -1,0 +1,236 @@
+"""Tables of Denavit-Hartenberg parameters as they stand in papers and manuals: pasted as text, classical or modified.
+
+The first line says the convention and the columns; the others are a joint each::
+
+    classical                          modified                         khalil
+    a       alpha   d       theta      alpha  a     d      theta        alpha  d  theta  r
+    0       pi/2    0.1273  q1         0      0     0.333  q1           …
+    -0.612  0       0       q2         -pi/2  0     0      q2
+    -0.5723 0       0       q3 - pi/2  pi/2   0     0.316  q3
+
+Columns stand in any order and are separated by spaces, tabs, commas, semicolons or bars; lines that start with # or %
+are comments, and may say the convention too. The joint variable (q2, θ2, *) in theta or d tells revolute from
+prismatic; what stands beside it is constant. A column without one is a constant; theta is the variable where there
+is none. Angles are in radians, or in degrees where the column says so (`alpha[deg]`) or a number has °.
+
+classical (standard, distal): T = Rot(z, θ) Trans(z, d) Trans(x, a) Rot(x, α), of Denavit and Hartenberg (1955).
+modified (Craig, proximal): T = Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d), with α and a of index j - 1 in row j.
+khalil: the same, with d for a and r for d (Khalil and Kleinfinger, 1986).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from dynident.errors import DynidentError
+from dynident.robot.json_fields import expect_number
+from dynident.robot.model import Drive, Limits, Robot
+from dynident.robot.modified_dh import robot_from_modified_dh
+
+TITLE = "Unusable Denavit-Hartenberg table"
+
+Convention = Literal["classical", "modified", "khalil"]
+_CONVENTIONS: dict[str, Convention] = {
+    "classical": "classical",
+    "classic": "classical",
+    "standard": "classical",
+    "distal": "classical",
+    "modified": "modified",
+    "craig": "modified",
+    "proximal": "modified",
+    "khalil": "khalil",
+    "kleinfinger": "khalil",
+}
+_COLUMNS = {"a": "a", "alpha": "alpha", "α": "alpha", "d": "d", "theta": "theta", "θ": "theta", "r": "r", "q": "theta"}
+_LABELS = {"joint", "link", "i", "j", "name", "axis", "row", "no", "nr"}
+_VARIABLE = re.compile(r"(?:[+-]\s*)?(?:q|θ|theta|d|r|t)_?\{?(?:\d+|i|j)\}?\*?|(?:[+-]\s*)?[*]")
+_COMMENT = ("#", "%", "//")
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A line of the text with its number, from 1, and its cells."""
+
+    number: int
+    cells: tuple[str, ...]
+
+
+def robot_from_dh_text(
+    name: str,
+    text: str,
+    *,
+    limits: Mapping[str, Limits] | None = None,
+    drives: Mapping[str, Drive] | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+    pointer: str = "",
+) -> Robot:
+    """Return the robot of a pasted table; its description is then the modified table of the same machine as JSON.
+
+    The other arguments are those of `robot_from_urdf`. Such a table says nothing of masses and limits.
+
+    Raises
+    ------
+    DynidentError
+        With the line that cannot be read, or where the convention is not said.
+    """
+    return robot_from_modified_dh(
+        name,
+        json.dumps(table_from_text(text, pointer)),
+        limits=limits,
+        drives=drives,
+        locked_joints=locked_joints,
+        gravity=gravity,
+        pointer=pointer,
+    )
+
+
+def table_from_text(text: str, pointer: str = "") -> dict[str, Any]:
+    """The modified table, as `robot_from_modified_dh` takes it, of a pasted one.
+
+    Raises
+    ------
+    DynidentError
+        As `robot_from_dh_text`.
+    """
+    convention, lines = _read(text, pointer)
+    head = next((one for one in lines if _is_head(one)), None)
+    if head is None:
+        raise _error("the table has no line with the names of its columns, such as: a alpha d theta.", None, pointer)
+    places, degrees, implied = _columns(head, pointer)
+    convention = convention or implied
+    if convention is None:
+        raise _error(
+            "is the table classical or modified? Write one or the other above it: classical has "
+            "Rot(z, θ) Trans(z, d) Trans(x, a) Rot(x, α), modified (Craig) "
+            "Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d).",
+            head.number,
+            pointer,
+        )
+    length, offset = ("d", "r") if convention == "khalil" else ("a", "d")
+    for wanted in ("alpha", length, "theta", offset):
+        if wanted not in places:
+            raise _error(f"there is no column {wanted}.", head.number, pointer)
+    rows = [one for one in lines if one.number > head.number]
+    if not rows:
+        raise _error("the table has no rows.", head.number, pointer)
+    read = [_row(one, places, degrees, length, offset, pointer) for one in rows]
+    if convention == "classical":
+        before = [(0.0, 0.0), *((row["alpha"], row["d"]) for row in read)]
+        read = [row | {"alpha": alpha, "d": a} for row, (alpha, a) in zip(read, before, strict=False)]
+    return {"joints": read}
+
+
+def _read(text: str, pointer: str) -> tuple[Convention | None, list[_Line]]:
+    convention: Convention | None = None
+    lines = []
+    for number, raw in enumerate(text.splitlines(), start=1):
+        line = raw.strip()
+        words = re.findall(r"[a-zA-Z]+", line.casefold())
+        said = next((_CONVENTIONS[word] for word in words if word in _CONVENTIONS), None)
+        convention = convention or said
+        if not line or line.startswith(_COMMENT) or (said is not None and not re.search(r"\d|alpha|α", line)):
+            continue
+        if set(line) <= set("|-:+= \t"):
+            continue  # the rule below a head
+        lines.append(_Line(number, _cells(line)))
+    if not lines:
+        raise _error("it holds no table.", None, pointer)
+    return convention, lines
+
+
+def _cells(line: str) -> tuple[str, ...]:
+    for separator in ("|", ";", "\t", ","):
+        if separator in line.strip("|"):
+            return tuple(cell.strip() for cell in line.strip().strip("|").split(separator))
+    # Signs between spaces belong to the cell: q2 - pi/2.
+    joined = re.sub(r"\s*([+*/-])\s+", r"\1", line)
+    return tuple(joined.split())
+
+
+def _is_head(line: _Line) -> bool:
+    return sum(_named(cell)[0] is not None for cell in line.cells) >= 3
+
+
+def _named(cell: str) -> tuple[str | None, bool, bool]:
+    """The column that a cell of the head names, whether it is in degrees, and whether its index is the one before."""
+    plain = cell.casefold().strip(" $\\")
+    degrees = bool(re.search(r"deg|°", plain))
+    before = bool(re.search(r"[ij]\s*[-−]\s*1", plain))
+    word = re.match(r"[a-zαθ]+", re.sub(r"\\", "", plain))
+    return (_COLUMNS.get(word[0]) if word else None), degrees, before
+
+
+def _columns(head: _Line, pointer: str) -> tuple[dict[str, int], set[str], Convention | None]:
+    places: dict[str, int] = {}
+    degrees: set[str] = set()
+    implied: Convention | None = None
+    for place, cell in enumerate(head.cells):
+        column, in_degrees, before = _named(cell)
+        if column is None:
+            continue
+        if column in places:
+            raise _error(f"the column {column} stands twice.", head.number, pointer)
+        places[column] = place
+        if in_degrees:
+            degrees.add(column)
+        if before and column in ("a", "alpha"):
+            implied = "modified"
+    if "r" in places and "a" not in places:
+        implied = "khalil"
+    return places, degrees, implied
+
+
+def _row(
+    line: _Line, places: Mapping[str, int], degrees: set[str], length: str, offset: str, pointer: str
+) -> dict[str, Any]:
+    """A row in the words of Khalil and Kleinfinger, α and d of its own line."""
+    if len(line.cells) <= max(places.values()):
+        raise _error(f"{len(line.cells)} cells, and the columns need {max(places.values()) + 1}.", line.number, pointer)
+
+    def read(column: str, *, angle: bool) -> tuple[float, bool]:
+        return _number(line.cells[places[column]], line, column, pointer, degrees=angle and column in degrees)
+
+    alpha, _ = read("alpha", angle=True)
+    a, _ = read(length, angle=False)
+    theta, turns = read("theta", angle=True)
+    r, slides = read(offset, angle=False)
+    if turns and slides:
+        raise _error("theta and the offset along z are both variable; one of them is the joint.", line.number, pointer)
+    row: dict[str, Any] = {"alpha": alpha, "d": a, "theta": theta, "r": r, "sigma": int(slides)}
+    named = next((cell for cell in line.cells if re.fullmatch(r"[A-Za-z]\w{2,}", cell) and cell not in _LABELS), None)
+    return row if named is None or places.get("theta") == line.cells.index(named) else {"name": named, **row}
+
+
+def _number(cell: str, line: _Line, column: str, pointer: str, *, degrees: bool) -> tuple[float, bool]:
+    """The constant of a cell, and whether it has the joint variable in it."""
+    text = cell.strip().strip("$").replace("−", "-").replace("\\", "").casefold()
+    variable = _VARIABLE.search(text) if column in ("theta", "d", "r") else None
+    if variable is not None:
+        if variable[0].lstrip().startswith("-"):
+            raise _error(f"{column} has -{variable[0].strip(' -')}: turn the joint's axis round.", line.number, pointer)
+        text = (text[: variable.start()] + text[variable.end() :]).strip()
+    in_degrees = degrees or "°" in text or text.endswith("deg")
+    text = re.sub(r"\s+|°|deg$", "", text).lstrip("+") or "0"
+    text = re.sub(r"^(-?)(\d+(?:\.\d*)?)(pi|π)", r"\1\2*\3", text)
+    try:
+        value = expect_number(text, pointer, TITLE)
+    except DynidentError as error:
+        raise _error(
+            f"{column} is '{cell}'; expected a number, pi/2, 90°, or q2 + pi/2.", line.number, pointer
+        ) from error
+    if not in_degrees and column in ("alpha", "theta") and abs(value) > 2.0 * math.pi + 1e-6:
+        raise _error(
+            f"{column} is {value:g}, more than a turn in rad: write the column as {column}[deg].", line.number, pointer
+        )
+    return (math.radians(value) if in_degrees else value), variable is not None
+
+
+def _error(detail: str, line: int | None, pointer: str) -> DynidentError:
+    place = f"line {line}: " if line else ""
+    return DynidentError(f"{place}{detail[0].upper()}{detail[1:]}", pointer=pointer, title=TITLE)

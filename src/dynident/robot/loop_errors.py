@@ -1,0 +1,23 @@
+"""What is wrong with a closed loop, and where."""
+
+from __future__ import annotations
+
+from dynident.errors import DynidentError
+from dynident.robot.cut_joints import Loop
+
+TITLE = "Unusable closed loop"
+
+
+def loop_error(detail: str, loop: Loop) -> DynidentError:
+    """Error that names a loop's place."""
+    return DynidentError(f"line {loop.line}: {detail}" if loop.line else detail, pointer=loop.where, title=TITLE)
+
+
+def redundant(loop: Loop, equations: int, unknowns: int, passive: str) -> DynidentError:
+    """Error of a loop that states more than its passive joints leave open."""
+    return loop_error(
+        f"Loop '{loop.name}' has redundant constraints: {equations} equations for {unknowns} passive joints "
+        f"({passive}). A loop in a plane is of the kind planar (2 equations), one with ball joints of the kind point "
+        "(3).",
+        loop,
+    )

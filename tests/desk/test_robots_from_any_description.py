@@ -1,0 +1,57 @@
+"""A robot is read from whatever file describes it, xacro, MJCF and pasted tables among them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import dynident as dy
+from dynident.errors import DynidentError
+
+XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:include filename="parts.xacro"/>
+  <link name="base"/>
+  <xacro:joint n="1" parent="base" child="upper"/><xacro:joint n="2" parent="upper" child="lower"/>
+</robot>"""
+PARTS = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:property name="length" value="${0.2 * 2}"/>
+  <xacro:macro name="joint" params="n parent child">
+    <joint name="joint${n}" type="revolute"><parent link="${parent}"/><child link="${child}"/>
+      <origin xyz="0 0 ${length}"/><axis xyz="0 1 0"/>
+      <limit lower="${-pi}" upper="${pi}" velocity="2" effort="50"/></joint>
+    <link name="${child}"/>
+  </xacro:macro>
+</robot>"""
+
+
+def test_a_xacro_file_is_expanded_with_what_it_includes(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    (tmp_path / "arm.urdf.xacro").write_text(XACRO)
+    (tmp_path / "parts.xacro").write_text(PARTS)
+    robot = dy.load_robot(tmp_path / "arm.urdf.xacro")
+    assert robot.joint_names == ("joint1", "joint2")
+    assert robot.joints[1].placement[2, 3] == pytest.approx(0.4)
+    assert "xacro:" not in robot.description.content
+
+
+def test_a_xacro_file_that_cannot_be_expanded_says_why(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    (tmp_path / "arm.xacro").write_text(XACRO)
+    with pytest.raises(DynidentError, match=r"parts\.xacro"):
+        dy.load_robot(tmp_path / "arm.xacro")
+
+
+def test_a_pasted_table_and_an_mjcf_model_are_files_of_a_robot_too(tmp_path: Path) -> None:
+    (tmp_path / "arm.txt").write_text("classical\na alpha d theta\n0 pi/2 0.3 q1\n0.4 0 0 q2\n0.3 0 0 q3\n")
+    assert dy.load_robot(tmp_path / "arm.txt", locked_joints={"joint3": 0.1}).joint_names == ("joint1", "joint2")
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><worldbody><body><joint name="a"/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    assert dy.load_robot(tmp_path / "arm.xml").joint_names == ("a",)
+
+
+def test_a_file_of_something_else_says_what_was_tried(tmp_path: Path) -> None:
+    (tmp_path / "arm.txt").write_text("shopping list")
+    with pytest.raises(DynidentError, match="neither XML"):
+        dy.load_robot(tmp_path / "arm.txt")
