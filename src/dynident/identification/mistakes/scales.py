@@ -63,6 +63,21 @@ def _middle(told: Sequence[tuple[float, float]]) -> float | None:
 
 def _told(robot: Robot, motion: Motion) -> list[tuple[float, float]] | None:
     """Of every joint the factor of the description's load in its torque, and what it explains; None without masses."""
+    load = _load(robot, motion)
+    return None if load is None else [_times(load[:, joint], motion, joint) for joint in range(robot.n)]
+
+
+def nearer_to_masses(robot: Robot, motion: Motion, joint: int, factor: float) -> bool:
+    """Whether a joint's torque times `factor` is nearer to what the description's masses need; without masses, too."""
+    load = _load(robot, motion)
+    if load is None:
+        return True
+    needed, own = (float(np.sqrt((one[:, joint] ** 2).mean())) for one in (load, motion.tau))
+    return needed <= 0.0 or own <= 0.0 or abs(np.log(factor * own / needed)) < abs(np.log(own / needed))
+
+
+def _load(robot: Robot, motion: Motion) -> FloatArray | None:
+    """(m, n): torque of the links as the description has them; None without masses."""
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
     signals = Signals(robot)
@@ -71,8 +86,7 @@ def _told(robot: Robot, motion: Motion) -> list[tuple[float, float]] | None:
     entries = links.evaluate(
         motion.q, motion.dq, motion.ddq, reference=np.zeros(len(robot.inertias.reshape(-1))), memory=memory
     )
-    load = links.torque(entries, robot.inertias.reshape(-1))
-    return [_times(load[:, joint], motion, joint) for joint in range(robot.n)]
+    return np.asarray(links.torque(entries, robot.inertias.reshape(-1)))
 
 
 def _power(times: float) -> float:

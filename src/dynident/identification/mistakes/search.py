@@ -10,6 +10,7 @@ from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.effects import DEFAULT_EFFECTS, Signals, columns_of, effect_by_id, role_of
 from dynident.errors import DynidentError
 from dynident.identification.mistakes.delays import Delay, delay_of
+from dynident.identification.mistakes.scales import nearer_to_masses
 from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.evidence import shortened
@@ -188,7 +189,8 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
     found: list[Finding] = []
     now = judge.left(motion)
     while len(found) < _MOST_MISTAKES:
-        tried = [(one, judge.left(one.mended(motion))) for one in mistakes_among(now.moving)]
+        possible = [one for one in mistakes_among(now.moving) if _may_be(robot, motion, one)]
+        tried = [(one, judge.left(one.mended(motion))) for one in possible]
         if not tried:
             break
         best, left = min(tried, key=lambda pair: pair[1].score)
@@ -196,10 +198,16 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
             break
         twins = tuple(one for one, other in tried if one is not best and other.score - left.score < _ALIKE)
         least = _CERTAIN_OF_JOINTS if best.is_of_whole_joints else _CERTAIN
-        certain = now.score - left.score >= least and left.usual <= _SOUND
+        # A drive that is coupled with its neighbour looks like a gain that is wrong, by as much.
+        certain = best.kind != "torque scaled" and now.score - left.score >= least and left.usual <= _SOUND
         found.append(Finding(best, twins, now.usual, left.usual, certain))
         motion, now = best.mended(motion), left
     return tuple(found), now.usual
+
+
+def _may_be(robot: Robot, motion: Motion, one: Mistake) -> bool:
+    """Whether the masses of the description do not refute a mistake: a torque in another unit is far from them."""
+    return one.kind != "torque scaled" or nearer_to_masses(robot, motion, one.joints[0], one.factor)
 
 
 def delay_in(robot: Robot, recording: Recording) -> Delay | None:
