@@ -280,11 +280,14 @@ def _path(sample: FloatArray, count: int, travel: float, usual: float, rate: flo
     if count < 3 or travel <= STANDS:
         return _Path(False, 1, 0.5 * rate, SLOW, True)
     slow = min(SLOW, SLOW_SHARE * usual)
-    uncertain = np.sqrt(2.0) * _DEVIATIONS * _resolution(sample)
+    noise = np.sqrt(2.0) * _resolution(sample)
+    uncertain = _DEVIATIONS * noise
     wanted = max(uncertain / max(slow, 1e-12), _SHORTEST_STEP)
     reach = min(max(1, ceil(0.5 * rate * min(wanted, _LONGEST_STEP))), (count - 1) // 2)
     slow = max(slow, uncertain * rate / (2 * reach))
-    return _Path(True, reach, rate / (2 * reach), slow, slow <= _UNTOLD * usual)
+    # From sample to sample noise may be most of a speed.
+    without_noise = float(np.sqrt(max(usual**2 - (noise * rate) ** 2, 0.0)))
+    return _Path(True, reach, rate / (2 * reach), slow, slow <= _UNTOLD * without_noise)
 
 
 class _Runs:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from dynident.arrays import FloatArray
 from dynident.identification.mistakes.search import left_of
 from dynident.identification.mistakes.swaps import Motion
 from dynident.robot.model import Robot
-from dynident.robot.pinocchio_model import to_pinocchio
+from dynident.robot.pinocchio_model import described_torque
 
 _STATES = 400
 _HEAVY = 0.3
@@ -55,12 +54,10 @@ def shares_of(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | Non
     """What is in a torque of the description's load; `factor` makes N m of it. None without masses or gravity."""
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0) or not np.linalg.norm(robot.gravity) > 1.0:
         return None
-    model = to_pinocchio(robot)
-    data = model.createData()
     every = max(1, len(motion.q) // _STATES)
     q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
-    load = np.array([pin.computeGeneralizedGravity(model, data, state) for state in q])
-    rest = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)]) - load
+    load = _load(robot, q)
+    rest = described_torque(robot, q, dq, ddq) - load
     size = np.sqrt((load**2).mean(axis=0))
     shares = []
     for joint in np.flatnonzero((size > _HEAVY * size.max()) & (np.ptp(load, axis=0) > 0)):
@@ -124,10 +121,13 @@ def _is_upright(robot: Robot, motion: Motion) -> bool:
     """Whether the loads of the description pull as the torques say."""
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return False
-    model = to_pinocchio(robot)
-    data = model.createData()
     every = max(1, len(motion.q) // _STATES)
-    load = np.array([pin.computeGeneralizedGravity(model, data, state) for state in motion.q[::every]])
+    load = _load(robot, motion.q[::every])
     size = (load**2).sum(axis=0)
     heavy = size > _HEAVY**2 * size.max()
     return bool(((load * motion.tau[::every]).sum(axis=0)[heavy] > 0).all())
+
+
+def _load(robot: Robot, q: FloatArray) -> FloatArray:
+    """(m, n): torque that holds the description's links against gravity."""
+    return described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
