@@ -70,7 +70,7 @@ def test_feasible_parameters_are_those_of_cvxpy():
         constraints.append(sum(u[k] * part for k, part in zip(links, PSEUDO_INERTIA_PARTS, strict=True)) >> 0)
     size = np.abs(rows).max()
     objective = cp.sum_squares((rows[:b, :b] @ grouping) / size @ u - rows[:b, b] / size)
-    cp.Problem(cp.Minimize(objective), constraints).solve(solver="SCS", eps=1e-7, max_iters=100_000)
+    cp.Problem(cp.Minimize(objective), constraints).solve(solver="SCS", eps=1e-9, max_iters=200_000)
 
     def cost(values: np.ndarray) -> float:
         return float(np.sum((rows[:b, :b] @ values - rows[:b, b]) ** 2))
