@@ -181,8 +181,11 @@ def test_a_bad_file_is_refused_by_its_column(case: str, desk: Path, tmp_path: Pa
     ("content", "told"),
     [
         ('{"joints": [{"sigma": 4}]}', "bad.json: /joints/0/sigma: Expected 0 (revolute) or 1 (prismatic)."),
-        ('{"description": {"format": "sdf"}}', "bad.json: /description/format: Expected urdf, mjcf, modified_dh."),
-        ("t,q1", "bad.json: this is neither XML (URDF, MJCF) nor JSON: line 1:"),
+        ('{"description": {"format": "sdf"}}', "bad.json: /description/format: Expected urdf, mjcf, modified_dh, dh."),
+        (
+            "t,q1",
+            "bad.json: this is neither XML (URDF, MJCF) nor JSON, and as a Denavit-Hartenberg table: The table has no line",
+        ),
     ],
 )
 def test_a_bad_robot_is_refused_by_its_place_said_once(content: str, told: str, desk: Path, tmp_path: Path) -> None:
