@@ -8,7 +8,7 @@ within what the filters smear: only friction that remembers the path (presliding
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from math import ceil
@@ -20,15 +20,14 @@ from numpy.typing import NDArray
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.filtering import READ_LENGTH
 from dynident.recordings.preprocessing import Preprocessing
-from dynident.recordings.types import Recording, Segment
+from dynident.recordings.types import Recording
 
 SLOW = 0.01
 """Speed in rad/s or m/s below which a joint may as well stand: half and four times as much change little
 (`benchmarks/standing_rows.py`), since a joint passes it within milliseconds unless it sticks."""
 
 SLOW_SHARE = 0.05
-"""The same as a share of the joint's own rms speed in all of the recording, for joints that are meant to move slowly.
-What hardly creeps in one run is not meant to move there."""
+"""The same as a share of the joint's own rms speed, for joints that are meant to move slowly."""
 
 STANDS = 2e-3
 """Travel in rad or m that noise and a controller's play leave a joint that is not meant to move."""
@@ -52,8 +51,7 @@ and behind. Of sticks that are most of a halt hardly one is then called free, of
 third (`benchmarks/standing_rows.py`): nobody can tell them from a turn."""
 
 _UNTOLD = 0.2
-"""Share of its rms speed in all of the recording that a joint's speed is uncertain by, from where on nobody can tell
-when it stands."""
+"""Share of its rms speed that a joint's speed is uncertain by, from where on nobody can tell when it stands."""
 
 _SURVEYED = 16384
 """Samples that the resolution of the positions is told from."""
@@ -162,15 +160,7 @@ def phases_of(recording: Recording) -> Phases:
 
 def phases_of_others(recording: Recording, positions: Callable[[FloatArray], FloatArray], n: int) -> Phases:
     """The phases of n joints whose positions (m, n) follow from those of the recorded joints, sample by sample."""
-    rate = recording.sampling_rate
-    surveys = [_survey(_blocks(recording, segment, positions), n) for segment in recording.segments]
-    usual = _usual_speed(surveys, rate)
-    return Phases(
-        tuple(
-            _in_segment(recording, segment, survey.paths(usual, rate), positions)
-            for segment, survey in zip(recording.segments, surveys, strict=True)
-        )
-    )
+    return Phases(tuple(_in_segment(recording, k, positions, n) for k in range(len(recording.segments))))
 
 
 def phase_shares(recording: Recording) -> PhaseShares:
@@ -189,24 +179,22 @@ def phase_shares(recording: Recording) -> PhaseShares:
     return PhaseShares(shares[Phase.STANDING], shares[Phase.REVERSING])
 
 
-_Positions = Callable[[FloatArray], FloatArray]
-
-
-def _blocks(recording: Recording, segment: Segment, positions: _Positions) -> Iterator[FloatArray]:
-    for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH):
-        yield positions(rows.q)
-
-
 def _in_segment(
-    recording: Recording, segment: Segment, paths: Sequence[_Path], positions: _Positions
+    recording: Recording, index: int, positions: Callable[[FloatArray], FloatArray], n: int
 ) -> tuple[Halts, ...]:
-    """The halts of all joints in a segment, from its raw positions, read in blocks once more."""
-    rate = recording.sampling_rate
+    """The halts of n joints in a segment, from its raw positions, read twice in blocks."""
+    segment, rate = recording.segments[index], recording.sampling_rate
+
+    def blocks() -> Iterator[FloatArray]:
+        for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH):
+            yield positions(rows.q)
+
+    paths = _survey(blocks(), n, rate)
     whole = segment.start_time, segment.start_time + max(segment.length - 1, 0) / rate
     runs = [_Runs() if path.moves else None for path in paths]
     reach = max((path.reach for path in paths), default=1)
-    held, first = np.zeros((0, len(paths))), 0
-    for q in _blocks(recording, segment, positions):
+    held, first = np.zeros((0, n)), 0
+    for q in blocks():
         joined = np.concatenate([held, q])
         for j, (path, run) in enumerate(zip(paths, runs, strict=True)):
             if run is not None:
@@ -229,34 +217,16 @@ class _Path:
     """What is known of one joint's positions in a segment: whether it `moves`, and how its speed is taken.
 
     Speeds are differences over `reach` samples to either side, times `factor`; below `slow` it may as well stand.
-    `told`: whether they are certain enough to tell when it stands.
     """
 
     moves: bool
     reach: int
     factor: float
     slow: float
-    told: bool
 
 
-@dataclass(frozen=True, eq=False)
-class _Survey:
-    """All positions of a segment, looked at once: `sample` (m, n) of them, travel (n,), the steps' squares (n,)."""
-
-    sample: FloatArray
-    count: int
-    travel: FloatArray
-    squares: FloatArray
-
-    def paths(self, usual: FloatArray, rate: float) -> list[_Path]:
-        """What is known of every joint, whose rms speed in all segments is `usual` (n,)."""
-        return [
-            _path(self.sample[:, j], self.count, float(self.travel[j]), float(usual[j]), rate)
-            for j in range(len(usual))
-        ]
-
-
-def _survey(blocks: Iterator[FloatArray], n: int) -> _Survey:
+def _survey(blocks: Iterator[FloatArray], n: int, rate: float) -> list[_Path]:
+    """Look at all positions once."""
     low, high, squares, count = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), 0
     sample, last = np.zeros((0, n)), np.zeros((0, n))
     for q in blocks:
@@ -266,28 +236,20 @@ def _survey(blocks: Iterator[FloatArray], n: int) -> _Survey:
         last = q[-1:]
         if len(sample) < _SURVEYED:
             sample = np.concatenate([sample, q[: _SURVEYED - len(sample)]])
-    return _Survey(sample, count, high - low, squares)
+    return [
+        _path(sample[:, j], count, float(high[j] - low[j]), float(np.sqrt(squares[j] / max(count - 1, 1))) * rate, rate)
+        for j in range(n)
+    ]
 
 
-def _usual_speed(surveys: Sequence[_Survey], rate: float) -> FloatArray:
-    """(n,): the rms speed of every joint over all segments."""
-    squares = np.sum([one.squares for one in surveys], axis=0)
-    steps = sum(max(one.count - 1, 0) for one in surveys)
-    return np.asarray(np.sqrt(squares / max(steps, 1)) * rate)
-
-
-def _path(sample: FloatArray, count: int, travel: float, usual: float, rate: float) -> _Path:
+def _path(sample: FloatArray, count: int, travel: float, rms: float, rate: float) -> _Path:
     if count < 3 or travel <= STANDS:
-        return _Path(False, 1, 0.5 * rate, SLOW, True)
-    slow = min(SLOW, SLOW_SHARE * usual)
-    noise = np.sqrt(2.0) * _resolution(sample)
-    uncertain = _DEVIATIONS * noise
+        return _Path(False, 1, 0.5 * rate, SLOW)
+    slow = min(SLOW, SLOW_SHARE * rms)
+    uncertain = np.sqrt(2.0) * _DEVIATIONS * _resolution(sample)
     wanted = max(uncertain / max(slow, 1e-12), _SHORTEST_STEP)
     reach = min(max(1, ceil(0.5 * rate * min(wanted, _LONGEST_STEP))), (count - 1) // 2)
-    slow = max(slow, uncertain * rate / (2 * reach))
-    # From sample to sample noise may be most of a speed.
-    without_noise = float(np.sqrt(max(usual**2 - (noise * rate) ** 2, 0.0)))
-    return _Path(True, reach, rate / (2 * reach), slow, slow <= _UNTOLD * without_noise)
+    return _Path(True, reach, rate / (2 * reach), max(slow, uncertain * rate / (2 * reach)))
 
 
 class _Runs:
@@ -298,6 +260,7 @@ class _Runs:
         self._near = array("q")
         self._fast = array("q")
         self._before = np.nan
+        self._squares = 0.0
 
     def push(self, q: FloatArray, first: int, goes_on: bool, path: _Path, reach: int) -> None:
         """Take positions (m,) from sample `first` on; of a run that goes on, 2 reach + 1 are known already."""
@@ -306,6 +269,7 @@ class _Runs:
         speed, start = speed[new:], first + new + path.reach
         if not len(speed):
             return
+        self._squares += float((speed**2).sum())
         is_slow = np.abs(speed) < path.slow
         # So quick a turn that no sample of it is slow.
         signs = np.sign(np.concatenate([[speed[0] if np.isnan(self._before) else self._before], speed]))
@@ -318,10 +282,18 @@ class _Runs:
             _join(self._fast, start + a, start + b, int(np.sign(speed[a])), int(np.sign(speed[b])))
 
     def halts(self, path: _Path, start: float, length: int, rate: float) -> Halts:
-        """When the joint is slow; never, where its positions are too noisy to tell."""
+        """When the joint is slow.
+
+        Where positions are too coarse or too noisy to tell, it stands throughout if it is slow all in all, and never
+        otherwise.
+        """
         near = np.array(self._near, dtype=np.int64).reshape(-1, 3)
         halts = near[near[:, 2] > 0, :2]
-        if not len(halts) or not path.told:
+        rms = np.sqrt(self._squares / max(length - 2 * path.reach, 1))
+        untold = path.slow > _UNTOLD * rms
+        if untold and rms < SLOW:
+            return _standing_throughout(start, start + max(length - 1, 0) / rate)
+        if untold or not len(halts):
             nothing = np.zeros(0, dtype=bool)
             return Halts(np.zeros(0), np.zeros(0), nothing, nothing)
         first, last = halts.T
