@@ -95,7 +95,8 @@ def test_a_joint_alone_that_is_not_explained_is_named(model: Identification) -> 
     found = verdict(identify(ROBOT, [FITTED], [off]), [FITTED], [off])
     assert found.stop is not None
     assert ROBOT.joint_names[1] in found.stop.cause
-    assert "gain" in found.stop.cause
+    assert found.stop.apply is not None
+    assert found.stop.apply.scale == {"tau2": pytest.approx(0.1)}
 
 
 def test_the_data_of_the_fit_held_out_are_told_and_judge_nothing() -> None:
