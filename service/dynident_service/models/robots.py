@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from dynident.robot.model import DescriptionFormat
+from dynident.descriptions import DescriptionFormat
 from dynident_service.models.common import Asked, Limits, Name, Shown
 from dynident_service.models.labels import Labelled
 

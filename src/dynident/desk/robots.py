@@ -9,11 +9,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from dynident.descriptions import FORMATS
 from dynident.desk.xacro_files import expanded
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
 from dynident.robot.json_fields import expect_mapping, expect_number, expect_numbers, expect_text, parse_json
-from dynident.robot.model import FORMATS
 from dynident.robot.pointers import listed
 
 _TITLE = "Unusable robot"

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
+from dynident.descriptions import FORMATS, DescriptionFormat
 from dynident.errors import DynidentError
 from dynident.robot.dh_text import robot_from_dh_text
 from dynident.robot.mjcf import robot_from_mjcf
-from dynident.robot.model import FORMATS, Description, DescriptionFormat, Drive, Limits, Robot
+from dynident.robot.model import Description, Drive, Limits, Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.robot.pointers import listed
 from dynident.robot.urdf import robot_from_urdf

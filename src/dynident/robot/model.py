@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.descriptions import DescriptionFormat
 from dynident.html import block, paragraph, table
 
 if TYPE_CHECKING:
@@ -18,9 +19,6 @@ INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""
 
 JointKind = Literal["revolute", "prismatic"]
-DescriptionFormat = Literal["urdf", "mjcf", "modified_dh", "dh"]
-FORMATS: tuple[DescriptionFormat, ...] = get_args(DescriptionFormat)
-"""What a robot can be described in."""
 
 
 @dataclass(frozen=True)
