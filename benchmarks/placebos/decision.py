@@ -115,7 +115,8 @@ class Question:
         """(m, n): whether a joint moves, turns round, stands, or moves beside a halt: each another kind of equation."""
         phases = _phases(self.identification, self.pool, recording)
         found = phases.at(samples.segment, samples.t)
-        return np.where(phases.partial(found, samples.held), _PARTIAL, found).astype(np.intp)
+        partial = phases.partial(samples.segment, samples.t, found, samples.held)
+        return np.where(partial, _PARTIAL, found).astype(np.intp)
 
     def _start(self, data: PhasedProducts) -> State:
         base, noise = tuple(range(self.pool.n_base)), self.identification.noise
