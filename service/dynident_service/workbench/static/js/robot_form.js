@@ -70,7 +70,7 @@ export function robotForm(onMade, open) {
 /** The format that a text is in. */
 function formatOf(text) {
   const start = text.trimStart();
-  if (start.startsWith("<")) return /<mujoco\b/.test(start) ? "mjcf" : "urdf";
+  if (start.startsWith("<")) return xml(text).documentElement.tagName === "mujoco" ? "mjcf" : "urdf";
   return start.startsWith("{") || start.startsWith("[") ? "modified_dh" : "dh";
 }
 
@@ -86,12 +86,6 @@ function keepTyped(before, form) {
       else [one.value, one.disabled] = [typed.value, typed.disabled];
     }
   }
-}
-
-/** The format of a file, by how it begins. */
-function formatOf(text) {
-  if (!text.trimStart().startsWith("<")) return "modified_dh";
-  return xml(text).documentElement.tagName === "mujoco" ? "mjcf" : "urdf";
 }
 
 const xml = (text) => new DOMParser().parseFromString(text, "application/xml");
