@@ -100,6 +100,15 @@ def test_friction_that_saturates_is_one_nonlinear_friction_though_no_power_of_th
     assert [choice.effect for choice in found.recommended] == ["viscous_nonlinear"]
 
 
+def test_friction_that_saturates_lowers_the_error_at_rest_as_well_as_where_the_joint_moves():
+    runs = [held(seed, COULOMB, 0.1, lambda speed: 0.5 * COULOMB * np.tanh(speed / 0.15)) for seed in (1, 2)]
+    plain = identify(SCARA, runs)
+    grown = extend(plain, [EffectChoice("viscous_nonlinear", SCARA.joint_names[:1], (("p", 0.5),))], runs)
+    assert grown.fit_moving.rms[0] < 0.5 * plain.fit_moving.rms[0]
+    # Continued to zero, the power would hold 2.4 N m of 3 at rest.
+    assert grown.fit.rms[0] < 0.5 * plain.fit.rms[0]
+
+
 def test_halts_tell_nothing_beside_a_power_of_the_velocity_which_may_have_taken_the_friction_from_them() -> None:
     runs = [breaking_away(seed, COULOMB + EXCESS, 0.1, EXCESS) for seed in (1, 2)]
     curved = EffectChoice("viscous_nonlinear", SCARA.joint_names[:1], (("p", 0.5),))

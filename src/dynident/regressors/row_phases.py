@@ -13,7 +13,7 @@ from dynident.arrays import BoolArray, FloatArray
 from dynident.effects import Column, Signals, effect_by_id
 from dynident.effects.sizes import velocity_scale
 from dynident.recordings import Preprocessing, Recording
-from dynident.recordings.phases import Phase, PhaseArray, Phases, phases_of, phases_of_others, width_of
+from dynident.recordings.phases import SLOW, Phase, PhaseArray, Phases, phases_of, phases_of_others, width_of
 from dynident.regressors.observation import Observation
 from dynident.robot.linkage import Linkage
 from dynident.robot.model import Robot
@@ -21,9 +21,10 @@ from dynident.robot.model import Robot
 # A velocity of nothing but its direction.
 _TOUCH = 1e-9
 
-_SLOWEST = 0.02
-"""Share of a joint's largest speed at which friction that is steep at rest is taken there: hardly a row that is no part
-of a turn or a halt is slower, so that what such a law says below is no more than its continuation."""
+_SLOWEST, _FASTEST_OF_SLOW = 0.02, 10.0 * SLOW
+"""Share of a joint's largest speed at which friction that is steep at rest is taken there, and the most (rad/s or m/s),
+since descriptions state limits that no joint reaches. Few rows of motion are slower (none of a TX40's, 0.1 to 19 % of a
+UR10e's joints), so that what such a law says below is little more than its continuation."""
 
 _SMEARED = 0.125
 """Share of 1 / cut-off of the position filter by which a halt is longer, at either end, as far as it hides what the
@@ -195,7 +196,7 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
     Row j is about joint j alone: it has no speed but a direction, and its path lies all in that direction. Of friction
     are also columns with predicted Coulomb friction in them, which jumps with noise about a speed of zero. No
     other column has an entry: those are the same at rest. A joint with a law that is steep at rest is held by what
-    rubs it at the slowest speed that it was seen to move at.
+    rubs it at a low speed, a share of its largest.
     """
     jumps = signals.predicted.drive("Fc")
     friction = [
@@ -208,7 +209,7 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
         for j in range(robot.n):
             states = [symbol for signal, symbol in memory.items() if j in robot.position_movers(signal.joint)]
             known = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
-            speeds = (_TOUCH, _SLOWEST * velocity_scale(robot, j) if steep[j] else _TOUCH)
+            speeds = (_TOUCH, min(_SLOWEST * velocity_scale(robot, j), _FASTEST_OF_SLOW) if steep[j] else _TOUCH)
             still, slow = (ca.vertcat(direction * v, 0.0, *([direction] * len(states))) for v in speeds)
             # What becomes zero at rest is an entry still, so that it is known to have changed.
             rows.append(
