@@ -5,13 +5,19 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
 import pytest
+from machines import delta, five_bar, palletiser
 from test_signals_in_the_browser import robot_of, stored
 from test_workbench import ask
 from two_link_arm import URDF, write_recording
+
+from dynident.robot import Robot, robot_from_modified_dh, to_pinocchio
 
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
 pytestmark = pytest.mark.slow
@@ -84,6 +90,44 @@ def drop(page: Any, on: str, path: Path) -> None:
     data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
     for kind in ("dragEnter", "dragOver", "drop"):
         devtools.send("Input.dispatchDragEvent", {"type": kind, "x": box["x"] + 9, "y": box["y"] + 9, "data": data})
+
+
+@pytest.mark.parametrize("machine", [five_bar, palletiser, delta])
+def test_links_in_a_closed_loop_stand_where_the_library_has_them(
+    page: Any, heard: Any, machine: Callable[[], dict[str, Any]]
+) -> None:
+    document = json.dumps(machine())
+    robot = robot_from_modified_dh(machine.__name__, machine())
+    body = {"name": machine.__name__, "description": {"format": "modified_dh", "content": document}}
+    made = page.request.post("/v1/robots", data=body).json()["id"]
+    q = robot.linkage.closure.postures(np.random.default_rng(4), 30)
+    page.goto(f"/?view=new&robot={made}")
+    found = page.evaluate(
+        """async ([id, positions]) => {
+          const [{ get }, { framesAt, origin }, { loopsOf }] = await Promise.all(
+            ["api", "arm/kinematics", "arm/loops"].map((one) => import(`/workbench/js/${one}.js`)));
+          const geometry = await get(`/robots/${id}/geometry`);
+          const followed = loopsOf(geometry);
+          return positions.map((one) => framesAt(geometry, followed(one)).map((pose) => pose && origin(pose)));
+        }""",
+        [made, q.tolist()],
+    )
+    np.testing.assert_allclose(np.array(found, dtype=float), origins_of(robot, q), atol=1e-6)
+    page.click("#robot-picture > summary")
+    page.locator("canvas.arm").wait_for()
+    assert None not in json.loads(page.locator("canvas.arm").get_attribute("data-origins"))
+    assert "cannot be closed" not in page.locator("#robot-picture").inner_text()
+    assert heard.complaints == []
+
+
+def origins_of(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Origins (m, N, 3) of the tree's frames by Pinocchio at driven positions (m, n)."""
+    model = to_pinocchio(robot.linkage.tree)
+    data, found = model.createData(), []
+    for position in robot.linkage.positions(q):
+        pin.forwardKinematics(model, data, position)
+        found.append([data.oMi[k].translation.copy() for k in range(1, model.njoints)])
+    return np.array(found)
 
 
 def test_an_arm_that_is_opened_twice_at_once_is_there_once(page: Any, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.robot import Robot
 from dynident.robot.collision import BASE, collision_geometry
+from dynident.robot.cut_joints import Loop
 from dynident.robot.shapes import Capsule, enclosing_capsule
 from dynident.robot.surfaces import Surface, thinned
 from dynident_service.models import geometry as wire
@@ -25,12 +26,15 @@ def describe_geometry(robot: Robot, mesh_folders: Sequence[Path] = ()) -> wire.G
     """Describe where a robot's links are; those without collision geometry have a frame only."""
     found = collision_geometry(robot.tree, mesh_folders=mesh_folders)
     number = sum(len(surface.triangles) for body in found.bodies for surface in body.surfaces)
+    closure = robot.linkage.closure if robot.linkage else None
     share = min(1.0, MOST_TRIANGLES / max(number, 1))
     return wire.GeometryView(
         joints=list(robot.joint_names),
         frames=[_frame(robot, place) for place in range(robot.tree.n)],
         capsules=[_capsule(body.joint, enclosing_capsule(shape)) for body in found.bodies for shape in body.shapes],
         surfaces=[_surface(body.joint, one, share) for body in found.bodies for one in body.surfaces],
+        loops=[_loop(one) for one in closure.loops] if closure else [],
+        closed=closure.check().tolist() if closure else [],
         notes=list(found.notes),
     )
 
@@ -59,12 +63,19 @@ def _frame(robot: Robot, place: int) -> wire.FrameView:
     )
 
 
-def _follows(robot: Robot, place: int) -> tuple[list[float] | None, float]:
-    """How a joint of the tree follows the robot's joints: ratios (n,) and offset; none where a loop determines it."""
+def _follows(robot: Robot, place: int) -> tuple[list[float], float]:
+    """How a joint of the tree follows the robot's joints and its passive positions: ratios (n + p,) and offset."""
     if robot.linkage is None:
         return [float(place == other) for other in range(robot.n)], 0.0
-    own, offset = robot.linkage.ratios[place], float(robot.linkage.offsets[place])
-    return (None if own[robot.n :].any() else own[: robot.n].tolist()), offset
+    return robot.linkage.ratios[place].tolist(), float(robot.linkage.offsets[place])
+
+
+def _loop(loop: Loop) -> wire.LoopView:
+    first, second = (
+        wire.LoopEndView(frame=None if end.joint == BASE else end.joint, placement=end.frame.tolist())
+        for end in loop.ends
+    )
+    return wire.LoopView(name=loop.name, kind=loop.kind, ends=(first, second))
 
 
 def _capsule(joint: int, capsule: Capsule) -> wire.CapsuleView:

@@ -19,9 +19,9 @@ class FrameView(Shown):
     parent: int | None = Field(description="Place of the frame before it in the list; null on the base")
     placement: list[list[float]] = Field(description="4 x 4: from this frame at zero position to the one before it")
     axis: Point = Field(description="Unit vector in this frame that the joint turns about or slides along")
-    ratios: list[float] | None = Field(
-        description="Its position is the sum of ratio x position of the robot's joints, plus offset; null where a "
-        "closed loop determines it"
+    ratios: list[float] = Field(
+        description="Its position is the sum of ratio x position of the robot's joints, plus offset; behind those of "
+        "the joints stand the ratios of the passive positions that closed loops determine, if there are any"
     )
     offset: float = Field(description="rad or m")
 
@@ -43,6 +43,21 @@ class SurfaceView(Shown):
     triangles: list[tuple[int, int, int]] = Field(description="Places in the list of points")
 
 
+class LoopEndView(Shown):
+    """One side of a cut joint: a frame fixed to a link."""
+
+    frame: int | None = Field(description="Place of the frame that it moves with; null on the base")
+    placement: list[list[float]] = Field(description="4 x 4: from this side to that frame")
+
+
+class LoopView(Shown):
+    """A closed loop: the two sides coincide, wholly, in their origins, or in the xy plane of the first."""
+
+    name: str
+    kind: Literal["planar", "point", "full"]
+    ends: tuple[LoopEndView, LoopEndView]
+
+
 class GeometryView(Shown):
     """What a picture of the robot needs; lengths in m, angles in rad."""
 
@@ -50,4 +65,8 @@ class GeometryView(Shown):
     frames: list[FrameView] = Field(description="Each behind the one that it stands on")
     capsules: list[CapsuleView]
     surfaces: list[SurfaceView] = Field(default=[], description="Drawn instead of their frame's capsules")
+    loops: list[LoopView] = Field(default=[], description="What determines the passive positions")
+    closed: list[float] = Field(
+        default=[], description="Positions of the robot's joints, then the passive ones, at which all loops are closed"
+    )
     notes: list[str] = Field(description="What of the geometry could not be read")

@@ -34,6 +34,8 @@ export async function beginPage(target, wanted, signal) {
       put(steps.identification, h("p", { class: "note" }, "First upload a measurement."));
       return;
     }
+    // Steps of the robot before would be taken away under somebody's hands, and until then act on it.
+    for (const place of [steps.measurements, steps.identification]) put(place, h("p", { class: "note" }, `Reading what ${robot.name} has …`));
     state.measurements = (await get("/measurements", { robot_id: robot.id, limit: 200 }, signal)).items;
     if (robot !== state.robot || signal.aborted) return;
     state.form = await identificationForm(robot);

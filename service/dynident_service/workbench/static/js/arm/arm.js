@@ -7,6 +7,7 @@ import { onColours } from "../plots.js";
 import { draw } from "./drawing.js";
 import { outlinesOf } from "./surroundings.js";
 import { BASE, framesAt, origin, segmentsAt, surfacesAt } from "./kinematics.js";
+import { loopsOf } from "./loops.js";
 
 const POSES_OF_PATH = 300;
 const STEP = 0.12; // rad a key
@@ -16,13 +17,14 @@ const STEP = 0.12; // rad a key
  *
  * `times` (s) and `positions` ([sample][joint], rad or m) are those of its joints in the robot's order. Gives
  * { show(time), keepClear(clearances), element }; `onTime(time)` is told when a person moves the arm to another time.
- * Without `positions` the arm stands at zero. `surroundings` are those of a design. Nothing goes on after `signal` aborts.
+ * Without `positions` the arm stands at zero, or where its loops are closed. `surroundings` are those of a design. Nothing goes on after `signal` aborts.
  */
 export async function mountArm(element, { robotId, times = [0], positions = null, surroundings = null, onTime = () => {}, signal = undefined }) {
   const geometry = await get(`/robots/${robotId}/geometry`, {}, signal);
-  const motion = positions ?? [geometry.joints.map(() => 0)];
-  const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, motion) } };
-  const path = pathOf(geometry, motion);
+  const followed = loopsOf(geometry);
+  const motion = positions ?? [geometry.joints.map((_, k) => geometry.closed[k] ?? 0)];
+  const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, motion, followed) } };
+  const path = pathOf(geometry, motion, followed);
   const around = outlinesOf(surroundings, state.view.reach);
   const near = h("p", { class: "note", id: "nearest-now", hidden: true });
   let clearances = null;
@@ -35,7 +37,7 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     state.time = Math.min(Math.max(time, times[0]), times.at(-1));
     slider.value = state.time;
     clock.textContent = quantity(state.time, "s");
-    const frames = framesAt(geometry, motion[before(times, state.time)]);
+    const frames = framesAt(geometry, followed(motion[before(times, state.time)]));
     canvas.dataset.origins = JSON.stringify(frames.map((pose) => pose && origin(pose)));
     const parts = { surfaces: surfacesAt(geometry, frames), segments: segmentsAt(geometry, frames, 0.025 * state.view.reach) };
     canvas.dataset.triangles = parts.surfaces.reduce((sum, one) => sum + one.triangles.length, 0);
@@ -98,10 +100,10 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     if (canvas.hasPointerCapture(event.pointerId)) turn(event.movementX / 120, event.movementY / 120);
   });
 
-  const loops = geometry.frames.filter((one) => !one.ratios).map((one) => one.name);
+  const open = some(motion).some((posture) => followed(posture).length < geometry.closed.length);
   const notes = [
     geometry.capsules.length || geometry.surfaces.length ? "" : "There is no collision geometry that can be read: rods stand for the links.",
-    loops.length ? `Not drawn, because a closed loop moves it: ${loops.join(", ")}.` : "",
+    open ? "Somewhere on this motion the loops cannot be closed: what they move is not drawn there." : "",
   ].filter(Boolean).join(" ");
   put(element, canvas, h("p", { class: "arm-time" }, times.length > 1 ? [play, slider, clock] : null), near,
     h("p", { class: "note" }, "Axes x, y, z in orange, green, blue; the line is the way of the last joint's origin. Drag to turn. ", notes));
@@ -129,15 +131,15 @@ function some(motion) {
   return motion.filter((_, index) => index % step === 0);
 }
 
-function pathOf(geometry, motion) {
-  return some(motion).map((posture) => framesAt(geometry, posture).findLast(Boolean)).filter(Boolean).map(origin);
+function pathOf(geometry, motion, followed) {
+  return some(motion).map((posture) => framesAt(geometry, followed(posture)).findLast(Boolean)).filter(Boolean).map(origin);
 }
 
 /** Middle and reach of all that the motion sweeps: the ball about the middle that holds it. */
-function extent(geometry, motion) {
+function extent(geometry, motion, followed) {
   const boxes = { surfaces: geometry.surfaces.map((one) => ({ ...one, points: cornersOf(one.points) })) };
   const swept = some(motion).flatMap((posture) => {
-    const frames = framesAt(geometry, posture);
+    const frames = framesAt(geometry, followed(posture));
     const ends = segmentsAt(geometry, frames, 0.02).flatMap(({ start, end, radius }) => [[start, radius], [end, radius]]);
     return [...ends, ...surfacesAt(boxes, frames).flatMap(({ points }) => points.map((point) => [point, 0]))];
   });

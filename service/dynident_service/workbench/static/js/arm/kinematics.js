@@ -3,16 +3,19 @@
 /** A pose is 12 numbers, row by row: the rotation beside the origin. */
 export const BASE = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
 
-/** Poses of all frames in the base frame at the positions of the robot's joints; null where a closed loop decides. */
+/**
+ * Poses of all frames in the base frame at the positions of the robot's joints, and of its passive ones behind them;
+ * null for what moves with a passive position that is not there.
+ */
 export function framesAt(geometry, positions) {
   const found = [];
   for (const frame of geometry.frames) {
     const parent = frame.parent === null ? BASE : found[frame.parent];
-    if (!parent || !frame.ratios) {
+    if (!parent || frame.ratios.slice(positions.length).some(Boolean)) {
       found.push(null);
       continue;
     }
-    const position = frame.ratios.reduce((sum, ratio, place) => sum + ratio * positions[place], frame.offset);
+    const position = positions.reduce((sum, value, place) => sum + frame.ratios[place] * value, frame.offset);
     found.push(times(times(parent, flat(frame.placement)), motion(frame, position)));
   }
   return found;
@@ -48,7 +51,9 @@ export function segmentsAt(geometry, frames, thin) {
     if (!frames[place] || covered.has(parent)) return;
     segments.push({ start: origin(parent === null ? BASE : frames[parent]), end: origin(frames[place]), radius: thin, frame: parent });
   });
-  const carried = new Set(geometry.frames.map((one) => one.parent));
+  const cut = geometry.loops.flatMap((one) => one.ends).filter(({ frame }) => frame !== null && frames[frame] && !covered.has(frame));
+  for (const { frame, placement } of cut) segments.push({ start: origin(frames[frame]), end: origin(times(frames[frame], flat(placement))), radius: thin, frame });
+  const carried = new Set([...geometry.frames.map((one) => one.parent), ...cut.map((one) => one.frame)]);
   geometry.frames.forEach((one, place) => {
     // The last link, whose end nothing says, is as long as the one before it: only that it turns is to be seen.
     if (!frames[place] || covered.has(place) || carried.has(place)) return;
@@ -82,11 +87,11 @@ function motion({ type, axis: [x, y, z] }, position) {
   ];
 }
 
-function flat(placement) {
+export function flat(placement) {
   return placement.slice(0, 3).flat();
 }
 
-function times(a, b) {
+export function times(a, b) {
   const product = [];
   for (const row of [0, 4, 8]) {
     for (let column = 0; column < 4; column += 1) {
