@@ -30,7 +30,7 @@ FLOOR = 1.75
     [
         ("presliding", "wrist_1_joint"),
         ("payload", ""),
-        ("temperature_friction", "shoulder_lift_joint"),
+        pytest.param("temperature_friction", "shoulder_lift_joint", marks=pytest.mark.thorough),
         pytest.param("stribeck", "shoulder_lift_joint", marks=pytest.mark.thorough),
         pytest.param("base_tilt", "", marks=pytest.mark.thorough),
         pytest.param("gravity_compensator", "shoulder_lift_joint", marks=pytest.mark.thorough),

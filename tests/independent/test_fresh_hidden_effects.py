@@ -24,7 +24,7 @@ Outcomes = tuple[Outcome, ...]
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 # Single cases at their full size and at a quarter of it.
-FEW, MANY = (2, 1), (8, 2)
+FEW, MANY = (1, 1), (8, 2)
 # Quick motions without pauses, firmly controlled: what is harder is for the benchmark.
 EASY = Manners(motions=("fourier",), firmnesses=("stiff",), paces=(1.0,))
 # What any seed has to reach: a few cases tell little, so this is far below what is usual.

@@ -1,19 +1,21 @@
-"""The tutorial holds: its commands and its Python run as they stand, and tell what the text says they tell."""
+"""The tutorial holds: its commands and its Python run as they stand, in Jupyter, and tell what the text says they tell."""
 
 from __future__ import annotations
 
+import os
 import re
 import runpy
-import subprocess
 import sys
 from pathlib import Path
 
+import nbformat
 import pytest
+from nbclient import NotebookClient
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 TEXT = (DOCS / "tutorial.md").read_text(encoding="utf-8")
 FIGURES = runpy.run_path(str(DOCS / "figures.py"))
-
+NOTEBOOKS = runpy.run_path(str(DOCS / "notebooks.py"))
 
 SPRING = "Gravity compensating spring"
 
@@ -33,10 +35,29 @@ def test_every_figure_is_drawn_by_the_script_and_every_one_drawn_is_shown() -> N
     assert sorted(shown + elsewhere) == sorted(path.stem for path in (DOCS / "figures").glob("*.svg"))
 
 
+def test_its_notebook_is_one_file_with_its_figures_and_what_is_not_run_is_text() -> None:
+    cells = nbformat.reads(NOTEBOOKS["notebook"]("tutorial"), as_version=4).cells
+    code = "".join(cell.source for cell in cells if cell.cell_type == "code")
+    text = "".join(cell.source for cell in cells if cell.cell_type == "markdown")
+    assert "dynident identify ur10 run1.csv" in code
+    assert all(block.strip() in code for block in FIGURES["commands"]())
+    assert "Client(" not in code
+    assert "Client(" in text
+    assert "](figures/" not in text
+    assert text.count("](data:image/svg+xml;base64,") == 7
+
+
 @pytest.mark.slow
-def test_the_commands_find_the_spring_and_the_next_experiment_decides(tmp_path: Path) -> None:
-    FIGURES["run"](tmp_path)
-    told = " ".join((tmp_path / "told.txt").read_text(encoding="utf-8").split())
+def test_its_commands_find_the_spring_in_jupyter_and_the_next_experiment_decides(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Its cells of the shell find the command as in the environment of the kernel.
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("COLUMNS", "120")
+    written = nbformat.reads(NOTEBOOKS["notebook"]("tutorial"), as_version=4)
+    done = NotebookClient(written, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    of_cells = ["".join(one.get("text", "") for one in cell.get("outputs", [])) for cell in done.cells]
+    told = " ".join("".join(of_cells).split())
     assert told.count("The model lacks: Gravity compensating spring on shoulder_lift_joint") == 2
     assert "Joint spring does not survive held-out data" in told
     assert re.search(r"would tell Gravity compensating spring from (Torque ripple|Joint spring)", told)
@@ -46,10 +67,9 @@ def test_the_commands_find_the_spring_and_the_next_experiment_decides(tmp_path: 
         assert found is not None
         # Rounding differs from one kind of processor to the next, and what was searched for with it.
         assert any(abs(float(found[1]) - said) < 0.1 * said for said in numbers_after(rung[2:], page)), rung
-    figures = FIGURES["draw"](tmp_path)
-    assert all(figure.startswith("<svg") for figure in figures.values())
-    python = re.findall(r"^```python\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)[0]
-    ended = subprocess.run([sys.executable, "-c", python], cwd=tmp_path, capture_output=True, text=True, timeout=800)
-    assert ended.returncode == 0, ended.stderr
-    assert "Gravity compensating spring on shoulder_lift_joint" in ended.stdout
-    assert "slow_sweep" in ended.stdout
+    (python,) = (
+        of_cells[k] for k, cell in enumerate(done.cells) if "import dynident as dy" in cell.source and of_cells[k]
+    )
+    assert "Gravity compensating spring on shoulder_lift_joint" in python
+    assert "slow_sweep" in python
+    assert all(figure.startswith("<svg") for figure in FIGURES["draw"](tmp_path).values())

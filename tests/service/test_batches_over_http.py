@@ -199,7 +199,7 @@ def test_all_or_none_are_stored_on_either_database(request: pytest.FixtureReques
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robots", [1, 1000])
+@pytest.mark.parametrize("robots", [1, 100, pytest.param(1000, marks=pytest.mark.thorough)])
 def test_a_thousand_are_accepted_while_others_are_answered(
     idle: TestClient, body_of_idle: dict[str, Any], robots: int
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import runpy
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,17 @@ def has(service: str, recordings: tuple[Path, Path]) -> Any:
     return PICTURES["Shown"](*(one.id for one in (robot, fit, first, better, rival, design)))
 
 
-@pytest.mark.parametrize("scheme", PICTURES["SCHEMES"])
-@pytest.mark.parametrize("size", PICTURES["SIZES"])
+# Colours depend on the scheme alone, places on the size alone.
+USUAL = (("wide", "light"), ("narrow", "dark"))
+
+
+@pytest.mark.parametrize(
+    ("size", "scheme"),
+    [
+        pytest.param(*one, marks=[] if one in USUAL else pytest.mark.thorough)
+        for one in product(PICTURES["SIZES"], PICTURES["SCHEMES"])
+    ],
+)
 def test_every_view_is_for_everybody(browser: Any, service: str, has: Any, size: str, scheme: str) -> None:
     page = PICTURES["opened"](browser, service, size, scheme)
     complaints: list[str] = []

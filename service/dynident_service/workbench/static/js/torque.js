@@ -28,10 +28,15 @@ export function torqueSection(model, signal) {
     try {
       const comparison = await compared(model, wanted, body, signal);
       if (signal.aborted || wanted !== model.measurement) return;
+      put(worst);
       put(body, figures.element, worst);
+      const { chosen, all } = figures.show(comparison);
+      // What else there is to draw is asked for once the first figure is there.
+      await chosen;
+      if (signal.aborted || wanted !== model.measurement) return;
       model.setComparison(comparison);
       put(worst, worstStretches(model));
-      await figures.show(comparison);
+      await all;
     } catch (error) {
       if (!signal.aborted) put(body, problemBox(error, compare));
     }

@@ -33,13 +33,14 @@ export class Reader {
       for (const joint of this.joints) this.onLine(joint, this.full[joint]);
       return;
     }
-    const order = [first, ...this.joints.filter((one) => one !== first)];
-    await Promise.all(order.map(async (joint) => {
+    const one = async (joint) => {
       const line = await this.#one(joint, stretch, until);
       if (!line) return;
       if (!stretch) this.full[joint] = line;
       this.onLine(joint, line);
-    }));
+    };
+    await one(first);
+    await Promise.all(this.joints.filter((joint) => joint !== first).map(one));
   }
 
   /** Read all that there is while something else is shown. */

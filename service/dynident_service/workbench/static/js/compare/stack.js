@@ -37,8 +37,14 @@ export class CompareStack {
     onColours(() => Object.values(this.rows).forEach((one) => one.draw()), signal);
   }
 
-  /** Show a comparison; what the address says of a stretch stays. */
-  async show(comparison) {
+  /** Show a comparison; what the address says of a stretch stays. Gives when the chosen joint is there, and when all are. */
+  show(comparison) {
+    const chosen = new Promise((resolve) => { this.chosenShown = resolve; });
+    const all = this.#showAll(comparison);
+    return { chosen: Promise.race([chosen, all]), all };
+  }
+
+  async #showAll(comparison) {
     const { from, to } = asked();
     this.reader = new Reader(comparison, this.model.joints, (joint, line) => this.#show(joint, line), this.signal);
     Object.assign(this, { lines: {}, raw: {} });
@@ -91,7 +97,9 @@ export class CompareStack {
     this.lines[joint] = line;
     if (line.shifted) this.view.setWhole(line.x[0], line.x.at(-1));
     this.rows[joint].show(line, this.raw[joint] ?? null);
-    if (joint === this.model.joint) this.#tell();
+    if (joint !== this.model.joint) return;
+    this.#tell();
+    this.chosenShown();
   }
 
   async #read(stretch) {
