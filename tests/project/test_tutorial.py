@@ -1,4 +1,4 @@
-"""The tutorial holds: its commands and its Python run as they stand, in Jupyter, and tell what the text says they tell."""
+"""The tutorial holds: what it runs runs as it stands, in Jupyter, and tells what the text says that it tells."""
 
 from __future__ import annotations
 
