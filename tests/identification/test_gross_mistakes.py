@@ -13,7 +13,7 @@ from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification.mistakes import Mistake, checks_against, mistakes_in
 from dynident.identification.mistakes.gravity import mounting_of
-from dynident.identification.mistakes.scales import nearer_to_masses
+from dynident.identification.mistakes.scales import load_of, nearer_to_masses
 from dynident.identification.mistakes.search import motion_of
 from dynident.recordings import JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.robot import Robot
@@ -245,6 +245,8 @@ def test_a_torque_that_the_masses_explain_is_in_no_other_unit() -> None:
     ten_times = motion_of(record(ROBOT, motion, 10.0 * tau))
     assert given is not None
     assert ten_times is not None
-    assert not any(nearer_to_masses(ROBOT, given, joint, factor) for joint in (1, 2) for factor in (1e-3, 0.1, 1e3))
-    assert all(nearer_to_masses(ROBOT, ten_times, joint, 0.1) for joint in (1, 2))
-    assert nearer_to_masses(replace(ROBOT, inertias=None), given, 1, 0.1)
+    load = load_of(ROBOT, given)
+    assert not any(nearer_to_masses(load, given, joint, factor) for joint in (1, 2) for factor in (1e-3, 0.1, 1e3))
+    assert all(nearer_to_masses(load, ten_times, joint, 0.1) for joint in (1, 2))
+    assert load_of(replace(ROBOT, inertias=None), given) is None
+    assert nearer_to_masses(None, given, 1, 0.1)

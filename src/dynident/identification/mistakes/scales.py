@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import LINKS, Signals, columns_of
 from dynident.identification.mistakes.swaps import Motion
-from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
+from dynident.robot.pinocchio_model import described_torque
 
 FAR = 6.0
 """Times the description's load from which on a torque is in another unit: masses of descriptions are wrong by up to 3.5
@@ -63,30 +62,23 @@ def _middle(told: Sequence[tuple[float, float]]) -> float | None:
 
 def _told(robot: Robot, motion: Motion) -> list[tuple[float, float]] | None:
     """Of every joint the factor of the description's load in its torque, and what it explains; None without masses."""
-    load = _load(robot, motion)
+    load = load_of(robot, motion)
     return None if load is None else [_times(load[:, joint], motion, joint) for joint in range(robot.n)]
 
 
-def nearer_to_masses(robot: Robot, motion: Motion, joint: int, factor: float) -> bool:
-    """Whether a joint's torque times `factor` is nearer to what the description's masses need; without masses, too."""
-    load = _load(robot, motion)
+def load_of(robot: Robot, motion: Motion) -> FloatArray | None:
+    """(m, n): torque that the links need as the description has them; None without masses."""
+    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
+        return None
+    return described_torque(robot, motion.q, motion.dq, motion.ddq)
+
+
+def nearer_to_masses(load: FloatArray | None, motion: Motion, joint: int, factor: float) -> bool:
+    """Whether a joint's torque times `factor` is nearer to what the masses need, `load` (m, n); without masses, too."""
     if load is None:
         return True
     needed, own = (float(np.sqrt((one[:, joint] ** 2).mean())) for one in (load, motion.tau))
     return needed <= 0.0 or own <= 0.0 or abs(np.log(factor * own / needed)) < abs(np.log(own / needed))
-
-
-def _load(robot: Robot, motion: Motion) -> FloatArray | None:
-    """(m, n): torque of the links as the description has them; None without masses."""
-    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
-        return None
-    signals = Signals(robot)
-    links = Observation.of(robot, columns_of((LINKS,), signals), signals)
-    memory = np.zeros((len(motion.q), links.n_memory))
-    entries = links.evaluate(
-        motion.q, motion.dq, motion.ddq, reference=np.zeros(len(robot.inertias.reshape(-1))), memory=memory
-    )
-    return np.asarray(links.torque(entries, robot.inertias.reshape(-1)))
 
 
 def _power(times: float) -> float:

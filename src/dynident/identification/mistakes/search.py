@@ -10,7 +10,7 @@ from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.effects import DEFAULT_EFFECTS, Signals, columns_of, effect_by_id, role_of
 from dynident.errors import DynidentError
 from dynident.identification.mistakes.delays import Delay, delay_of
-from dynident.identification.mistakes.scales import nearer_to_masses
+from dynident.identification.mistakes.scales import load_of, nearer_to_masses
 from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.evidence import shortened
@@ -189,7 +189,8 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
     found: list[Finding] = []
     now = judge.left(motion)
     while len(found) < _MOST_MISTAKES:
-        possible = [one for one in mistakes_among(now.moving) if _may_be(robot, motion, one)]
+        load = load_of(robot, motion)
+        possible = [one for one in mistakes_among(now.moving) if _may_be(one, motion, load)]
         tried = [(one, judge.left(one.mended(motion))) for one in possible]
         if not tried:
             break
@@ -205,9 +206,9 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
     return tuple(found), now.usual
 
 
-def _may_be(robot: Robot, motion: Motion, one: Mistake) -> bool:
+def _may_be(one: Mistake, motion: Motion, load: FloatArray | None) -> bool:
     """Whether the masses of the description do not refute a mistake: a torque in another unit is far from them."""
-    return one.kind != "torque scaled" or nearer_to_masses(robot, motion, one.joints[0], one.factor)
+    return one.kind != "torque scaled" or nearer_to_masses(load, motion, one.joints[0], one.factor)
 
 
 def delay_in(robot: Robot, recording: Recording) -> Delay | None:
