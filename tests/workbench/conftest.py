@@ -118,6 +118,8 @@ def listened_page(browser: playwright.Browser, service: str, heard: Heard, width
     opened = context.new_page()
     opened.set_default_timeout(60_000)
     opened.on("console", lambda message: _note(heard, message))
+    # Chromium is told well before the first one opens that files are chosen here, and not by a dialog of its own.
+    opened.on("filechooser", lambda _: None)
     opened.on("pageerror", lambda error: heard.complaints.append(str(error)))
     opened.on("request", lambda request: heard.hosts.add(request.url.split("/")[2]))
     return opened
