@@ -29,7 +29,7 @@ FLOOR = 1.75
     ("effect", "joint"),
     [
         ("presliding", "wrist_1_joint"),
-        ("payload", ""),
+        pytest.param("payload", "", marks=pytest.mark.thorough),
         pytest.param("temperature_friction", "shoulder_lift_joint", marks=pytest.mark.thorough),
         pytest.param("stribeck", "shoulder_lift_joint", marks=pytest.mark.thorough),
         pytest.param("base_tilt", "", marks=pytest.mark.thorough),

@@ -109,7 +109,7 @@ def test_two_effects_on_two_joints_are_both_named():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("k", [2, 3])
+@pytest.mark.parametrize("k", [2, pytest.param(3, marks=pytest.mark.thorough)])
 def test_a_slow_ripple_that_other_friction_of_its_joint_hides_is_named_beside_it(k):
     friction = CASES["load_dependent_friction"]
     ripple = on_joint(2, lambda q, v, load: 1.5 * np.sin(k * q + 0.4))

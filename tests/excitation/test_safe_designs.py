@@ -159,7 +159,7 @@ def test_what_is_designed_keeps_every_limit_and_touches_nothing(name):
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", [pytest.param("franka_panda", marks=pytest.mark.thorough), *ROBOTS[1:]])
 def test_drawn_sets_of_limits_are_kept_or_refused_with_the_reason(name, thorough):
     check_requests(name, 167 if thorough else 10, 0.3)
 

@@ -51,9 +51,16 @@ def _hidden(robot: Robot, effect: str) -> Hidden:
     return sized[effect]
 
 
-# Every effect in one arm and every arm with some; all in both with --thorough.
+_KNOWN_ELSEWHERE = {"offset", "viscous_nonlinear"}
+"""Effects that are told apart from nothing else with difficulty: drawn cases have them, too."""
+
+# Every other effect in one arm and every arm with some; all in both with --thorough.
 _HIDDEN = [
-    pytest.param((name, effect), id=f"{name}-{effect}", marks=() if (k + a) % 2 == 0 else pytest.mark.thorough)
+    pytest.param(
+        (name, effect),
+        id=f"{name}-{effect}",
+        marks=() if (k + a) % 2 == 0 and effect not in _KNOWN_ELSEWHERE else pytest.mark.thorough,
+    )
     for k, effect in enumerate(PLACES)
     for a, name in enumerate(ARMS)
 ]
