@@ -56,7 +56,7 @@ def test_the_thresholds_are_those_of_the_program() -> None:
 
 def test_the_two_commands_are_those_that_the_check_of_everything_runs() -> None:
     script = ROOT / ".ci" / "readme_block.py"
-    for heading, end in (("See it work", "dynident demo\n"), ("Run the tests", "pytest -n auto\n")):
+    for heading, end in (("See it work", "dynident demo\n"), ("Run the tests", "pytest -n auto --dist worksteal\n")):
         block = subprocess.run([sys.executable, script, heading], check=True, capture_output=True, text=True).stdout
         assert block.endswith(end)
         assert block in README
