@@ -16,10 +16,12 @@ from dynident.identification.mistakes.gravity import mounting_of
 from dynident.identification.mistakes.scales import load_of, nearer_to_masses
 from dynident.identification.mistakes.search import motion_of
 from dynident.recordings import JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
+from dynident.recordings.types import Check, ModelChecks
 from dynident.robot import Robot
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
+BY_DYNAMICS = checks_against(ROBOT)
 Q, TAU = ([f"{name}{k + 1}" for k in range(6)] for name in ("q", "tau"))
 
 
@@ -132,8 +134,9 @@ def test_every_kind_of_finding_says_what_is_wrong_and_what_would_be_right() -> N
     assert {one.status for one in check(recorded(), Q, TAU) or ()} == {"ok"}
 
 
-def written(path: Path, order: list[int]) -> Path:
-    motion, tau = measured()
+def written(path: Path, order: list[int], tau: np.ndarray | None = None) -> Path:
+    motion, usual = measured()
+    tau = usual if tau is None else tau
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["t", *Q, *TAU])
@@ -141,7 +144,9 @@ def written(path: Path, order: list[int]) -> Path:
     return path
 
 
-def brought_in(path: Path, *accept: str) -> Recording:
+def brought_in(
+    path: Path, *accept: str, against: ModelChecks | None = BY_DYNAMICS
+) -> tuple[Recording, tuple[Check, ...]]:
     return import_recording(
         path,
         path.with_suffix(".checked.parquet"),
@@ -150,8 +155,8 @@ def brought_in(path: Path, *accept: str) -> Recording:
             JointLimits(one.kind, one.limits.position, one.limits.velocity, one.limits.effort) for one in ROBOT.joints
         ],
         metadata=RecordingMetadata(accept=accept),
-        against=checks_against(ROBOT),
-    )[0]
+        against=against,
+    )
 
 
 def test_a_file_with_torques_in_another_order_is_refused_unless_its_user_knows_better(tmp_path: Path) -> None:
@@ -159,8 +164,8 @@ def test_a_file_with_torques_in_another_order_is_refused_unless_its_user_knows_b
     with pytest.raises(RecordingError, match="stand in each other's place") as refused:
         brought_in(wrong)
     assert refused.value.pointer == "tau1"
-    assert brought_in(wrong, "torque_order").n == 6
-    assert brought_in(written(tmp_path / "right.csv", [0, 1, 2, 3, 4, 5])).n == 6
+    assert brought_in(wrong, "torque_order")[0].n == 6
+    assert brought_in(written(tmp_path / "right.csv", [0, 1, 2, 3, 4, 5]))[0].n == 6
 
 
 def moved(seconds: float) -> Recording:
@@ -184,6 +189,17 @@ def test_a_delay_that_no_right_log_has_is_told_with_its_cure(seconds: float) -> 
 def test_delays_that_drives_have_are_no_mistake(seconds: float) -> None:
     told = {one.name: one for one in checks_against(ROBOT)(moved(seconds), Q, TAU) or ()}
     assert told["torque_delay"].status == "ok"
+
+
+def test_friction_whose_corners_come_early_is_no_early_torque_where_the_dynamics_tell(tmp_path: Path) -> None:
+    motion, tau = measured()
+    ahead = np.stack([np.interp(motion.t + 0.012, motion.t, column) for column in motion.dq.T], axis=1)
+    early = tau + 0.3 * 0.04 * EFFORT * (np.sign(ahead) - np.sign(motion.dq))
+    path = written(tmp_path / "early.csv", list(range(6)), early)
+    alone, told = ({one.name: one for one in brought_in(path, against=one)[1]} for one in (None, BY_DYNAMICS))
+    assert alone["torque_alignment"].status != "ok"
+    assert "early" in alone["torque_alignment"].detail
+    assert told["torque_alignment"].status == told["torque_delay"].status == "ok"
 
 
 @pytest.mark.parametrize("factor", [10.0, 1000.0, 0.1])

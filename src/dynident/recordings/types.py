@@ -23,6 +23,9 @@ JointKind = Literal["revolute", "prismatic"]
 _LARGEST_READING = 1e30
 
 
+DELAY = "torque_delay"
+"""Name of the check, and of the field, that is about the torque's delay against the positions."""
+
 NO_MEASUREMENT = {
     "gravity_compensated": "the load of gravity was taken out of it, and the links' masses with it",
     "external": "what the robot's own dynamics need was taken out of it",

@@ -9,7 +9,7 @@ from dynident.identification.mistakes.scales import scales_of
 from dynident.identification.mistakes.search import Finding, delay_in, mistakes_in, motion_of
 from dynident.identification.mistakes.swaps import Kind, Mistake
 from dynident.recordings.revisions import Revision
-from dynident.recordings.types import NO_MEASUREMENT, Check, ModelChecks, Recording
+from dynident.recordings.types import DELAY, NO_MEASUREMENT, Check, ModelChecks, Recording
 from dynident.robot.model import Robot
 
 _CHECK: dict[Kind, str] = {
@@ -46,7 +46,7 @@ def checks_against(robot: Robot) -> ModelChecks:
         mistakes, left = found
         wrong = {_CHECK[one.mistake.kind] for one in mistakes}
         fine = f"No other order or sign of the columns explains the torque better; on average {left:.0%} are left."
-        amounts = () if mistakes else (_delay(robot, recording, tau), *_scales(robot, recording, tau))
+        amounts = () if mistakes else (*_delay(robot, recording, tau), *_scales(robot, recording, tau))
         passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _AMOUNTS]
         if not mistakes:
             amounts = (*_gravity(robot, recording, tau, left), *amounts)
@@ -107,14 +107,17 @@ def _mounting(found: Mounting) -> Check:
     )
 
 
-def _delay(robot: Robot, recording: Recording, tau: Sequence[str]) -> Check:
+def _delay(robot: Robot, recording: Recording, tau: Sequence[str]) -> tuple[Check, ...]:
     found = delay_in(robot, recording)
-    if found is None or not found.is_mistake:
-        return Check("torque_delay", "ok", "The robot's dynamics find no delay of the torque that a right log has not.")
+    if found is None:
+        return ()
     word = "late" if found.seconds > 0 else "early"
+    if not found.is_mistake:
+        fine = f"By the robot's dynamics the torque is {1e3 * abs(found.seconds):.1f} ms {word}, as in a right log."
+        return (Check(DELAY, "ok", fine),)
     seconds = float(f"{found.seconds:.2g}")
-    return Check(
-        "torque_delay",
+    told = Check(
+        DELAY,
         "warning",
         f"Torque comes about {1e3 * abs(found.seconds):.0f} ms {word} against position: {found.left_with:.1%} of an "
         f"average joint's torque cannot be explained by the robot's dynamics, with that taken out "
@@ -122,6 +125,7 @@ def _delay(robot: Robot, recording: Recording, tau: Sequence[str]) -> Check:
         tau[0],
         apply=Revision(torque_delay=seconds),
     )
+    return (told,)
 
 
 def _scales(robot: Robot, recording: Recording, tau: Sequence[str]) -> tuple[Check, ...]:

@@ -61,7 +61,7 @@ def delay_of(motion: Motion, period: float, blocks_left: Callable[[Motion], Floa
     error = float(fall.std(ddof=1)) / np.sqrt(len(fall))
     sure = float(fall.mean()) >= max(CLEARLY, SURELY * error)
     mistaken = sure and not EARLIEST <= seconds <= LATEST
-    return Delay(seconds, mistaken, float(np.exp(now.mean())), float(np.exp(then.mean())))
+    return Delay(seconds, bool(mistaken), float(np.exp(now.mean())), float(np.exp(then.mean())))
 
 
 def _lowest(x: FloatArray, y: FloatArray) -> float:
