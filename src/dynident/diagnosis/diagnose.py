@@ -86,7 +86,7 @@ def diagnose(
     data = rows.products(pool, part(progress, 0.1, 0.5))
     start = _start(data, pool, identification, floor)
     first = judge_all(data, pool, start.base, pool.at_first, start.noise)
-    picks = search(data, pool, start, first, most_effects, rows, part(progress, 0.5, 0.8))
+    picks, undetermined_model = search(data, pool, start, first, most_effects, rows, part(progress, 0.5, 0.8))
     picks, recommended = refined(
         identification, picks, recordings, reference, resolved, floor, part(progress, 0.8, 0.9)
     )

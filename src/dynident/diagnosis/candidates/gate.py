@@ -121,7 +121,7 @@ class Bar:
     """What the model alone leaves in one kind of folds, `weighted` (s, n) in units of the noise.
 
     `factor` (s,): one stretch with half of all the error must not decide: its gain counts up to three times a usual
-    one's.
+    one's, of those that have rows; where many passive joints rub, most stretches have none.
     """
 
     weighted: FloatArray
@@ -132,7 +132,8 @@ class Bar:
         """From squared errors (s, n) and the noise (n,)."""
         weighted = before / noise**2
         whole = weighted.sum(axis=1)
-        cap = _CAP * float(np.median(whole)) if len(whole) else 0.0
+        told = whole[whole > 0.0]
+        cap = _CAP * float(np.median(told)) if len(told) else 0.0
         return cls(weighted, np.minimum(1.0, cap / np.maximum(whole, 1e-300)))
 
 

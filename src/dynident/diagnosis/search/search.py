@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from dynident.arrays import BoolArray
 from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.products import Products, present
-from dynident.diagnosis.candidates.scoring import held_out_errors
 from dynident.diagnosis.search.choosing import choose
 from dynident.diagnosis.search.contest import settled
+from dynident.diagnosis.search.determined import explains_most, generalises
 from dynident.diagnosis.search.one_name import by_one_name
 from dynident.diagnosis.search.pruning import pruned
 from dynident.diagnosis.search.reconsidering import Rows, is_of_position, reconsidered
@@ -23,10 +19,6 @@ from dynident.effects import effect_by_id
 from dynident.progress import Progress
 
 _FEW_WAVES = 6.0
-
-MOST_FROM_PART_TO_PART = 1.6
-"""Error on a fifth of the motion in a row that was left out over that on every fifth stretch: 1.0-1.25 on sound data,
-1.6-3 where the motion is too poor to determine the model."""
 
 
 def search(
@@ -37,7 +29,7 @@ def search(
     most: int,
     rows: Rows,
     progress: Progress,
-) -> tuple[Finding, ...]:
+) -> tuple[tuple[Finding, ...], bool]:
     """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous.
 
     After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
@@ -46,10 +38,14 @@ def search(
     What the residual has but a faint trace of is asked about once something was found on its joint, and what was found
     before it once more. What two findings over the position of a joint say, one that says as much takes the name of.
     Where neither the model nor that with its first finding predicts parts of the motion from the others, nothing is
-    found.
+    found but what explains most of the error where it was fitted.
+
+    Returns
+    -------
+    the findings, and whether one was given up because the motion does not determine the model
     """
     firm = generalises(data.of(state.base), state)
-    judged = first
+    judged, undetermined = first, False
     remaining, asleep = [item.candidate for item in first], pool.faint
     while len(state.picks) < most:
         progress(len(state.picks) / most, f"{len(state.picks)} effects found, {len(remaining)} candidates")
@@ -64,8 +60,9 @@ def search(
             data = rows.products(pool)
         # What one run has and the others have not keeps the plain model from predicting a part of it, too.
         firm = firm or generalises(data.of(base), replace(state, base=base, noise=noise_left(data, base)))
-        if not firm:
-            return state.picks
+        undetermined = not firm and not explains_most(data, state, chosen)
+        if undetermined:
+            break
         state = replace(state, base=base, noise=noise_left(data, base), picks=(*state.picks, finding))
         reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
         # What the constants of a function of the position are off by looks like a wave, too: that is no trace of one.
@@ -78,33 +75,7 @@ def search(
             break
         judged = judge_all(data, pool, state.base, remaining, state.noise)
     state = by_one_name(rows, data, pool, reconsidered(rows, data, pool, state))
-    return pruned(data, pool, state).picks
-
-
-def generalises(rows: Products, state: State) -> bool:
-    """Whether the model that the search starts from predicts parts of the motion from the others.
-
-    Where the motion does not determine it, what a candidate gains is what it happens to hold the model by. Stretches
-    with what was found already, a contact, do not count: it happened once, no other part of the motion tells of it.
-    """
-    columns = np.array(state.base, dtype=np.intp)
-    usual = np.ones(rows.n_stretches, dtype=bool)
-    for finding in state.picks:
-        usual &= ~_shown_in(rows, finding.columns)
-    inside, ahead = (
-        float((held_out_errors(rows, columns, state.noise, kind)[usual] / state.noise**2).sum())
-        for kind in ("interleaved", "contiguous")
-    )
-    return ahead <= MOST_FROM_PART_TO_PART**2 * inside
-
-
-def _shown_in(rows: Products, columns: Sequence[int]) -> BoolArray:
-    """(s,): the stretches in which any of the columns is not zero."""
-    shown = np.zeros(rows.n_stretches, dtype=bool)
-    for joint, where in enumerate(rows.position):
-        _, places = present(where, np.array(columns, dtype=np.intp))
-        shown |= (rows.taken(joint, places, places) > 0).any(axis=1)
-    return shown
+    return pruned(data, pool, state).picks, undetermined
 
 
 def _superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:

@@ -12,8 +12,8 @@ from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.search.choosing import choose
+from dynident.diagnosis.search.determined import generalises
 from dynident.diagnosis.search.pruning import pruned
-from dynident.diagnosis.search.search import generalises
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.progress import Progress
 

@@ -1,0 +1,63 @@
+"""Whether the motion determines the model, and what may be named where it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.arrays import BoolArray
+from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.products import Products, present
+from dynident.diagnosis.candidates.scoring import fitted_errors, held_out_errors
+from dynident.diagnosis.search.state import State
+
+MOST_FROM_PART_TO_PART = 1.6
+"""Error on a fifth of the motion in a row that was left out over that on every fifth stretch: 1.0-1.25 on sound data,
+1.6-3 where the motion is too poor to determine the model."""
+
+MOST_OF_FIT = 0.5
+"""Share of the squared error, fitted and held out, that something has to explain to be named where it is."""
+
+
+def generalises(rows: Products, state: State) -> bool:
+    """Whether the model that the search starts from predicts parts of the motion from the others.
+
+    Where the motion does not determine it, what a candidate gains is what it happens to hold the model by. Stretches
+    with what was found already, a contact, do not count: it happened once, no other part of the motion tells of it.
+    """
+    columns = np.array(state.base, dtype=np.intp)
+    usual = np.ones(rows.n_stretches, dtype=bool)
+    for finding in state.picks:
+        usual &= ~_shown_in(rows, finding.columns)
+    inside, ahead = (
+        float((held_out_errors(rows, columns, state.noise, kind)[usual] / state.noise**2).sum())
+        for kind in ("interleaved", "contiguous")
+    )
+    return ahead <= MOST_FROM_PART_TO_PART**2 * inside
+
+
+def explains_most(data: PhasedProducts, state: State, item: JudgedCandidate) -> bool:
+    """Whether a candidate takes away most of what the model leaves where it was fitted.
+
+    There nothing is predicted, so that none of it is for holding a model that the motion does not determine; a column
+    or a few that take so much of what all parameters together could not are no chance, either.
+    """
+    rows = data.beside(state.base, np.array(data.kinds(item.candidate.columns)))
+    columns = np.array(state.base, dtype=np.intp)
+    before, after, _, _ = fitted_errors(rows, columns, item.candidate, state.noise)
+    own = list(item.joints)
+    was, left = before[:, own].sum(axis=0), after[:, own].sum(axis=0)
+    if len(item.candidate.joints) > 1:
+        was, left = was.sum(keepdims=True), left.sum(keepdims=True)
+    return bool((left <= (1.0 - MOST_OF_FIT) * was).any() and item.drop >= MOST_OF_FIT)
+
+
+def _shown_in(rows: Products, columns: Sequence[int]) -> BoolArray:
+    """(s,): the stretches in which any of the columns is not zero."""
+    shown = np.zeros(rows.n_stretches, dtype=bool)
+    for joint, where in enumerate(rows.position):
+        _, places = present(where, np.array(columns, dtype=np.intp))
+        shown |= (rows.taken(joint, places, places) > 0).any(axis=1)
+    return shown
