@@ -10,6 +10,7 @@ from hidden_effects import (
     BAND,
     CASES,
     NAMES,
+    NOISE,
     PLAIN,
     ROBOT,
     WITH_OFFSET,
@@ -260,3 +261,30 @@ def test_progress_reaches_the_end_and_may_cancel():
 
     with pytest.raises(KeyboardInterrupt):
         diagnose(run.identification, [run.training], progress=cancel)
+
+
+def test_what_explains_most_of_the_error_is_named_on_a_motion_too_short_to_determine_the_model():
+    short = recorded(fourier_motion(ROBOT, 4.5, 200.0, 504), CASES["stribeck"].hidden, 4, "short")
+    found = diagnose(
+        identify(ROBOT, [short], choices=IdentificationChoices(WITH_OFFSET, preprocessing=BAND)),
+        [short],
+        candidates=["stribeck", "joint_spring", "torque_ripple"],
+    )
+    assert [(choice.effect, choice.joints) for choice in found.recommended] == [("stribeck", (NAMES[1],))]
+
+
+def test_a_residual_far_above_the_noise_is_never_adequate_though_it_depends_on_nothing_that_is_tried():
+    def rumble(motion, load):
+        """Noise of a narrow band, twice as large as the sensor's: six times it behind the filter."""
+        ringing = np.exp(-np.arange(200) / 10.0) * np.sin(np.arange(200) / 6.0)
+        noise = np.convolve(np.random.default_rng(5).normal(size=len(load)), ringing, "same")
+        added = np.zeros_like(load)
+        added[:, 1] = 2.0 * NOISE[1] * noise / noise.std()
+        return added
+
+    run = experiment(rumble)
+    found = diagnose(run.identification, [run.training], candidates=["offset", "joint_spring"])
+    assert found.recommended == ()
+    assert found.residual_rms[1] > 4.0 * found.noise_floor[1]
+    assert found.verdict == "unexplained"
+    assert "depends on none of the variables" in found.summary

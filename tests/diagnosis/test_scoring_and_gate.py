@@ -347,6 +347,19 @@ def test_one_stretch_with_most_of_the_error_does_not_decide():
     assert not item.passes
 
 
+def test_a_gain_counts_though_most_stretches_have_no_rows():
+    """Where passive joints with friction turn all the time, few stretches are equations."""
+    before = np.zeros((80, 2))
+    before[::4] = np.random.default_rng(3).uniform(0.9, 1.1, (20, 2))
+    item = judged_alone(before, 0.2 * before, (0, 1))
+    assert item.drop == pytest.approx(0.8)
+    assert item.total_gain == pytest.approx(0.8 * before.sum())
+    assert item.passes
+    loud = before.copy()
+    loud[0] = 100.0
+    assert judged_alone(loud, np.where(loud > 10.0, 0.0, loud), (0, 1)).drop < 0.2
+
+
 def test_a_name_is_found_again_in_resampled_data_unless_a_rival_gains_as_much():
     rng = np.random.default_rng(6)
     gains = rng.uniform(0.8, 1.2, 40)

@@ -26,7 +26,7 @@ from dynident.diagnosis.search.state import Finding, State, judge_all, noise_lef
 from dynident.diagnosis.search.sticking import held_at_rest
 from dynident.diagnosis.search.transients import find_contacts
 from dynident.diagnosis.search.unseen import nothing_left, too_uncertain
-from dynident.diagnosis.words import rank_all, summary, verdict_of
+from dynident.diagnosis.words import UNDETERMINED, over_noise, rank_all, summary, verdict_of
 from dynident.diagnosis.wrong_names import found_beside, misnamed
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import is_change
@@ -86,7 +86,7 @@ def diagnose(
     data = rows.products(pool, part(progress, 0.1, 0.5))
     start = _start(data, pool, identification, floor)
     first = judge_all(data, pool, start.base, pool.at_first, start.noise)
-    picks, undetermined_model = search(data, pool, start, first, most_effects, rows, part(progress, 0.5, 0.8))
+    picks, given_up = search(data, pool, start, first, most_effects, rows, part(progress, 0.5, 0.8))
     picks, recommended = refined(
         identification, picks, recordings, reference, resolved, floor, part(progress, 0.8, 0.9)
     )
@@ -113,10 +113,12 @@ def diagnose(
         changes = changes_of(grown, picks, ranked[: len(picks)], since)
     # What changed is no part of the model: that is of both sets of recordings.
     missing = tuple(choice for choice in recommended if not is_change(choice, since))
-    verdict = verdict_of(missing, unknown)
+    verdict = verdict_of(missing, unknown, over_noise(final, floor))
     told = [one for one in ranked if not is_change(one.choice, since)]
     hidden = (*undetermined.values(), *nothing_left(first))
     sentences = [summary(verdict, told, unknown, residual, floor, model)]
+    if given_up:
+        sentences.append(UNDETERMINED)
     if changes is not None:
         sentences.insert(0, summary_of(changes))
     progress(1.0, "diagnosed")

@@ -12,7 +12,7 @@ from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.family import evenness
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.scoring import Score
-from dynident.diagnosis.residuals.stretches import t_of
+from dynident.diagnosis.residuals.stretches import t_of, usual_of
 from dynident.effects import CATALOGUE
 
 ALPHA = 0.01
@@ -121,7 +121,7 @@ class Bar:
     """What the model alone leaves in one kind of folds, `weighted` (s, n) in units of the noise.
 
     `factor` (s,): one stretch with half of all the error must not decide: its gain counts up to three times a usual
-    one's, of those that have rows; where many passive joints rub, most stretches have none.
+    one's.
     """
 
     weighted: FloatArray
@@ -132,9 +132,7 @@ class Bar:
         """From squared errors (s, n) and the noise (n,)."""
         weighted = before / noise**2
         whole = weighted.sum(axis=1)
-        told = whole[whole > 0.0]
-        cap = _CAP * float(np.median(told)) if len(told) else 0.0
-        return cls(weighted, np.minimum(1.0, cap / np.maximum(whole, 1e-300)))
+        return cls(weighted, np.minimum(1.0, _CAP * usual_of(whole) / np.maximum(whole, 1e-300)))
 
 
 def judge(

@@ -29,3 +29,12 @@ def t_of(gain: FloatArray) -> float:
         return 0.0
     spread = float(gain.std(ddof=1))
     return float(gain.mean() / (spread / np.sqrt(len(gain)))) if spread > 0 else 0.0
+
+
+def usual_of(errors: FloatArray) -> float:
+    """The median of squared errors (s,) over the stretches that have any; 0 where none has.
+
+    Stretches without rows leave none: where many passive joints rub, those in which none of them turns are few.
+    """
+    told = errors[errors > 0.0]
+    return float(np.median(told)) if len(told) else 0.0

@@ -45,7 +45,7 @@ def search(
     the findings, and whether one was given up because the motion does not determine the model
     """
     firm = generalises(data.of(state.base), state)
-    judged, undetermined = first, False
+    judged, undetermined, contacts = first, False, state.picks
     remaining, asleep = [item.candidate for item in first], pool.faint
     while len(state.picks) < most:
         progress(len(state.picks) / most, f"{len(state.picks)} effects found, {len(remaining)} candidates")
@@ -59,11 +59,12 @@ def search(
             rows = rows.with_findings((*state.picks, finding))
             data = rows.products(pool)
         # What one run has and the others have not keeps the plain model from predicting a part of it, too.
-        firm = firm or generalises(data.of(base), replace(state, base=base, noise=noise_left(data, base)))
+        grown = replace(state, base=base, noise=noise_left(data, base), picks=contacts)
+        firm = firm or generalises(data.of(base), grown)
         undetermined = not firm and not explains_most(data, state, chosen)
         if undetermined:
             break
-        state = replace(state, base=base, noise=noise_left(data, base), picks=(*state.picks, finding))
+        state = replace(grown, picks=(*state.picks, finding))
         reached = [pool.observation.robot.joint_names[j] for j in chosen.joints]
         # What the constants of a function of the position are off by looks like a wave, too: that is no trace of one.
         known = {name for pick in state.picks if is_of_position(pick) for name in pick.judged.candidate.joints}

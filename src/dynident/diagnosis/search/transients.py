@@ -15,6 +15,7 @@ from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import fitted_errors
+from dynident.diagnosis.residuals.stretches import usual_of
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import effect_by_id
 
@@ -54,7 +55,7 @@ def _tried(
     whole = (before / noise**2).sum(axis=1)
     # Only the stretches that the contact is in gain; the others would dilute what it explains.
     strong = np.flatnonzero(gains > max(0.1 * float(gains.max(initial=0.0)), 0.0))
-    usual = float(np.median(whole))
+    usual = usual_of(whole)
     excess = float((whole[strong] - usual).sum())
     drop = float(gains[strong].sum()) / excess if excess > 0 else 0.0
     k = len(candidate.columns)
