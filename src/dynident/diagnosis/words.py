@@ -43,9 +43,8 @@ def rank_all(
         why = finding.why or f"Its mark in a residual: {effect_by_id(choice.effect).signature}."
         if twins:
             why += f" This data cannot tell it from: {', '.join(twins)}."
-        places = [item.candidate.joints for item in finding.equal if item.candidate.effect == choice.effect]
-        if places and effect_by_id(choice.effect).in_some_runs:
-            why += f" It may as well be on: {', '.join(name for joints in places for name in joints)}."
+        if places := _other_places(finding, choice):
+            why += f" It may as well be on: {', '.join(places)}."
         item = _narrowed(finding.judged, choice)
         ranked.append(_ranked(len(ranked) + 1, item, choice, finding.p, why, twins))
     picked = {choice.effect for choice in recommended}
@@ -60,6 +59,13 @@ def rank_all(
         why = better if item.passes else "That is not enough."
         ranked.append(_ranked(len(ranked) + 1, item, item.candidate.choice, item.p, why, None))
     return tuple(ranked)
+
+
+def _other_places(finding: Finding, choice: EffectChoice) -> tuple[str, ...]:
+    """Joints on which the same effect says as much, each by itself: passive joints of a parallelogram turn alike."""
+    same = [item.candidate.joints for item in finding.equal if item.candidate.effect == choice.effect]
+    apart = same if effect_by_id(choice.effect).in_some_runs else [joints for joints in same if len(joints) == 1]
+    return tuple(dict.fromkeys(name for joints in apart for name in joints if name not in choice.joints))
 
 
 def _narrowed(item: JudgedCandidate, choice: EffectChoice) -> JudgedCandidate:

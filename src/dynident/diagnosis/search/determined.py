@@ -18,7 +18,9 @@ MOST_FROM_PART_TO_PART = 1.6
 1.6-3 where the motion is too poor to determine the model."""
 
 MOST_OF_FIT = 0.5
-"""Share of the squared error, fitted and held out, that something has to explain to be named where it is."""
+"""Share of the squared error, fitted and held out, that something has to explain to be named where that is so.
+
+On a clean delta robot, what passed the gate explained 0.03 of it; friction hidden on a passive joint, 0.91-0.95."""
 
 
 def generalises(rows: Products, state: State) -> bool:
