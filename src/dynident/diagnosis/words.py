@@ -26,8 +26,8 @@ _QUIET = 1e-3
 
 UNDETERMINED = (
     "This motion does not determine the model: from most of it the rest is predicted much worse than short stretches "
-    "are from those around them. What would explain the less of it is not named for that: more motion, or one that "
-    "turns passive joints less often, would tell."
+    "are from those around them. What would explain the less of it is not named for that: a longer motion, or a richer "
+    "one, would tell."
 )
 """What is said where a finding was given up for that."""
 
