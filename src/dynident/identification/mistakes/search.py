@@ -213,14 +213,16 @@ def _may_be(one: Mistake, motion: Motion, load: FloatArray | None) -> bool:
 
 def delay_in(robot: Robot, recording: Recording) -> Delay | None:
     """By how much a recording's torque is late; None where it is too short, or the robot too long, to tell."""
-    found = _filtered(recording) if robot.n <= MOST_JOINTS else None
-    if found is None:
-        return None
-    motion, period = found
+    whole = whole_motion_of(recording) if robot.n <= MOST_JOINTS else None
+    return None if whole is None else delay_among(robot, *whole)
+
+
+def delay_among(robot: Robot, motion: Motion, period: float) -> Delay | None:
+    """The same of all filtered rows, in their order, `period` s apart."""
     judge = _Judge(robot)
-    if len(_thinned(motion).q) * int(_moving(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
+    if len(thinned(motion).q) * int(_moving(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
         return None
-    return delay_of(motion, period, lambda tried: judge.left(_thinned(tried)).blocks)
+    return delay_of(motion, period, lambda tried: judge.left(thinned(tried)).blocks)
 
 
 def better_by_other_gains(robot: Robot, motion: Motion, factor: float) -> float:
@@ -250,18 +252,19 @@ def _moving(motion: Motion) -> BoolArray:
 
 def motion_of(recording: Recording) -> Motion | None:
     """Filtered rows from all over a recording; None where it is too short to be filtered."""
-    found = _filtered(recording)
-    return None if found is None else _thinned(found[0])
+    found = whole_motion_of(recording)
+    return None if found is None else thinned(found[0])
 
 
-def _thinned(motion: Motion) -> Motion:
+def thinned(motion: Motion) -> Motion:
+    """As many rows from all over a motion as mistakes are looked for in."""
     step = max(1, len(motion.q) // _ROWS)
     q, dq, ddq, tau = (np.ascontiguousarray(one[::step]) for one in (motion.q, motion.dq, motion.ddq, motion.tau))
     block: IntArray = np.arange(len(q)) * _BLOCKS // len(q)
     return Motion(q, dq, ddq, tau, block)
 
 
-def _filtered(recording: Recording) -> tuple[Motion, float] | None:
+def whole_motion_of(recording: Recording) -> tuple[Motion, float] | None:
     """Filtered rows in their order, and the seconds between them; None where it is too short to be filtered."""
     try:
         choice = choose_preprocessing([recording])
