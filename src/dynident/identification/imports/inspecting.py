@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +25,17 @@ SHOWN_ROWS = 20
 class Inspection:
     """What was found in a file; `proposal` is None without a robot. `rows` (m, columns) are its first ones."""
 
+    path: Path
     format: str
-    sha256: str
     columns: tuple[str, ...]
     rows: FloatArray
     n_rows_seen: int
     proposal: Proposal | None
+
+    @cached_property
+    def sha256(self) -> str:
+        """What the file is known by; read when it is asked for, since the whole file is, and not a sample of it."""
+        return digest_of(self.path)
 
 
 def inspect_file(path: Path, robot: Robot | None) -> Inspection:
@@ -42,8 +48,8 @@ def inspect_file(path: Path, robot: Robot | None) -> Inspection:
     """
     sample = sample_of(path)
     return Inspection(
+        path=path,
         format=format_of(path),
-        sha256=digest_of(path),
         columns=sample.names,
         rows=sample.values[:SHOWN_ROWS],
         n_rows_seen=len(sample.values),
