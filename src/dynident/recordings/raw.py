@@ -51,6 +51,9 @@ class RawSource(Protocol):
 class FileSource:
     """A file of the user's with named columns; `units` are those that the file states, by its columns."""
 
+    sample_rows = 1 << 16
+    """First rows that are enough of a sample to tell the columns, and are read in a moment."""
+
     def __init__(self, names: Sequence[str], units: Mapping[str, str] | None = None) -> None:
         self.names = list(names)
         self.units = dict(units or {})

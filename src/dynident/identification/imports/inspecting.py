@@ -17,7 +17,6 @@ from dynident.recordings.formats import format_of
 from dynident.recordings.raw import open_source
 from dynident.robot import Robot
 
-MOST_ROWS = 1 << 16
 SHOWN_ROWS = 20
 
 
@@ -39,7 +38,7 @@ class Inspection:
 
 
 def inspect_file(path: Path, robot: Robot | None) -> Inspection:
-    """Look at a sample of a file, at most its first 65536 rows.
+    """Look at a sample of a file: at most its first 65536 rows, or 16000 of a bag.
 
     Raises
     ------
@@ -69,9 +68,9 @@ def sample_of(path: Path) -> Sample:
     parts: list[FloatArray] = []
     seen = 0
     for block in source.blocks():
-        parts.append(block[: MOST_ROWS - seen])
+        parts.append(block[: source.sample_rows - seen])
         seen += len(parts[-1])
-        if seen >= MOST_ROWS:
+        if seen >= source.sample_rows:
             break
     values = np.concatenate(parts) if parts else np.empty((0, len(source.names)))
     return Sample(tuple(source.names), values, source.units)
