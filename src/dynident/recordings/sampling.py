@@ -51,7 +51,9 @@ class SampleCollector:
             first, last = max(start, rows.first_row), min(stop, end)
             if first < last:
                 chosen = slice(first - rows.first_row, last - rows.first_row)
-                kept = RawRows(first, rows.t[chosen], rows.segment[chosen], rows.values[chosen])
+                # Copies: a part of a block would keep all of it.
+                parts = (np.array(part[chosen]) for part in (rows.t, rows.segment, rows.values))
+                kept = RawRows(first, *parts)
                 self._parts.append((np.arange(first + 1, last + 1), kept, used[chosen]))
 
     def result(self) -> RawSample:
