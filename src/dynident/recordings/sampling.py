@@ -52,8 +52,7 @@ class SampleCollector:
             if first < last:
                 chosen = slice(first - rows.first_row, last - rows.first_row)
                 # Copies: a part of a block would keep all of it.
-                parts = (np.array(part[chosen]) for part in (rows.t, rows.segment, rows.values))
-                kept = RawRows(first, *parts)
+                kept = RawRows(first, rows.t[chosen].copy(), rows.segment[chosen].copy(), rows.values[chosen].copy())
                 self._parts.append((np.arange(first + 1, last + 1), kept, used[chosen]))
 
     def result(self) -> RawSample:
