@@ -12,8 +12,8 @@ from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata
 
 
-def look_at(source: Path, robot: Robot, said: wire.ImportMetadata) -> wire.ImportResult:
-    """Look at a user's file; what is said of it goes before what is guessed."""
+def look_at(source: Path, robot: Robot, said: wire.ImportMetadata, sha256: str) -> wire.ImportResult:
+    """Look at a user's file, which is known by its `sha256`; what is said of it goes before what is guessed."""
     found = inspect_file(source, robot)
     assert found.proposal is not None
     proposed = MeasurementMetadata(
@@ -26,13 +26,13 @@ def look_at(source: Path, robot: Robot, said: wire.ImportMetadata) -> wire.Impor
         effort_kind=found.proposal.effort_kind,
     )
     answered = {key.rstrip("0123456789") for key in (*said.columns, *said.units)}
-    view = describe_inspection(found)
+    view = describe_inspection(found, sha256)
     questions = [one for one in view.questions if one.field.rpartition("/")[2].rstrip("0123456789") not in answered]
     document = plain(proposed)
     return wire.ImportResult(**{**view.model_dump(), "questions": questions, "proposed": document})
 
 
-def describe_inspection(found: Inspection) -> wire.InspectionView:
+def describe_inspection(found: Inspection, sha256: str) -> wire.InspectionView:
     """Describe what was found in a file for the wire."""
     proposal = found.proposal
     questions = [
@@ -41,6 +41,7 @@ def describe_inspection(found: Inspection) -> wire.InspectionView:
     return shown(
         wire.InspectionView,
         found,
+        sha256=sha256,
         guesses=proposal.guesses if proposal else [],
         questions=questions,
         effort_kind=proposal.effort_kind if proposal else "unknown",

@@ -65,10 +65,10 @@ def import_measurement(
     return plain(describe_recording(recording, checks, sha256))
 
 
-def look_at_file(source: str, robot: Mapping[str, Any], metadata: Mapping[str, Any]) -> dict[str, Any]:
+def look_at_file(source: str, robot: Mapping[str, Any], metadata: Mapping[str, Any], sha256: str) -> dict[str, Any]:
     """Look at a file: what its columns most probably are."""
     try:
-        return plain(look_at(Path(source), robot_of(robot), ImportMetadata.model_validate(metadata)))
+        return plain(look_at(Path(source), robot_of(robot), ImportMetadata.model_validate(metadata), sha256))
     except RecordingError as error:
         raise ProblemError.of(problem_with_file(error)) from error
 

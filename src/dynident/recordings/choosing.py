@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import floor, log10
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -60,7 +61,7 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     """
     if not recordings:
         raise ValueError("no recordings to choose from")
-    found = [_bands(spectra(recording)) for recording in recordings]
+    found = [_bands_of(recording) for recording in recordings]
     rate = min(recording.sampling_rate for recording in recordings)
     motion = max(bands.motion for bands in found)
     noisiest = min(found, key=lambda bands: bands.noise)
@@ -88,7 +89,7 @@ def motion_band(recordings: Sequence[Recording]) -> float:
     DynidentError
         If a recording is too short to have a spectrum.
     """
-    return max(_bands(spectra(recording)).motion for recording in recordings)
+    return max(_bands_of(recording).motion for recording in recordings)
 
 
 def preprocessing_from_request(
@@ -153,6 +154,16 @@ def _about_torque(cutoff: float | None) -> str:
     if cutoff is None:
         return "No parallel filter, as asked."
     return f"Torque cut-off {cutoff:g} Hz, as for the positions: torque above it cannot be explained by them."
+
+
+_known: WeakKeyDictionary[Recording, _Bands] = WeakKeyDictionary()
+
+
+def _bands_of(recording: Recording) -> _Bands:
+    """The bands of a recording, found once: its spectra take as long as reading it."""
+    if recording not in _known:
+        _known[recording] = _bands(spectra(recording))
+    return _known[recording]
 
 
 def _bands(found: Spectra) -> _Bands:

@@ -56,6 +56,9 @@ _UNTOLD = 0.2
 _SURVEYED = 16384
 """Samples that the resolution of the positions is told from."""
 
+_COUNTED = 1 << 16
+"""Samples that are counted at once: their times and phases, all together, would take 40 bytes a sample and more."""
+
 _SELDOM = 0.1
 """Share of its turns at which a joint that turns freely may seem to stick."""
 
@@ -170,11 +173,13 @@ def phase_shares(recording: Recording) -> PhaseShares:
     width = 1e-3 * recording.period
     counts, total = np.zeros((len(Phase), recording.n)), 0
     for k, segment in enumerate(recording.segments):
-        t: FloatArray = segment.start_time + np.arange(segment.length, dtype=np.float64) * recording.period
-        t = t[recording.inside_windows(t)]
-        found = phases.at(k, t, width)
-        counts += np.array([(found == phase).sum(axis=0) for phase in Phase])
-        total += len(t)
+        for first in range(0, segment.length, _COUNTED):
+            samples = np.arange(first, min(first + _COUNTED, segment.length), dtype=np.float64)
+            t: FloatArray = segment.start_time + samples * recording.period
+            t = t[recording.inside_windows(t)]
+            found = phases.at(k, t, width)
+            counts += np.array([(found == phase).sum(axis=0) for phase in Phase])
+            total += len(t)
     shares = counts / max(total, 1)
     return PhaseShares(shares[Phase.STANDING], shares[Phase.REVERSING])
 

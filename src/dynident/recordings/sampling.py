@@ -51,7 +51,8 @@ class SampleCollector:
             first, last = max(start, rows.first_row), min(stop, end)
             if first < last:
                 chosen = slice(first - rows.first_row, last - rows.first_row)
-                kept = RawRows(first, rows.t[chosen], rows.segment[chosen], rows.values[chosen])
+                # Copies: a part of a block would keep all of it.
+                kept = RawRows(first, rows.t[chosen].copy(), rows.segment[chosen].copy(), rows.values[chosen].copy())
                 self._parts.append((np.arange(first + 1, last + 1), kept, used[chosen]))
 
     def result(self) -> RawSample:

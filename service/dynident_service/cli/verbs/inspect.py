@@ -61,7 +61,7 @@ def inspect(
 def _document(found: Inspection) -> dict[str, Any]:
     from dynident_service.adapters.imports import describe_inspection
 
-    return describe_inspection(found).model_dump(mode="json")
+    return describe_inspection(found, found.sha256).model_dump(mode="json")
 
 
 def _show(found: Inspection, out: Path | None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,6 @@ from dynident.recordings.formats import format_of
 from dynident.recordings.raw import open_source
 from dynident.robot import Robot
 
-MOST_ROWS = 1 << 16
 SHOWN_ROWS = 20
 
 
@@ -24,16 +24,21 @@ SHOWN_ROWS = 20
 class Inspection:
     """What was found in a file; `proposal` is None without a robot. `rows` (m, columns) are its first ones."""
 
+    path: Path
     format: str
-    sha256: str
     columns: tuple[str, ...]
     rows: FloatArray
     n_rows_seen: int
     proposal: Proposal | None
 
+    @cached_property
+    def sha256(self) -> str:
+        """What the file is known by; read when it is asked for, since the whole file is, and not a sample of it."""
+        return digest_of(self.path)
+
 
 def inspect_file(path: Path, robot: Robot | None) -> Inspection:
-    """Look at a sample of a file, at most its first 65536 rows.
+    """Look at a sample of a file: at most its first 65536 rows, or 16000 of a bag.
 
     Raises
     ------
@@ -42,8 +47,8 @@ def inspect_file(path: Path, robot: Robot | None) -> Inspection:
     """
     sample = sample_of(path)
     return Inspection(
+        path=path,
         format=format_of(path),
-        sha256=digest_of(path),
         columns=sample.names,
         rows=sample.values[:SHOWN_ROWS],
         n_rows_seen=len(sample.values),
@@ -63,9 +68,9 @@ def sample_of(path: Path) -> Sample:
     parts: list[FloatArray] = []
     seen = 0
     for block in source.blocks():
-        parts.append(block[: MOST_ROWS - seen])
+        parts.append(block[: source.sample_rows - seen])
         seen += len(parts[-1])
-        if seen >= MOST_ROWS:
+        if seen >= source.sample_rows:
             break
     values = np.concatenate(parts) if parts else np.empty((0, len(source.names)))
     return Sample(tuple(source.names), values, source.units)

@@ -6,8 +6,15 @@ from collections.abc import Sequence
 
 from dynident.identification.mistakes.gravity import Mounting, compensated, other_mounting
 from dynident.identification.mistakes.scales import scales_of
-from dynident.identification.mistakes.search import Finding, delay_in, mistakes_in, motion_of
-from dynident.identification.mistakes.swaps import Kind, Mistake
+from dynident.identification.mistakes.search import (
+    MOST_JOINTS,
+    Finding,
+    delay_among,
+    mistakes_of,
+    thinned,
+    whole_motion_of,
+)
+from dynident.identification.mistakes.swaps import Kind, Mistake, Motion
 from dynident.recordings.revisions import Revision
 from dynident.recordings.types import DELAY, NO_MEASUREMENT, Check, ModelChecks, Recording
 from dynident.robot.model import Robot
@@ -40,16 +47,21 @@ def checks_against(robot: Robot) -> ModelChecks:
     """
 
     def looked_at(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
-        found = mistakes_in(robot, recording)
+        # Once for all of them: it is read from the whole recording.
+        whole = whole_motion_of(recording) if robot.n <= MOST_JOINTS else None
+        if whole is None:
+            return None
+        motion = thinned(whole[0])
+        found = mistakes_of(robot, motion)
         if found is None:
             return None
         mistakes, left = found
         wrong = {_CHECK[one.mistake.kind] for one in mistakes}
         fine = f"No other order or sign of the columns explains the torque better; on average {left:.0%} are left."
-        amounts = () if mistakes else (*_delay(robot, recording, tau), *_scales(robot, recording, tau))
+        amounts = () if mistakes else (*_delay(robot, *whole, tau), *_scales(robot, motion, recording, tau))
         passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _AMOUNTS]
         if not mistakes:
-            amounts = (*_gravity(robot, recording, tau, left), *amounts)
+            amounts = (*_gravity(robot, motion, tau, left), *amounts)
         return (*passed, *(_check(one, recording, q, tau) for one in mistakes), *amounts)
 
     return looked_at
@@ -76,10 +88,7 @@ def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[s
     )
 
 
-def _gravity(robot: Robot, recording: Recording, tau: Sequence[str], left: float) -> tuple[Check, ...]:
-    motion = motion_of(recording)
-    if motion is None:
-        return ()
+def _gravity(robot: Robot, motion: Motion, tau: Sequence[str], left: float) -> tuple[Check, ...]:
     found = compensated(robot, motion)
     if found is None:
         mounted = other_mounting(robot, motion, left)
@@ -107,8 +116,8 @@ def _mounting(found: Mounting) -> Check:
     )
 
 
-def _delay(robot: Robot, recording: Recording, tau: Sequence[str]) -> tuple[Check, ...]:
-    found = delay_in(robot, recording)
+def _delay(robot: Robot, motion: Motion, period: float, tau: Sequence[str]) -> tuple[Check, ...]:
+    found = delay_among(robot, motion, period)
     if found is None:
         return ()
     word = "late" if found.seconds > 0 else "early"
@@ -128,9 +137,8 @@ def _delay(robot: Robot, recording: Recording, tau: Sequence[str]) -> tuple[Chec
     return (told,)
 
 
-def _scales(robot: Robot, recording: Recording, tau: Sequence[str]) -> tuple[Check, ...]:
-    motion = motion_of(recording)
-    found = None if motion is None else scales_of(robot, motion)
+def _scales(robot: Robot, motion: Motion, recording: Recording, tau: Sequence[str]) -> tuple[Check, ...]:
+    found = scales_of(robot, motion)
     if found is None:
         return ()
     if not found:

@@ -99,6 +99,23 @@ class _Left:
         return self.against > other.against or float(fall.mean()) >= SURELY * error
 
 
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """W of a motion where each joint moves: inner products (blocks, n, c, c); by block and joint, which rows, and them.
+
+    Of the rows only those columns are kept that the joint's torque depends on.
+    """
+
+    motion: Motion
+    inner: FloatArray
+    parts: dict[tuple[int, int], tuple[IntArray, FloatArray]]
+
+    def is_of(self, other: Motion) -> bool:
+        """Whether another motion is the same but for its torque."""
+        names = ("q", "dq", "ddq", "block")
+        return all(np.array_equal(getattr(self.motion, name), getattr(other, name)) for name in names)
+
+
 class _Judge:
     """Fits a robot's links, rotors and friction to motions of it."""
 
@@ -107,6 +124,7 @@ class _Judge:
         self._robot = robot
         self._observation = Observation.of(robot, columns_of(DEFAULT_EFFECTS, signals), signals)
         self._layout = [self._observation.joint_entries(joint) for joint in range(robot.n)]
+        self._known: list[_Rows] = []
 
     @property
     def n_columns(self) -> int:
@@ -134,18 +152,37 @@ class _Judge:
 
     def _grams(self, motion: Motion) -> FloatArray:
         """(blocks, n, c + 1, c + 1): inner products of [W | Y] where each joint moves."""
+        known, c = self._rows_of(motion), self.n_columns
+        grams = np.zeros((_BLOCKS, self._robot.n, c + 1, c + 1))
+        grams[:, :, :c, :c] = known.inner
+        for (block, joint), (at, rows) in known.parts.items():
+            columns, measured = self._layout[joint][1], motion.tau[at, joint]
+            gram = grams[block, joint]
+            gram[columns, c] = gram[c, columns] = rows.T @ measured
+            gram[c, c] = measured @ measured
+        return grams
+
+    def _rows_of(self, motion: Motion) -> _Rows:
+        """W of a motion; of two motions it is kept, since most of what is tried changes torques alone."""
+        known = next((one for one in self._known if one.is_of(motion)), None) or self._evaluated(motion)
+        self._known = [known, *(one for one in self._known if one is not known)][:2]
+        return known
+
+    def _evaluated(self, motion: Motion) -> _Rows:
         robot, c = self._robot, self.n_columns
         reference, memory = np.zeros(10 * robot.tree.n), np.zeros((len(motion.q), self._observation.n_memory))
         entries = self._observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
-        slow = _SLOW * np.sqrt((motion.dq**2).mean(axis=0))
-        grams = np.zeros((_BLOCKS, robot.n, c + 1, c + 1))
+        moves = np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0))
+        blocks = [motion.block == block for block in range(_BLOCKS)]
+        inner, parts = np.zeros((_BLOCKS, robot.n, c, c)), {}
         for joint, (positions, columns) in enumerate(self._layout):
-            rows = np.zeros((len(motion.q), c + 1))
-            rows[:, columns], rows[:, -1] = entries[:, positions], motion.tau[:, joint]
-            for block in range(_BLOCKS):
-                part = rows[(np.abs(motion.dq[:, joint]) > slow[joint]) & (motion.block == block)]
-                grams[block, joint] = part.T @ part
-        return grams
+            rows = np.ascontiguousarray(entries[:, positions])
+            for block, inside in enumerate(blocks):
+                at = np.flatnonzero(moves[:, joint] & inside)
+                part = rows[at]
+                inner[block, joint][np.ix_(columns, columns)] = part.T @ part
+                parts[block, joint] = at, part
+        return _Rows(motion, inner, parts)
 
     def _fitted(self, grams: FloatArray, noise: FloatArray) -> FloatArray:
         """(blocks, c): parameters of the blocks but each one; where the motion says nothing, the smallest ones."""
@@ -213,14 +250,16 @@ def _may_be(one: Mistake, motion: Motion, load: FloatArray | None) -> bool:
 
 def delay_in(robot: Robot, recording: Recording) -> Delay | None:
     """By how much a recording's torque is late; None where it is too short, or the robot too long, to tell."""
-    found = _filtered(recording) if robot.n <= MOST_JOINTS else None
-    if found is None:
-        return None
-    motion, period = found
+    whole = whole_motion_of(recording) if robot.n <= MOST_JOINTS else None
+    return None if whole is None else delay_among(robot, *whole)
+
+
+def delay_among(robot: Robot, motion: Motion, period: float) -> Delay | None:
+    """The same of all filtered rows, in their order, `period` s apart."""
     judge = _Judge(robot)
-    if len(_thinned(motion).q) * int(_moving(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
+    if len(thinned(motion).q) * int(_moving(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
         return None
-    return delay_of(motion, period, lambda tried: judge.left(_thinned(tried)).blocks)
+    return delay_of(motion, period, lambda tried: judge.left(thinned(tried)).blocks)
 
 
 def better_by_other_gains(robot: Robot, motion: Motion, factor: float) -> float:
@@ -250,18 +289,19 @@ def _moving(motion: Motion) -> BoolArray:
 
 def motion_of(recording: Recording) -> Motion | None:
     """Filtered rows from all over a recording; None where it is too short to be filtered."""
-    found = _filtered(recording)
-    return None if found is None else _thinned(found[0])
+    found = whole_motion_of(recording)
+    return None if found is None else thinned(found[0])
 
 
-def _thinned(motion: Motion) -> Motion:
+def thinned(motion: Motion) -> Motion:
+    """As many rows from all over a motion as mistakes are looked for in."""
     step = max(1, len(motion.q) // _ROWS)
     q, dq, ddq, tau = (np.ascontiguousarray(one[::step]) for one in (motion.q, motion.dq, motion.ddq, motion.tau))
     block: IntArray = np.arange(len(q)) * _BLOCKS // len(q)
     return Motion(q, dq, ddq, tau, block)
 
 
-def _filtered(recording: Recording) -> tuple[Motion, float] | None:
+def whole_motion_of(recording: Recording) -> tuple[Motion, float] | None:
     """Filtered rows in their order, and the seconds between them; None where it is too short to be filtered."""
     try:
         choice = choose_preprocessing([recording])

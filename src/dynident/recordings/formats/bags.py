@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
 BLOCK_SAMPLES = 8192
-_LOOKED_AT = 20000
+_LOOKED_AT = 20_001
 _LONGEST_STEP = 10.0
 """Usual steps of a topic beyond which it is not read between its samples."""
 
@@ -27,8 +28,13 @@ class BagSource(FileSource):
     straight line.
     """
 
+    sample_rows = 16_000
+    """Messages are unpacked one by one: of more rows a look would take seconds."""
+
     def __init__(self, path: Path, name: str) -> None:
         self._path, self._format = path, name
+        # What was looked at is not unpacked again by the first who reads.
+        self._ahead: Iterator[Sample] | None = None
         self._topics, self._main, self._start, self._steps = self._look()
         columns = [f"{topic}/{field}" for topic, fields in self._topics.items() for field in fields]
         super().__init__(["t", *columns])
@@ -37,11 +43,12 @@ class BagSource(FileSource):
         """Find topics, their columns, the topic that gives the rows, the time of the first sample, and usual steps."""
         fields: dict[str, dict[str, None]] = {}
         times: dict[str, list[float]] = {}
-        for count, sample in enumerate(samples_of(self._path, self._format)):
+        stream = samples_of(self._path, self._format)
+        seen = list(islice(stream, _LOOKED_AT))
+        for sample in seen:
             fields.setdefault(sample.topic, {}).update(dict.fromkeys(sample.names))
             times.setdefault(sample.topic, []).append(sample.time)
-            if count >= _LOOKED_AT:
-                break
+        self._ahead = chain(seen, stream)
         if not fields:
             raise RecordingError(
                 "The bag holds no joint states: messages of sensor_msgs/JointState are needed, with position and "
@@ -62,7 +69,8 @@ class BagSource(FileSource):
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         series = {topic: _Series(names, self._steps[topic]) for topic, names in self._topics.items()}
         main = series[self._main]
-        for sample in samples_of(self._path, self._format):
+        samples, self._ahead = self._ahead or samples_of(self._path, self._format), None
+        for sample in samples:
             one = series.get(sample.topic)
             if one is None:
                 continue
@@ -107,11 +115,13 @@ class _Series:
         return self._times[-1]
 
     def add(self, sample: Sample, start: float) -> None:
-        row = np.full(len(self.names), np.nan)
-        for name, value in zip(sample.names, sample.values, strict=True):
-            place = self._places.get(name)
-            if place is not None:
-                row[place] = value
+        row = sample.values
+        if sample.names != self.names:
+            row = np.full(len(self.names), np.nan)
+            for name, value in zip(sample.names, sample.values, strict=True):
+                place = self._places.get(name)
+                if place is not None:
+                    row[place] = value
         self._times.append(sample.time - start)
         self._rows.append(row)
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ _CONTROLLER = (
     "control_msgs/msg/JointTrajectoryControllerState",
     "control_msgs/msg/JointControllerState",
 )
+_JOINT_FIELDS = ("position", "velocity", "effort")
 KNOWN = (_JOINT_STATES, *_WRENCHES, _DYNAMIC, *_CONTROLLER)
 
 
@@ -98,7 +100,14 @@ def _mcap(path: Path) -> Iterator[_Packed]:
     from mcap.reader import make_reader
 
     with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
+        reader = make_reader(file)
+        # Those of other topics would be put in order too, images among them.
+        summary = reader.get_summary()
+        topics = None
+        if summary is not None and summary.chunk_indexes:
+            known = {key for key, schema in summary.schemas.items() if _plain(schema.name) in KNOWN}
+            topics = [channel.topic for channel in summary.channels.values() if channel.schema_id in known]
+        for schema, channel, message in reader.iter_messages(topics):
             if schema is None or _plain(schema.name) not in KNOWN or channel.message_encoding != "cdr":
                 continue
             text = schema.data.decode(errors="replace") if schema.encoding == "ros2msg" else ""
@@ -141,10 +150,10 @@ def _samples(packed: _Packed, message: Any) -> Iterator[Sample]:
     topic = packed.topic.strip("/")
     names, values = _content(packed.type, message)
     if names:
-        yield Sample(topic, time, tuple(names), np.array(values, dtype=np.float64))
+        yield Sample(topic, time, tuple(names), np.asarray(values, dtype=np.float64))
 
 
-def _content(kind: str, message: Any) -> tuple[list[str], list[float]]:
+def _content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | FloatArray]:
     if kind == _JOINT_STATES:
         return _of_joints(message.name, message)
     if kind in _WRENCHES:
@@ -171,12 +180,15 @@ def _content(kind: str, message: Any) -> tuple[list[str], list[float]]:
     return names, values
 
 
-def _of_joints(joints: Any, message: Any) -> tuple[list[str], list[float]]:
-    names: list[str] = []
-    values: list[float] = []
-    for field in ("position", "velocity", "effort"):
-        # A field may be left empty; it is never shorter otherwise.
-        for joint, value in zip(joints, getattr(message, field), strict=False):
-            names.append(f"{field}_{joint}")
-            values.append(float(value))
-    return names, values
+def _of_joints(joints: Any, message: Any) -> tuple[Sequence[str], FloatArray]:
+    fields = [(field, values) for field in _JOINT_FIELDS if len(values := getattr(message, field))]
+    # A field may be left empty; it is never shorter otherwise.
+    counts = tuple((field, min(len(joints), len(values))) for field, values in fields)
+    values = [values[:count] for (_, values), (_, count) in zip(fields, counts, strict=True)]
+    return _names_of(tuple(joints), counts), np.concatenate(values) if values else np.empty(0)
+
+
+@lru_cache(maxsize=64)
+def _names_of(joints: tuple[str, ...], counts: tuple[tuple[str, int], ...]) -> tuple[str, ...]:
+    """One and the same for all messages of a topic, which are many."""
+    return tuple(f"{field}_{joint}" for field, count in counts for joint in joints[:count])
