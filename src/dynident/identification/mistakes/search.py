@@ -248,14 +248,11 @@ def _may_be(one: Mistake, motion: Motion, load: FloatArray | None) -> bool:
     return one.kind != "torque scaled" or nearer_to_masses(load, motion, one.joints[0], one.factor)
 
 
-def delay_in(robot: Robot, recording: Recording) -> Delay | None:
-    """By how much a recording's torque is late; None where it is too short, or the robot too long, to tell."""
-    whole = whole_motion_of(recording) if robot.n <= MOST_JOINTS else None
-    return None if whole is None else delay_among(robot, *whole)
-
-
 def delay_among(robot: Robot, motion: Motion, period: float) -> Delay | None:
-    """The same of all filtered rows, in their order, `period` s apart."""
+    """By how much the torque of a motion is late: all filtered rows, in their order, `period` s apart.
+
+    None where they are too few to tell.
+    """
     judge = _Judge(robot)
     if len(thinned(motion).q) * int(_moving(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
         return None
