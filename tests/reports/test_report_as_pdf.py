@@ -33,7 +33,9 @@ def page(body: str) -> str:
 
 
 def read(content: bytes) -> str:
-    return " ".join("".join(one.extract_text() for one in PdfReader(io.BytesIO(content)).pages).split())
+    text = " ".join("".join(one.extract_text() for one in PdfReader(io.BytesIO(content)).pages).split())
+    # Readers of PDF guess spaces from gaps.
+    return text.replace(" ,", ",")
 
 
 def squeezed(text: str) -> str:

@@ -3,10 +3,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+from versions import older_than_locked
+
 import dynident_client
 from dynident_service.client_types import FILE as TYPES
 from dynident_service.client_types import client_types
 from dynident_service.openapi import contract
+
+# Older ones give the same schemas other names.
+pytestmark = pytest.mark.skipif(older_than_locked("fastapi"), reason="the contract is written by a newer FastAPI")
 
 FILE = Path(__file__).parents[2] / "openapi" / "openapi.json"
 

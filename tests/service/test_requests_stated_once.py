@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pytest
+from versions import older_than_locked
 
 from dynident.asking import check_ranges, said, said_of
 from dynident.errors import DynidentError
@@ -56,6 +57,8 @@ app(["identify", "--help"], prog_name="dynident")
 @pytest.fixture(scope="module")
 def grown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, object], str]:
     """The contract with a new estimator, and the help of the command line."""
+    if older_than_locked("fastapi"):
+        pytest.skip("the client's types are written from the contract of a newer FastAPI")
     folder: Path = tmp_path_factory.mktemp("estimators")
     (folder / "tempered.py").write_text(NEW)
     command = [sys.executable, "-c", PROGRAM.format(folder=str(folder))]
