@@ -60,6 +60,7 @@ def test_the_hidden_effect_is_named_and_the_error_of_its_joints_falls_to_the_noi
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_its_files_tell_the_same_story_by_hand(tmp_path: Path) -> None:
     folder = tmp_path / "demo"
     answer = dynident("demo", "--quick", "--out", folder)

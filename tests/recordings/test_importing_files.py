@@ -317,7 +317,7 @@ print(rows, peak() - bare)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["parquet", "csv"])
+@pytest.mark.parametrize("kind", ["csv", pytest.param("parquet", marks=pytest.mark.thorough)])
 def test_ten_times_the_rows_take_no_more_memory(tmp_path, kind):
     peaks = []
     for n_rows in (300_000, 3_000_000):
