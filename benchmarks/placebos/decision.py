@@ -108,7 +108,7 @@ class Question:
         data = rows.folded(pool, self.plain)
         start = self._start(data)
         first = judge_all(data, pool, start.base, pool.at_first, start.noise)
-        picks = search(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, silent)
+        picks, _ = search(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, silent)
         return tuple(_told(pick) for pick in picks)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IndexArray:
