@@ -52,7 +52,7 @@ def _hidden(robot: Robot, effect: str) -> Hidden:
 
 
 _KNOWN_ELSEWHERE = {"offset", "viscous_nonlinear"}
-"""Effects that are told apart from nothing else with difficulty: drawn cases have them, too."""
+"""Effects that are easily told from all others: the made cases of `tests/diagnosis` have them, too."""
 
 # Every other effect in one arm and every arm with some; all in both with --thorough.
 _HIDDEN = [
