@@ -6,7 +6,8 @@ Recordings of real robots whose torques are made into what other drivers report:
 robot or not), torques before drawn gears, torques without the load of gravity or without all that the robot's dynamics
 need, in drawn units. Gravity and dynamics are those of parameters fitted to the recording with Pinocchio's
 regressor, beside the description's, as a driver has them; friction stays in what is gravity-compensated, and half of
-it in what is external.
+it in what is external. What is commanded is that of a controller: what the fitted parameters need on the smoothed
+motion, and gains, drawn, times the measured position's and speed's distance from it, rounded to five digits.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from imports import DATA, robot_of
 from planted_mistakes import _columns, _read, _signals
 from scipy.signal import butter, filtfilt
 
+from dynident.identification.imports.effort import CANNOT_TELL
 from dynident.identification.imports.facts import Sample
 from dynident.identification.imports.guess import propose
 from dynident.robot import Drive, Robot
@@ -42,7 +44,7 @@ FILES = (
     "airbot_play/chirp_loaded",
     "dvrk_psm/base_one",
 )
-KINDS = ("joint_torque", "motor_current", "motor_torque", "gravity_compensated", "external")
+KINDS = ("joint_torque", "motor_current", "motor_torque", "gravity_compensated", "external", "commanded")
 ROWS, PRIOR = 20_000, 0.03
 
 
@@ -50,7 +52,7 @@ def main() -> None:
     """Run and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seed", default="1", help='a number, or "new"')
-    parser.add_argument("--cases", type=int, default=40)
+    parser.add_argument("--cases", type=int, default=48)
     options = parser.parse_args()
     seed = secrets.randbelow(10**6) if options.seed == "new" else int(options.seed)
     print(f"seed {seed}", flush=True)
@@ -65,17 +67,17 @@ def main() -> None:
         machine, effort, told = _made(robot, t, q, tau, kind, rng)
         names = ("time", *(f"position_{j + 1}" for j in range(robot.n)), *(f"effort_{j + 1}" for j in range(robot.n)))
         found = propose(Sample(names, np.column_stack([t, q, effort]), {}), machine)
+        why = next((one.reason for one in found.guesses if one.field == "effort_kind"), "")
         asked = any(one.field == "effort_kind" and one.choices for one in found.questions)
         outcome = (
             "cannot tell"
-            if found.effort_kind == "unknown" or asked
+            if found.effort_kind == "unknown" or asked or (kind == "commanded" and CANNOT_TELL in why)
             else "right"
             if found.effort_kind == kind
             else "wrong"
         )
         counts[kind][outcome] += 1
         if outcome != "right":
-            why = next((one.reason for one in found.guesses if one.field == "effort_kind"), "")
             print(f"{number} {file} {kind} {told}: {outcome}: {found.effort_kind} ({why})", flush=True)
     words = ("right", "cannot tell", "wrong")
     rows = [("what it is", *words), *((kind, *(str(count[word]) for word in words)) for kind, count in counts.items())]
@@ -109,7 +111,22 @@ def _made(
         ratios = rng.choice([50.0, 80.0, 100.0, 101.0, 120.0, 160.0], robot.n)
         return robot, tau / ratios, f"ratios {ratios}"
     load, whole = _explained(robot, t, q, tau)
+    if kind == "commanded":
+        return robot, _controlled(t, q, whole, rng), ""
     return robot, tau - (load if kind == "gravity_compensated" else whole), ""
+
+
+def _controlled(t: FloatArray, q: FloatArray, needed: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """(m, n): what a controller with drawn gains commands that is to follow the smoothed positions."""
+    rate = 1.0 / (t[1] - t[0])
+    low = butter(4, min(10.0, 0.2 * rate) / (0.5 * rate))
+    off = filtfilt(*low, q, axis=0) - q
+    size = np.abs(needed).max(axis=0)
+    stiffness, damping = size * rng.uniform(50.0, 500.0), size * rng.uniform(1.0, 10.0)
+    speed = np.diff(off, axis=0, prepend=off[:1]) * rate
+    torque = filtfilt(*low, needed, axis=0) + stiffness * off + damping * speed
+    step = 1e-5 * np.abs(torque).max()
+    return np.asarray(np.round(torque / step) * step)
 
 
 def _explained(robot: Robot, t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from common import show
-from service_beside import served
+from service_beside import served, used
 
 BUSY = frozenset({429, 503})
 SLOWEST = 60.0
@@ -176,9 +176,9 @@ async def prepare(port: int) -> dict[str, Any]:
     return body
 
 
-async def lean_on(port: int, pid: int, clients: int, seconds: float) -> Tally:
+async def lean_on(port: int, pid: int, body: dict[str, Any], clients: int, seconds: float) -> Tally:
     """Have so many clients work for so long."""
-    tally, body = Tally(), await prepare(port)
+    tally = Tally()
     until = time.monotonic() + seconds
     await asyncio.gather(watch(port, pid, until, tally), *(client(port, until, body, tally) for _ in range(clients)))
     return tally
@@ -195,12 +195,15 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as service:
-        tally = asyncio.run(lean_on(service.port, service.pid, asked.clients, asked.seconds))
+        body, before = asyncio.run(prepare(service.port)), used(service.pid)
+        tally = asyncio.run(lean_on(service.port, service.pid, body, asked.clients, asked.seconds))
+        each = 1e3 * (used(service.pid) - before) / max(1, tally.ended.total())
     rows = [("request", "times", "p50 ms", "p99 ms", "longest ms")]
     for kind, values in tally.seconds.items():
         rows.append((kind, str(len(values)), at(0.5, values), at(0.99, values), at(1.0, values)))
     show(f"{asked.clients} clients for {asked.seconds:.0f} s", rows)
     print(f"\n  jobs that ended: {dict(tally.ended)}; refused: {dict(tally.refused)}; wrong: {dict(tally.troubles)}")
+    print(f"  time on a processor, of the service without its computations: {each:.1f} ms for each job that ended")
     later = [value for when, value in tally.memory if when >= min(20.0, asked.seconds / 2)]
     print(
         f"  memory of the service, MB: {later[0]:.0f} after a while, {later[-1]:.0f} at the end, {max(later):.0f} most"

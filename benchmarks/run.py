@@ -1,6 +1,6 @@
 """All benchmarks of speed and memory, each with its rival in the same run, and the table of benchmarks/README.md.
 
-    python benchmarks/run.py              every one of them three times; writes the table and ratios.json (half an hour)
+    python benchmarks/run.py              every one of them three times; writes the table and ratios.json (15 min)
     python benchmarks/run.py extending    some of them; the table keeps the other rows
     python benchmarks/run.py --repeat     as the first, but writes nothing: fails where a ratio is more than a fifth off
     python benchmarks/run.py --quick      the short ones; fails where a ratio has fallen below half of the one kept

@@ -39,9 +39,6 @@ Change = Callable[[Observation, SamplesOf], SamplesOf]
 # Beside the phases: rows of the motion next to a halt.
 _PARTIAL = len(Phase)
 
-# Hz, where the torque is not filtered.
-_BAND = 20.0
-
 
 @dataclass(frozen=True, eq=False)
 class ChangedRows:
@@ -120,8 +117,7 @@ class Question:
 
     def _start(self, data: PhasedProducts) -> State:
         base, noise = tuple(range(self.pool.n_base)), self.identification.noise
-        band = self.identification.preprocessing.torque_cutoff or _BAND
-        picks = find_contacts(data, self.pool, base, noise, band)
+        picks = find_contacts(data, self.pool, base, noise, self.identification.preprocessing)
         for finding in picks:
             base += finding.columns
         return State(base, noise_left(data, base) if picks else noise, self.floor, picks)

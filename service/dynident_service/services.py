@@ -67,8 +67,11 @@ def open_services(settings: Settings) -> Iterator[Services]:
         database.close()
 
 
-def services_of(request: Request) -> Services:
-    """Give the services of the application that answers a request."""
+async def services_of(request: Request) -> Services:
+    """Give the services of the application that answers a request.
+
+    Asynchronous, as it is short: else each request would wait for a thread just for this.
+    """
     return cast(Services, request.app.state.services)
 
 

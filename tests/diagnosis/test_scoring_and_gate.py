@@ -118,6 +118,24 @@ def test_scores_are_those_of_refitting_every_candidate_on_every_fold(kind, seed,
         np.testing.assert_allclose(score.measured, [y @ y for y in data.y], rtol=1e-10)
 
 
+@pytest.mark.parametrize("column", [0, 5])
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("form", [Rows.products, Rows.kept])
+def test_what_one_stretch_alone_shows_is_nothing_where_that_is_left_out(column, seed, form):
+    # Sums without a fold are differences: of such a column they leave rounding errors, which are no small column.
+    data, alone = Rows(seed), 4
+    elsewhere = np.arange(len(data.t)) // PER_STRETCH != alone
+    for w in data.wide:
+        w[elsewhere, column] *= 1e-9
+    left_out = next(fold for fold in folds(STRETCHES, "interleaved") if alone in fold)
+    before, scores = score_candidates(form(data), BASE, CANDIDATES, NOISE, "interleaved")
+    without = data.held_out([k for k in BASE if k != column], "interleaved")
+    np.testing.assert_allclose(before[left_out], without[left_out], rtol=1e-4)
+    for score in scores:
+        columns = [k for k in (*BASE, *score.candidate.columns) if k != column]
+        np.testing.assert_allclose(score.after[left_out], data.held_out(columns, "interleaved")[left_out], rtol=1e-4)
+
+
 @pytest.mark.parametrize("form", [Rows.products, Rows.kept])
 def test_amplitudes_and_separability_are_those_of_projecting_on_all_rows(form):
     data = Rows(3)

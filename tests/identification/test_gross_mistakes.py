@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+from scipy.interpolate import make_interp_spline
 
 from dynident.identification.mistakes import Mistake, checks_against, mistakes_in
+from dynident.identification.mistakes import judge as judging
+from dynident.identification.mistakes.delays import delay_of
+from dynident.identification.mistakes.frictions import excess_of, limits_of, nearer_to_others
 from dynident.identification.mistakes.gravity import mounting_of
-from dynident.identification.mistakes.scales import load_of, nearer_to_masses
-from dynident.identification.mistakes.search import motion_of
+from dynident.identification.mistakes.judge import Judge
+from dynident.identification.mistakes.scales import load_of, nearer_to_masses, scales_of
+from dynident.identification.mistakes.search import mistakes_of, motion_of, whole_motion_of
+from dynident.identification.mistakes.swaps import Motion as MotionRows
 from dynident.recordings import JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.types import Check, ModelChecks
 from dynident.robot import Robot
@@ -266,3 +272,114 @@ def test_a_torque_that_the_masses_explain_is_in_no_other_unit() -> None:
     assert all(nearer_to_masses(load, ten_times, joint, 0.1) for joint in (1, 2))
     assert load_of(replace(ROBOT, inertias=None), given) is None
     assert nearer_to_masses(None, given, 1, 0.1)
+
+
+@pytest.mark.parametrize("joint", [0, 4, 5])
+def test_a_torque_that_is_ten_times_too_large_is_told_by_friction_where_masses_tell_nothing(joint: int) -> None:
+    motion, tau = measured()
+    scaled = record(ROBOT, motion, tau * np.where(np.arange(6) == joint, 10.0, 1.0))
+    told = {one.name: one for one in checks_against(ROBOT)(scaled, Q, TAU) or ()}
+    assert told["torque_scale"].status == "warning"
+    assert told["torque_scale"].apply is not None
+    assert told["torque_scale"].apply.scale == {f"tau{joint + 1}": pytest.approx(0.1)}
+
+
+def test_friction_is_held_against_what_the_drives_can_give_or_against_the_other_joints() -> None:
+    usual = 0.06 * EFFORT * np.ones((10, 6))
+    assert excess_of(ROBOT, usual) == {}
+    for joint in range(6):
+        large = usual * np.where(np.arange(6) == joint, 10.0, 1.0)
+        assert excess_of(ROBOT, large) == {joint: pytest.approx(10.0)}
+    # Of limits that are a placeholder, nothing is to be had.
+    joints = tuple(replace(one, limits=replace(one.limits, effort=10_000.0)) for one in ROBOT.joints)
+    unlimited = replace(ROBOT, joints=joints)
+    assert limits_of(unlimited) is None
+    alike = np.array([20.0, 22.0, 18.0, 6.0, 5.0, 6.0]) * np.ones((10, 6))
+    assert excess_of(unlimited, alike) == {}
+    for joint in range(6):
+        assert set(excess_of(unlimited, alike * np.where(np.arange(6) == joint, 10.0, 1.0))) == {joint}
+
+
+def test_friction_that_the_data_do_not_tell_is_held_against_nothing() -> None:
+    scaled = 0.06 * EFFORT * np.where(np.arange(6) == 4, 10.0, 1.0) * np.ones((10, 6))
+    unsure = scaled * np.where((np.arange(10)[:, None] % 2 == 0) & (np.arange(6) == 4), 0.3, 1.0)
+    still = np.where(np.arange(6) == 4, np.nan, scaled)
+    assert excess_of(ROBOT, scaled) == {4: pytest.approx(10.0)}
+    assert excess_of(ROBOT, unsure) == excess_of(ROBOT, still) == {}
+
+
+def test_a_torque_whose_friction_is_as_the_others_is_in_no_other_unit() -> None:
+    usual = 0.06 * EFFORT * np.ones((10, 6))
+    large = usual * np.where(np.arange(6) == 4, 10.0, 1.0)
+    assert not any(nearer_to_others(ROBOT, usual, 4, factor) for factor in (1e-3, 0.1, 10.0))
+    assert nearer_to_others(ROBOT, large, 4, 0.1)
+    assert not nearer_to_others(ROBOT, large, 4, 1e-3)
+    assert nearer_to_others(ROBOT, np.full((10, 6), np.nan), 4, 1e-3)
+
+
+def test_a_load_that_shows_in_a_part_of_the_motion_alone_tells_nothing_of_the_unit() -> None:
+    given = motion_of(recorded())
+    assert given is not None
+    load = load_of(ROBOT, given)
+    assert load is not None
+    times = np.where(np.isin(given.block, (3, 4, 5)), 60.0, 0.0)[:, None]
+    assert {one.joint for one in scales_of(ROBOT, replace(given, tau=12.0 * load), {}) or ()} == set(range(6))
+    assert scales_of(ROBOT, replace(given, tau=times * load), {}) == ()
+
+
+@pytest.mark.parametrize(("inside", "is_above"), [(-0.5, True), (-0.05, False)])
+def test_what_helps_only_where_nothing_was_fitted_is_no_mistake(inside: float, is_above: bool) -> None:
+    noise, moving = 0.01 * np.random.default_rng(4).normal(size=10), np.ones(6, dtype=bool)
+    now, other = judging.Left(noise, 0.0, 0, moving), judging.Left(noise[::-1] - 0.5, inside, 0, moving)
+    assert now.surely_above(other, "joints swapped") is is_above
+
+
+@pytest.mark.parametrize(("apart", "named"), [(0.9, []), (0.3, [Mistake("joint turned", (2,))])])
+def test_a_joint_that_is_explained_as_well_apart_from_the_others_is_not_said_to_be_turned_round(
+    apart: float, named: list[Mistake], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = motion_of(recorded(Mistake("joint turned", (2,))))
+    assert given is not None
+    usual = Judge.left
+
+    def left(judge: Judge, motion: MotionRows) -> judging.Left:
+        found = usual(judge, motion)
+        small = np.abs(motion.tau[:, 2]).max() < 0.01 * np.abs(given.tau[:, 2]).max()
+        if not small:
+            return found
+        # The elbow does not go with the others, and is explained where they do not speak of it.
+        worst, best = usual(judge, given), usual(judge, Mistake("joint turned", (2,)).mended(given))
+        return replace(found, blocks=worst.blocks + apart * (best.blocks - worst.blocks), inside=best.inside)
+
+    monkeypatch.setattr(Judge, "left", left)
+    found, _ = mistakes_of(ROBOT, given) or ((), 1.0)
+    assert [one.mistake for one in found] == named
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a motion whose torque is moved by some seconds is said to leave."""
+
+    blocks: np.ndarray
+    inside: float
+
+
+@pytest.mark.parametrize(("inside", "is_mistake"), [(1.0, True), (0.2, False)])
+def test_a_delay_that_helps_only_where_nothing_was_fitted_is_none(inside: float, is_mistake: bool) -> None:
+    whole = whole_motion_of(moved(0.0))
+    assert whole is not None
+    motion, period = whole
+    noise = 0.001 * np.random.default_rng(2).normal(size=10)
+
+    def left(tried: MotionRows) -> Left:
+        late = float(np.argmin([np.square(tried.tau - row).sum() for row in shifted])) * 0.001 - 0.05
+        fall = 20.0 * abs(late - 0.03)
+        return Left(fall + noise, inside * fall)
+
+    rows = np.arange(len(motion.tau), dtype=np.float64)
+    torque = make_interp_spline(rows, motion.tau, k=3)
+    shifted = [torque(np.clip(rows + (k * 0.001 - 0.05) / period, 0.0, rows[-1])) for k in range(101)]
+    found = delay_of(motion, period, left)
+    assert found is not None
+    assert found.seconds == pytest.approx(0.03, abs=0.003)
+    assert found.is_mistake is is_mistake

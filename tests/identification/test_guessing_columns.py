@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.desk.robots import with_gains
+from dynident.identification.imports.effort import CANNOT_TELL
 from dynident.identification.imports.facts import Sample
 from dynident.identification.imports.guess import propose
+from dynident.identification.imports.proposal import Proposal
 
 ROBOT = arm("ur10")
 GAINS = (15.0, 13.0, 11.0, 10.6, 11.0, 11.5)
@@ -60,6 +63,16 @@ def test_columns_are_told_by_their_names_in_any_order(position, torque):
     assert found.effort_kind == "joint_torque"
 
 
+def test_positions_that_are_called_nothing_are_told_beside_torques_by_what_they_explain():
+    s = signals()
+    found = propose(sample("t", {"$AXIS_ACT.A{j}": s["q"], "$TORQUE.A{j}": s["tau"]}, shuffle=True), ROBOT)
+    assert found.questions == ()
+    assert {**wanted("$AXIS_ACT.A{j}", "q"), **wanted("$TORQUE.A{j}", "tau")}.items() <= found.columns.items()
+    other = np.random.default_rng(3).normal(size=s["q"].shape).cumsum(axis=0)
+    asked = propose(sample("t", {"$AXIS_ACT.A{j}": other, "$TORQUE.A{j}": s["tau"]}), ROBOT)
+    assert "columns/q" in {one.field for one in asked.questions}
+
+
 @pytest.mark.parametrize(
     ("t", "q", "dq", "tau"),
     [("ms", "deg", "deg/s", "mN m"), ("us", "rad", "rpm", "kN m"), ("ns", "deg", "rad/s", "N m")],
@@ -87,12 +100,41 @@ def test_columns_without_names_are_told_by_what_is_in_them():
     assert found.questions == ()
 
 
+def test_columns_of_joints_that_stand_still_are_told_without_names_by_the_one_that_moves():
+    s = signals()
+    q, dq = (np.where(np.arange(6) == 1, s[name], 0.0) for name in ("q", "dq"))
+    names = tuple(f"column{k + 1}" for k in range(19))
+    found = propose(Sample(names, np.column_stack([s["t"], q, dq, s["tau"]]), {}), ROBOT)
+    assert found.columns["q2"] == "column3"
+    assert {found.columns["tau2"], found.columns["tau6"]} == {"column15", "column19"}
+
+
 def test_shuffled_columns_without_names_are_asked_about():
     s = signals()
     columns = np.column_stack([s["t"], s["tau"], s["q"]])
     order = np.random.default_rng(4).permutation(columns.shape[1])
     names = tuple(f"column{k + 1}" for k in range(columns.shape[1]))
     found = propose(Sample(names, columns[:, order], {}), ROBOT)
+    assert "columns" in {one.field for one in found.questions}
+
+
+def test_columns_that_are_counted_stand_in_the_order_of_their_numbers():
+    s = signals()
+    columns = np.column_stack([s["t"], s["tau"], s["q"]])
+    order = np.random.default_rng(4).permutation(columns.shape[1])
+    names = tuple(f"column{k + 1}" for k in order)
+    found = propose(Sample(names, columns[:, order], {}), ROBOT)
+    assert found.questions == ()
+    assert found.columns == {"t": "column1"} | {f"tau{j + 1}": f"column{j + 2}" for j in JOINTS} | {
+        f"q{j + 1}": f"column{j + 8}" for j in JOINTS
+    }
+
+
+def test_joints_that_stand_in_one_order_by_number_and_in_another_in_the_file_are_asked_about():
+    s = signals()
+    # By their numbers the joints run backwards, in the file forwards.
+    names = ("t", *(f"column{6 - j}" for j in JOINTS), *(f"column{12 - j}" for j in JOINTS))
+    found = propose(Sample(names, np.column_stack([s["t"], s["q"], s["tau"]]), {}), ROBOT)
     assert "columns" in {one.field for one in found.questions}
 
 
@@ -151,3 +193,51 @@ def test_a_file_without_time_says_so():
     columns = np.column_stack([s["q"], s["tau"]])
     found = propose(Sample(tuple(f"c{k}" for k in range(12)), columns, {}), ROBOT)
     assert [one.field for one in found.questions] == ["columns/t"]
+
+
+@pytest.mark.parametrize(("factor", "kind"), [(1e-3, "joint_torque"), (1.0, "unknown"), (0.01, "unknown")])
+def test_without_masses_efforts_are_told_only_where_they_are_too_small_for_any_motor(factor, kind):
+    s = signals()
+    small = np.clip(s["tau"] * 8.0 / np.abs(s["tau"]).max(), -8.0, 8.0) * factor
+    bare = replace(ROBOT, inertias=None)
+    found = propose(sample("t", {"position_{n}": s["q"], "effort_{n}": small}), bare)
+    assert found.effort_kind == kind
+    asked = any(one.field == "effort_kind" for one in found.questions)
+    assert asked == (kind == "unknown")
+
+
+def test_efforts_that_could_be_torques_and_currents_by_the_drive_gains_are_asked_about():
+    s = signals()
+    found = propose(sample("t", {"position_{n}": s["q"], "effort_{n}": s["tau"]}), with_gains(ROBOT, (2.5,) * 6))
+    assert found.effort_kind == "unknown"
+    assert "effort_kind" in {one.field for one in found.questions}
+
+
+def controlled(noise: float) -> Proposal:
+    """Of a robot whose torque is a controller's output, from positions of an encoder, with a sensor's noise added."""
+    s = signals()
+    step = 1e-4
+    q = np.round(s["q"] / step) * step
+    off = s["q"] - q
+    torque = s["tau"] + 4000.0 * off + 20.0 * np.diff(off, axis=0, prepend=off[:1]) * 100.0
+    smooth = s["gravity"] + 4.0 * np.tanh(s["dq"] / 0.1)
+    command = smooth + (torque - s["tau"])
+    command += noise * np.random.default_rng(2).normal(size=command.shape)
+    return propose(sample("t", {"q{j}": q, "tau{j}": command}), ROBOT)
+
+
+def test_a_torque_whose_noise_is_all_a_controllers_is_commanded_and_one_with_noise_of_a_sensor_is_not():
+    found = controlled(0.0)
+    assert found.effort_kind == "commanded"
+    assert any(one.field == "effort_kind" and "commanded" in one.detail for one in found.questions)
+    assert controlled(0.1).effort_kind == "joint_torque"
+
+
+def test_where_positions_are_smooth_it_is_said_that_nothing_tells_a_command_from_a_measurement():
+    def reason(q: np.ndarray) -> str:
+        found = propose(sample("t", {"q{j}": q, "tau{j}": signals()["tau"]}), ROBOT)
+        return next(one.reason for one in found.guesses if one.field == "effort_kind")
+
+    smooth = signals()["q"]
+    assert CANNOT_TELL in reason(smooth)
+    assert CANNOT_TELL not in reason(np.round(smooth, 4))

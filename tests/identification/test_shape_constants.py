@@ -208,3 +208,12 @@ def test_an_effect_that_needs_the_load_is_refused_without_the_links():
     )
     with pytest.raises(DynidentError, match="rigid_body"):
         identify(ROBOT, [RUN_STRIBECK], [], choices)
+
+
+def test_rows_that_a_model_has_kept_give_the_same_constants():
+    choice, given = EffectChoice("stribeck", (NAMES[1],)), arguments(PLAIN_STRIBECK, RUN_STRIBECK)
+    rows = PLAIN_STRIBECK.rows[0]
+    assert rows is not None
+    assert complete_shapes(PLAIN_STRIBECK.model, [choice], *given, known=rows) == complete_shapes(
+        PLAIN_STRIBECK.model, [choice], *given
+    )

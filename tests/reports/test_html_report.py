@@ -61,7 +61,7 @@ def run(seed: int):
     return record(ROBOT, motion, tau, f"run {seed} <u>")
 
 
-FIRST_RUN, SECOND_RUN = run(1), run(2)
+FIRST_RUN, SECOND_RUN, THIRD_RUN = run(1), run(2), run(3)
 CHOICES = IdentificationChoices(EFFECTS, preprocessing=Preprocessing(10.0, 8.0, 3, reasons=("Because of <this>.",)))
 FIRST = identify(ROBOT, [FIRST_RUN], [SECOND_RUN], CHOICES)
 DIAGNOSIS = diagnose(FIRST, [FIRST_RUN])
@@ -150,6 +150,14 @@ def test_errors_per_joint_are_those_of_fit_and_held_out_data_where_it_moves_and_
         np.testing.assert_array_equal(shown[:, k, 1], errors.rms)
     for run in RUNS:
         assert percent(run.comparison.moving_errors.relative_total) in PAGE.text["torque"]
+
+
+def test_errors_of_each_recording_are_told_where_they_are_others_than_those_of_fit_and_held_out_data() -> None:
+    told = "Relative error per recording"
+    assert told not in HTML
+    third = ReportedRun(THIRD_RUN, compare(MODEL, THIRD_RUN), True)
+    assert told in html_report(MODEL, [*RUNS, third])
+    assert told in html_report(MODEL, [RUNS[0], third])
 
 
 def test_the_ladder_shows_the_error_of_every_model_falling() -> None:

@@ -36,6 +36,12 @@ def count(task: Task) -> Outcome:
     return Outcome({"steps": steps})
 
 
+def counts_and_tells_the_time(task: Task) -> Outcome:
+    counted = count(task)
+    Path(task.arguments["note"]).write_text(str(time.time()))
+    return counted
+
+
 def stubborn(task: Task) -> Outcome:
     """Hold the interpreter lock and start a process of its own, as a solver might."""
     grandchild = subprocess.Popen(["sleep", "600"])
@@ -68,6 +74,12 @@ def waits(task: Task) -> Outcome:
     while not Path(task.arguments["go"]).exists():
         time.sleep(0.02)
     return Outcome()
+
+
+def keeps(task: Task) -> Outcome:
+    """The same, then keep so many bytes."""
+    waits(task)
+    return Outcome(objects=(task.keep("log", os.urandom(int(task.arguments["size"]))),))
 
 
 def stands_still(task: Task) -> Outcome:

@@ -56,6 +56,22 @@ def test_a_foreign_file_is_proposed_and_becomes_a_measurement_in_one_call(client
     assert content == foreign()
 
 
+def test_telegrams_of_a_robot_are_proposed_and_their_drive_gains_asked_for(client, robot):
+    s = sound()
+    lines = [
+        f'<Rob Type="KUKA"><AIPos A1="{np.rad2deg(a):.5f}" A2="{np.rad2deg(b):.5f}"/>'
+        f'<ASPos A1="{np.rad2deg(a):.3f}" A2="{np.rad2deg(b):.3f}"/><MACur A1="{0.1 * c:.4f}" A2="{0.1 * d:.4f}"/>'
+        f"<IPOC>{round(1e3 * t) + 9}</IPOC></Rob>"
+        for t, a, b, c, d in zip(s["t"], s["q1"], s["q2"], s["tau1"], s["tau2"], strict=True)
+    ]
+    found = imported(client, robot, "\n".join(lines).encode()).json()
+    assert found["format"] == "rsi"
+    assert found["proposed"]["units"] == {"t": "ms", "q": "deg"}
+    assert found["proposed"]["columns"]["q2"] == "AIPos.A2"
+    assert found["proposed"]["columns"]["current1"] == "MACur.A1"
+    assert [one["field"] for one in found["questions"]] == ["drives"]
+
+
 def test_what_is_said_beforehand_is_not_guessed(client, robot):
     found = imported(client, robot, foreign(), columns={"q1": "A2 Winkel [°]", "q2": "A1 Winkel [°]"}).json()
     assert found["proposed"]["columns"]["q1"] == "A2 Winkel [°]"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -14,8 +12,9 @@ from typing import Any
 
 import pytest
 from alembic import command
+from dask_cluster import Cluster, wrong_clock
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, free_port, wait_for
+from service_helpers import TWO_JOINTS, wait_for
 from sqlalchemy import text
 
 from dynident_service.app import create_app
@@ -24,7 +23,7 @@ from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.migrate import configuration, migrate
-from dynident_service.storage.records import NewJob
+from dynident_service.storage.records import FINAL, NewJob
 
 pytestmark = pytest.mark.slow
 
@@ -66,35 +65,6 @@ def test_the_service_works_on_postgresql(postgresql: str, tmp_path: Path) -> Non
         assert first.json() == second.json()
         assert run_a_job(client) == "succeeded"
         assert client.delete(first.headers["location"]).status_code == 204
-
-
-class Cluster:
-    """A scheduler and a worker as processes of their own."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._port = free_port()
-        self.address = f"tcp://127.0.0.1:{self._port}"
-        self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", str(self._port))
-        self.worker = self.new_worker()
-
-    def new_worker(self) -> subprocess.Popen[bytes]:
-        self.worker = self._start("dask_worker", self.address, "--nthreads", "1", "--no-nanny")
-        return self.worker
-
-    def new_scheduler(self) -> None:
-        self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", str(self._port))
-
-    def end(self) -> None:
-        for process in (self.worker, self.scheduler):
-            process.kill()
-            process.wait()
-
-    def _start(self, program: str, *arguments: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", f"distributed.cli.{program}", *arguments, "--dashboard-address", "127.0.0.1:0"]
-        environment = {**os.environ, "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "error"}
-        quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        return subprocess.Popen(command, cwd=self._folder, env=environment, **quiet)
 
 
 @pytest.fixture
@@ -161,6 +131,56 @@ def test_a_scheduler_restarted_at_once_with_new_workers_is_no_harm(cluster: Clus
         cluster.new_scheduler()
         cluster.new_worker()
         assert run_a_job(client) == "succeeded"
+
+
+@pytest.mark.parametrize("with_its_worker", [pytest.param(False, marks=pytest.mark.thorough), True])
+def test_a_scheduler_killed_in_the_middle_of_a_job_ends_it_once(
+    cluster: Cluster, tmp_path: Path, with_its_worker: bool
+) -> None:
+    settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
+    note, go = tmp_path / "pid", tmp_path / "go"
+    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+        services: Services = client.app.state.services  # type: ignore[attr-defined]
+        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
+        wait_for(note.exists, timeout=60)
+        waiting = [enqueue(client) for _ in range(5)]
+        cluster.scheduler.send_signal(signal.SIGKILL)
+        cluster.scheduler.wait()
+        if with_its_worker:
+            cluster.worker.kill()
+            cluster.worker.wait()
+        cluster.new_scheduler()
+        go.touch()
+        cluster.new_worker()
+        for one in (job_id, *waiting):
+            assert wait_for(lambda one=one: ended(client, one), timeout=120) == "succeeded"
+            assert times_ended(services, one) == 1
+        assert services.ledger.strain().deaths == 0
+
+
+@pytest.mark.parametrize("seconds_off", [-600, pytest.param(600, marks=pytest.mark.thorough)])
+def test_a_worker_whose_clock_is_wrong_keeps_its_job(
+    cluster: Cluster, postgresql: str, tmp_path: Path, seconds_off: int
+) -> None:
+    cluster.worker.kill()
+    cluster.worker.wait()
+    cluster.new_worker(**wrong_clock(tmp_path, seconds_off))
+    settings = Settings(data_dir=tmp_path, database_url=postgresql, dask_scheduler=cluster.address)
+    note = tmp_path / "time"
+    # Longer than its lease is renewed, and than one that ran out is looked at twice.
+    asked = {"steps": 100, "pause": 0.15, "note": str(note)}
+    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+        services: Services = client.app.state.services  # type: ignore[attr-defined]
+        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:counts_and_tells_the_time", asked))
+        job = wait_for(lambda: ended_of(services, job_id), timeout=120)
+        assert (job.state, job.attempt, times_ended(services, job_id)) == ("succeeded", 1, 1)
+        for told in (job.started_at, job.finished_at):
+            assert abs((datetime.now(UTC) - told).total_seconds()) < 120
+    assert abs(float(note.read_text()) - time.time() - seconds_off) < 60  # its clock was wrong indeed
+
+
+def times_ended(services: Services, job_id: str) -> int:
+    return sum(event.data.get("state") in FINAL for event in services.ledger.history(job_id)[0])
 
 
 def times_queued(services: Services, job_id: str) -> int:

@@ -73,3 +73,31 @@ def test_the_best_model_of_a_ladder_is_gone_back_to_by_the_keyboard(page: Any) -
     page.locator("#keep-best").focus()
     page.keyboard.press("Enter")
     page.wait_for_url("**/?identification=a&tab=missing&joint=elbow")
+
+
+ASKED_AHEAD = """async () => {
+  const { ahead, get } = await import('/workbench/js/api.js');
+  const asked = [];
+  const answered = window.fetch;
+  window.fetch = (path, ...more) => { asked.push(path); return answered(path, ...more); };
+  ahead('/effects');
+  const first = await get('/effects');
+  const onceAsked = asked.length;
+  const second = await get('/effects');
+  ahead('/robots/none');
+  const complaint = await get('/robots/none').catch((error) => error.status);
+  window.fetch = answered;
+  return { onceAsked, asked, same: JSON.stringify(first) === JSON.stringify(second), complaint };
+}"""
+
+
+def test_an_answer_asked_for_ahead_is_taken_once_and_an_error_is_still_told(page: Any) -> None:
+    page.goto("/?view=new")
+    page.locator("#new-robot").wait_for()
+    found = page.evaluate(ASKED_AHEAD)
+    assert found["onceAsked"] == 1
+    # Who asks again sees what is there now; and what failed ahead is asked for anew.
+    assert found["asked"].count("/v1/effects") == 2
+    assert found["asked"].count("/v1/robots/none") == 2
+    assert found["same"]
+    assert found["complaint"] == 404

@@ -239,6 +239,8 @@ def test_what_is_shown_is_in_the_address(page: Any, model: str) -> None:
 def test_a_zoom_fetches_every_sample_of_the_stretch(page: Any, model: str) -> None:
     open_tab(page, "Compare")
     expect(page.locator("#zoom-state")).to_contain_text("samples")
+    # The chosen joint is drawn before the others, which ask for their series, too.
+    page.wait_for_load_state("networkidle")
     chart = page.locator("#torque-chart .u-over")
     chart.scroll_into_view_if_needed()
     box = chart.bounding_box()
@@ -259,6 +261,29 @@ def test_a_zoom_fetches_every_sample_of_the_stretch(page: Any, model: str) -> No
     expect(page.locator("#zoom-state")).to_contain_text(f"{whole} samples")
     page.locator("ol.worst button").first.click()
     expect(page.locator("#zoom-state")).not_to_contain_text(f"{whole} samples")
+
+
+def test_a_figure_stays_where_it_is_while_those_of_other_joints_come(page: Any, model: str) -> None:
+    held: list[Any] = []
+    first: list[str] = []
+
+    def one_by_one(route: Any) -> None:
+        if first:
+            held.append(route)
+            return
+        first.append(route.request.url)
+        route.continue_()
+
+    page.route("**/series?*", one_by_one)
+    page.goto(f"/?identification={model}&tab=compare")
+    chart = page.locator("#torque-chart .u-over")
+    chart.wait_for()
+    place = "one => one.getBoundingClientRect().top - one.closest('.charts').getBoundingClientRect().top"
+    before = chart.evaluate(place)
+    assert "joint=elbow" in first[0], "which stands beneath the shoulder"
+    page.unroute("**/series?*")  # Which lets go what is held.
+    expect(page.locator(".joint-row .u-over")).to_have_count(3)
+    assert chart.evaluate(place) == before
 
 
 def test_the_arm_of_a_comparison_follows_the_cursor_too(page: Any, heard: Any, model: str) -> None:

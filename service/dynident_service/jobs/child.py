@@ -25,15 +25,16 @@ from sqlalchemy.orm import Session
 from dynident.errors import Cancelled, DynidentError
 from dynident_service.jobs.calls import Answer, Call, answer
 from dynident_service.jobs.checkpoints import KeptCheckpoints
-from dynident_service.jobs.work import JobFunction, Memory, Outcome, Place, Task
+from dynident_service.jobs.work import PATIENCE, JobFunction, Memory, Outcome, Place, Task
 from dynident_service.logs import working_on
 from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
 from dynident_service.storage.checkpoints import Checkpointing
 from dynident_service.storage.database import Database
+from dynident_service.storage.inserting import insert_one, own, rest
 from dynident_service.storage.ledger import Claim, Ledger, LostClaim
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import INFRASTRUCTURE, patiently, reason_of
-from dynident_service.storage.resources import Resources, insert, own, rest
+from dynident_service.storage.resources import Resources
 from dynident_service.storage.space import is_full
 from dynident_service.storage.tables import ResourceRow
 
@@ -42,8 +43,6 @@ SMALLEST_STEP = 0.005
 HEARTBEAT = 2.0
 SWITCH = 0.05
 """Seconds from one try to the next to take the interpreter from a solver that holds it: each costs a little."""
-PATIENCE = 15 * 60.0
-"""How long, in seconds, what was computed waits for a database that is away."""
 NICENESS = 10
 """How far a computation stands back behind the process that answers requests."""
 REST = 1.0
@@ -178,14 +177,14 @@ def _failing(claim: Claim, problem: Problem) -> End:
 def _store(session: Session, objects: ObjectStore, claim: Claim, outcome: Outcome) -> None:
     result: dict[str, Any] = dict(outcome.result)
     if outcome.creates is not None:
-        made = insert(session, objects, outcome.creates)
+        made = insert_one(session, objects, outcome.creates).id
         result[f"{outcome.creates.kind}_id"] = made
         if claim.resource_id is not None:
-            rest(session, claim.resource_id, made, "result")
+            rest(session, [(claim.resource_id, made, "result")])
     if claim.resource_id is not None:
         row = session.get_one(ResourceRow, claim.resource_id)
         row.result = result
-        own(session, objects, row.id, outcome.objects)
+        own(session, objects, [(claim.resource_id, one) for one in outcome.objects])
 
 
 class Line:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 IDLE = 0.5
 """How often, in seconds, the ledger is looked at when nobody has said that there is work."""
+FULL = 2.0
+"""The same, in seconds, while all slots are taken: only leases that ran out may be found, whoever says that there
+is work. A look is a transaction that writes, which those who submit jobs would wait for."""
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 15.0
 """Seconds between tries to connect."""
 STEADY = 60.0
@@ -48,6 +51,7 @@ class Engine:
         self._stop = threading.Event()
         self._draining = threading.Event()
         self._handing_out = False
+        self._looked = -FULL
         self._under_way: dict[str, str] = {}
         """Ids of the jobs that were handed out to this process and have not come back, by job and attempt."""
         self._thread = threading.Thread(target=self._run, name="dynident-engine", daemon=True)
@@ -119,7 +123,7 @@ class Engine:
         claims: list[Claim] = []
         self._handing_out = True  # said before it is looked, so that a drain that begins here waits
         try:
-            if slots > 0 and not self._draining.is_set():
+            if slots > 0 and not self._draining.is_set() and self._may_find(slots):
                 claims = self._ledger.claim(slots, self._own())
             for claim in claims:
                 self._hand_out(client, claim)
@@ -128,6 +132,14 @@ class Engine:
             log.exception("could not hand out %d jobs", len(claims))
         finally:
             self._handing_out = False
+
+    def _may_find(self, slots: int) -> bool:
+        """Tell whether to look into the ledger now: a slot is free, or it was not looked for a while."""
+        moment = time.monotonic()
+        if len(self._under_way) >= slots and moment - self._looked < FULL:
+            return False
+        self._looked = moment
+        return True
 
     def _own(self) -> list[str] | None:
         """The jobs that take slots of this process; not known of a cluster that several services may share.

@@ -11,11 +11,14 @@ from typing import Any, TypeVar
 from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.progress import Progress
 from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.patience import patiently
 from dynident_service.storage.records import NewResource, Owned, Resource
 from dynident_service.storage.resources import Resources
 
 T = TypeVar("T")
 KEPT = 16
+PATIENCE = 15 * 60.0
+"""How long, in seconds, what was computed waits for a database or a store that is away, or has no room."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +76,11 @@ class Task:
         return self.resource
 
     def keep(self, role: str, content: bytes | Path, media_type: str = "application/octet-stream") -> Owned:
-        """Put bytes or a file into the object store, to be owned by the resource."""
-        stored = self.resources.put(content)
+        """Put bytes or a file into the object store, to be owned by the resource.
+
+        A store that is full or away is waited for: what was computed is not computed again for that.
+        """
+        stored = patiently(lambda: self.resources.put(content), PATIENCE)
         return Owned(role, stored.key, stored.size, media_type)
 
 

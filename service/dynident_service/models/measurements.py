@@ -22,7 +22,7 @@ class MeasurementMetadata(Asked):
 
     robot_id: Identifier
     name: Name
-    format: Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap"] | None = Field(
+    format: Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"] | None = Field(
         default=None, description="Told from the file where not given."
     )
     columns: dict[str, str] = Field(default={}, description='Our name to the file\'s: {"q1": "shoulder_angle"}')

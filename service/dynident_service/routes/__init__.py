@@ -30,8 +30,13 @@ from dynident_service.routes import (
     verdicts,
 )
 
+# A path is held against one after the other: first those that are asked for most. Batches stand before identifications,
+# one of which `batch` would be taken for.
 ROUTERS = (
     system.router,
+    batches.router,
+    identifications.router,
+    jobs.router,
     robots.router,
     meshes.router,
     bundles.router,
@@ -43,8 +48,6 @@ ROUTERS = (
     revisions.router,
     raw_signals.router,
     labels.router,
-    batches.router,
-    identifications.router,
     uncertainty.router,
     verdicts.router,
     comparisons.router,
@@ -54,7 +57,6 @@ ROUTERS = (
     drive_gains.router,
     current_models.router,
     reports.router,
-    jobs.router,
 )
 
 __all__ = ["ROUTERS"]

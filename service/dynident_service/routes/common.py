@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Header, Query, Request, Response
@@ -36,59 +37,65 @@ PATHS: dict[str, str] = {
 }
 
 
+Limit = Annotated[int, Query(ge=1, le=500, description="How many at most")]
+Cursor = Annotated[str | None, Query(max_length=40, description="From the part before")]
+
+
+@dataclass(frozen=True)
 class ListQuery:
-    """`limit` and `cursor` of a list."""
+    """`limit` and `cursor` of a list, and whether it has what is archived."""
 
-    def __init__(
-        self,
-        limit: Annotated[int, Query(ge=1, le=500, description="How many at most")] = 50,
-        cursor: Annotated[str | None, Query(max_length=40, description="From the part before")] = None,
-    ) -> None:
-        self.limit = limit
-        self.cursor = cursor
-        self.archived = True
+    limit: int
+    cursor: str | None
+    archived: bool = True
 
 
-class LabelledQuery(ListQuery):
-    """The same of resources that may be archived."""
-
-    def __init__(
-        self,
-        limit: Annotated[int, Query(ge=1, le=500, description="How many at most")] = 50,
-        cursor: Annotated[str | None, Query(max_length=40, description="From the part before")] = None,
-        archived: Annotated[bool, Query(description="Whether to list what is archived, too")] = False,
-    ) -> None:
-        super().__init__(limit, cursor)
-        self.archived = archived
+# What requests depend on is asynchronous, as it is short: else each would wait for a thread just for this.
 
 
+async def list_query(limit: Limit = 50, cursor: Cursor = None) -> ListQuery:
+    """Take the part of a list that is asked for."""
+    return ListQuery(limit, cursor)
+
+
+async def labelled_query(
+    limit: Limit = 50,
+    cursor: Cursor = None,
+    archived: Annotated[bool, Query(description="Whether to list what is archived, too")] = False,
+) -> ListQuery:
+    """Take the same of a list of resources that may be archived."""
+    return ListQuery(limit, cursor, archived)
+
+
+@dataclass(frozen=True)
 class RetryKey:
     """The `Idempotency-Key` of a POST, if it carries one."""
 
-    def __init__(
-        self,
-        request: Request,
-        idempotency_key: Annotated[
-            str | None,
-            Header(
-                min_length=1, max_length=255, description="Makes a retry safe: the same key gives the same resource."
-            ),
-        ] = None,
-    ) -> None:
-        self._scope = f"{request.method} {request.url.path}"
-        self._key = idempotency_key
+    scope: str
+    key: str | None
 
     def of(self, body: BaseModel, *more: str) -> Retry | None:
         """Bind the key to what is asked, so that a retry is told from another request."""
-        if self._key is None:
+        if self.key is None:
             return None
         content = json.dumps([body.model_dump(mode="json"), *more], sort_keys=True)
-        return Retry(self._scope, self._key, hashlib.sha256(content.encode()).hexdigest())
+        return Retry(self.scope, self.key, hashlib.sha256(content.encode()).hexdigest())
 
 
-ListQueryDep = Annotated[ListQuery, Depends()]
-LabelledQueryDep = Annotated[LabelledQuery, Depends()]
-RetryKeyDep = Annotated[RetryKey, Depends()]
+async def retry_key(
+    request: Request,
+    idempotency_key: Annotated[
+        str | None,
+        Header(min_length=1, max_length=255, description="Makes a retry safe: the same key gives the same resource."),
+    ] = None,
+) -> RetryKey:
+    """Take the key of a request."""
+    return RetryKey(f"{request.method} {request.url.path}", idempotency_key)
+
+
+ListQueryDep = Annotated[ListQuery, Depends(list_query)]
+LabelledQueryDep = Annotated[ListQuery, Depends(labelled_query)]
+RetryKeyDep = Annotated[RetryKey, Depends(retry_key)]
 
 
 def href(kind: str, identifier: str) -> str:

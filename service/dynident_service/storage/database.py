@@ -17,6 +17,8 @@ WRITES = "dynident_writes"
 BUSY_TIMEOUT_MS = 15_000
 CONNECT_TIMEOUT = 5
 """Seconds."""
+AT_ONCE = 500
+"""So many are asked for by one query."""
 
 
 class Database:

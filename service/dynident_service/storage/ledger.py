@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal, cast
 
-from sqlalchemy import delete, func, insert, select
+from sqlalchemy import bindparam, delete, func, insert, select
 from sqlalchemy.orm import Session
 
 from dynident_service.logs import current_request
 from dynident_service.problems import Problem, ProblemError, make_problem, not_found
-from dynident_service.storage.database import Database, clock
+from dynident_service.storage.database import AT_ONCE, Database, clock
 from dynident_service.storage.identifiers import new_identifier
 from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
-from dynident_service.storage.tables import CheckpointRow, JobEventRow, JobRow
+from dynident_service.storage.tables import EVENTS, JOBS, CheckpointRow, JobEventRow, JobRow
 
 LEASE = timedelta(seconds=30)
 """Longer than anybody waits for a lock, by the clock of the database."""
@@ -31,12 +31,18 @@ SECOND_LOOK = 5.0
 while, its holder renews it as soon as it can."""
 MOST_LOSSES = 50
 """A job whose worker was lost so often takes it down, most probably."""
-
-AT_ONCE = 500
-"""So many are asked for by one query."""
 REQUEST = "dynident.request"
 """Where the arguments of a job have the request that submitted it; its function is not given that."""
 
+# What is asked again and again is put together once.
+_ADD_JOBS, _ADD_EVENTS = insert(JOBS), insert(EVENTS)
+_NEWEST = (
+    select(EVENTS.c.job_id, func.max(EVENTS.c.id))
+    .where(EVENTS.c.job_id.in_(bindparam("ids", expanding=True)))
+    .group_by(EVENTS.c.job_id)
+)
+_HAS_EXPIRED = (JOBS.c.state == "running") & (JOBS.c.lease_until < bindparam("moment"))
+_WAITING = select(JOBS.c.id).where((JOBS.c.state == "queued") | _HAS_EXPIRED).limit(1)
 Standing = Literal["held", "cancel", "lost"]
 Claimed = tuple[str, int, datetime | None]
 """A job, its attempt, and until when it was held."""
@@ -82,8 +88,8 @@ class Ledger:
     def enqueue(self, new: NewJob, resource_id: str | None = None) -> str:
         """Add a job."""
         with self._database.write() as session:
-            (identifier,) = add_jobs(session, [(new, resource_id)])
-            return identifier
+            (job,) = add_jobs(session, [(new, resource_id)], clock(session))
+            return job.id
 
     def claim(self, slots: int, own: Collection[str] | None = None) -> list[Claim]:
         """Take as many queued jobs, oldest first, as there are free slots; leases that ran out free their jobs.
@@ -236,9 +242,8 @@ class Ledger:
 
     def newest_events(self, job_ids: Collection[str]) -> dict[str, int]:
         """Give the id of the last event of each of some jobs, of those that are there."""
-        newest = select(JobEventRow.job_id, func.max(JobEventRow.id)).group_by(JobEventRow.job_id)
         with self._database.read() as session:
-            rows = session.execute(newest.where(JobEventRow.job_id.in_(job_ids))).all()
+            rows = session.connection().execute(_NEWEST, {"ids": list(job_ids)}).all()
         return {str(job_id): int(last) for job_id, last in rows}
 
     def counts(self) -> dict[str, int]:
@@ -257,10 +262,7 @@ class Ledger:
 
     def _has_work(self) -> bool:
         with self._database.read() as session:
-            waiting = select(JobRow.id).where(
-                (JobRow.state == "queued") | ((JobRow.state == "running") & (JobRow.lease_until < clock(session)))
-            )
-            return session.scalar(waiting.limit(1)) is not None
+            return session.connection().execute(_WAITING, {"moment": clock(session)}).first() is not None
 
     def _expired_for_long(self, rows: Sequence[JobRow]) -> list[JobRow]:
         """Those whose leases had run out already when they were looked at before, some time ago."""
@@ -283,26 +285,25 @@ class Ledger:
         _again(session, row, row.losses, MOST_LOSSES, reason)
 
 
-def add_jobs(session: Session, several: Sequence[tuple[NewJob, str | None]]) -> list[str]:
+def add_jobs(session: Session, several: Sequence[tuple[NewJob, str | None]], moment: datetime) -> list[Job]:
     """Insert jobs, each for a resource or for none, within a transaction; the caller commits."""
-    request_id, moment = current_request(), clock(session)
-    rows = [
-        JobRow(
-            id=new_identifier("job"),
-            kind=new.kind,
-            function=new.function,
-            arguments={**new.arguments, **({} if request_id is None else {REQUEST: request_id})},
-            resource_id=resource_id,
-            state="queued",
-            created_at=moment,
-        )
+    if not several:
+        return []
+    request_id = current_request()
+    more = {} if request_id is None else {REQUEST: request_id}
+    jobs = [
+        Job(new_identifier("job"), new.kind, resource_id, "queued", 0.0, "", None, 0, moment, None, None)
         for new, resource_id in several
     ]
-    session.add_all(rows)
-    session.flush()
-    events = [{"job_id": row.id, "event": "state", "data": {"state": "queued"}} for row in rows]
-    session.execute(insert(JobEventRow), events)
-    return [row.id for row in rows]
+    rows = [
+        {**vars(job), "function": new.function, "arguments": {**new.arguments, **more}}
+        for job, (new, _) in zip(jobs, several, strict=True)
+    ]
+    connection = session.connection()
+    connection.execute(_ADD_JOBS, rows)
+    events = [{"job_id": job.id, "event": "state", "data": {"state": "queued"}} for job in jobs]
+    connection.execute(_ADD_EVENTS, events)
+    return jobs
 
 
 def as_job(row: JobRow) -> Job:

@@ -5,20 +5,28 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from dynident_service.problems import Dependent, ProblemError, not_found, unusable
+from dynident_service.problems import Dependent, ProblemError, not_found
 from dynident_service.storage.database import Database
-from dynident_service.storage.identifiers import new_identifier
-from dynident_service.storage.ledger import AT_ONCE, add_jobs, as_job
+from dynident_service.storage.inserting import insert_all, insert_one, own
 from dynident_service.storage.objects import ObjectStore, Stored, digest
-from dynident_service.storage.records import FINAL, Kind, NewResource, Owned, Page, Resource, RestsOn, Retry
-from dynident_service.storage.tables import DependencyRow, JobRow, ObjectRow, ResourceRow, RetryRow, check_text
-from dynident_service.storage.tombstones import announce, hold
+from dynident_service.storage.reading import WITH_JOBS, complete, read, read_those
+from dynident_service.storage.records import FINAL, Kind, NewResource, Owned, Page, Resource, Retry
+from dynident_service.storage.tables import (
+    RESOURCES,
+    DependencyRow,
+    JobRow,
+    ObjectRow,
+    ResourceRow,
+    RetryRow,
+    check_text,
+)
+from dynident_service.storage.tombstones import announce
 
 MOST_DEPENDENTS = 20
 """As many are listed of those that rest on what is to be deleted."""
@@ -37,7 +45,7 @@ class Resources:
         A retry (same `Idempotency-Key`, same request) gives the resource of the first time. Raises ObjectGone if an
         object was swept away since it was put.
         """
-        return self._create(new.retry, lambda session: insert(session, self._objects, new))
+        return self._create(new.retry, lambda session: insert_one(session, self._objects, new))
 
     def create_together(self, several: Sequence[NewResource], last: Callable[[list[str]], NewResource]) -> Resource:
         """Store many resources and, made from their ids, a last one, in one transaction; gives the last one.
@@ -45,8 +53,9 @@ class Resources:
         A retry is one of the last one.
         """
 
-        def inserted(session: Session) -> str:
-            return insert(session, self._objects, last(insert_all(session, self._objects, several)))
+        def inserted(session: Session) -> Resource:
+            ids = [one.id for one in insert_all(session, self._objects, several)]
+            return insert_one(session, self._objects, last(ids))
 
         return self._create(last([]).retry, inserted)
 
@@ -61,31 +70,24 @@ class Resources:
             if row.fingerprint != retry.fingerprint:
                 detail = f"The Idempotency-Key {retry.key!r} was used with another request; use a new key for this one."
                 raise ProblemError(422, detail, title="Idempotency-Key used twice")
-            return _load(session, session.get_one(ResourceRow, row.resource_id))
+            return read(session, row.resource_id)
 
     def get(self, kind: Kind, identifier: str) -> Resource:
         """Read one resource; a problem 404 if there is none."""
-        with self._database.read() as session:
-            row = session.get(ResourceRow, identifier)
-            if row is None or row.kind != kind:
-                raise not_found(kind, identifier)
-            return _load(session, row)
+        found = self.find(identifier)
+        if found is None or found.kind != kind:
+            raise not_found(kind, identifier)
+        return found
 
     def find(self, identifier: str) -> Resource | None:
         """Read a resource of whatever kind."""
         with self._database.read() as session:
-            row = session.get(ResourceRow, identifier)
-            return None if row is None else _load(session, row)
+            return read(session, identifier)
 
     def find_all(self, identifiers: Iterable[str]) -> dict[str, Resource]:
         """Read resources of whatever kind by their ids, of those that are there."""
-        ids = sorted(set(identifiers))
-        found: list[Resource] = []
         with self._database.read() as session:
-            for start in range(0, len(ids), AT_ONCE):
-                part = select(ResourceRow).where(ResourceRow.id.in_(ids[start : start + AT_ONCE]))
-                found += _load_all(session, session.scalars(part).all())
-        return {one.id: one for one in found}
+            return {one.id: one for one in read_those(session, identifiers)}
 
     def label(
         self,
@@ -127,7 +129,7 @@ class Resources:
             for one in gone:
                 session.delete(one)
             session.flush()
-            own(session, self._objects, identifier, objects)
+            own(session, self._objects, [(identifier, one) for one in objects])
         return self.get(kind, identifier)
 
     def page(
@@ -137,17 +139,19 @@ class Resources:
 
         Without `archived` those that are archived are left out.
         """
-        query = select(ResourceRow).where(ResourceRow.kind == kind).order_by(ResourceRow.id.desc()).limit(limit + 1)
+        columns = RESOURCES.c
+        query = WITH_JOBS.where(columns.kind == kind).order_by(columns.id.desc()).limit(limit + 1)
         if cursor is not None:
-            query = query.where(ResourceRow.id < cursor)
+            query = query.where(columns.id < cursor)
         if not archived:
-            query = query.where(ResourceRow.archived.is_(False))
+            query = query.where(columns.archived.is_(False))
         if on_id is not None:
             resting = select(DependencyRow.dependent_id).where(DependencyRow.on_id == on_id)
-            query = query.where(ResourceRow.id.in_(resting))
+            query = query.where(columns.id.in_(resting))
         with self._database.read() as session:
-            rows = session.scalars(query).all()
-            items = _load_all(session, rows[:limit])
+            connection = session.connection()
+            rows = connection.execute(query).all()
+            items = complete(connection, rows[:limit])
         return Page(items, items[-1].id if len(rows) > limit else None)
 
     def delete(self, kind: Kind, identifier: str) -> None:
@@ -160,10 +164,10 @@ class Resources:
             announce(session, session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == identifier)))
             session.delete(row)
 
-    def _create(self, retry: Retry | None, inserted: Callable[[Session], str]) -> Resource:
+    def _create(self, retry: Retry | None, inserted: Callable[[Session], Resource]) -> Resource:
         try:
             with self._database.write() as session:
-                return _load(session, session.get_one(ResourceRow, inserted(session)))
+                return inserted(session)
         except IntegrityError:
             # Another request with the same key was faster: its resource is the answer.
             known = self.known(retry)
@@ -178,66 +182,6 @@ class Resources:
             with self._database.write() as session:
                 announce(session, (key,))
             return self._objects.put_hashed(file, key, size)
-
-
-def insert(session: Session, objects: ObjectStore, new: NewResource) -> str:
-    """Insert a resource within a transaction; the caller commits."""
-    (identifier,) = insert_all(session, objects, [new])
-    return identifier
-
-
-def insert_all(session: Session, objects: ObjectStore, several: Sequence[NewResource]) -> list[str]:
-    """Insert resources within a transaction, table by table: as many statements for a thousand as for one, nearly."""
-    _require(session, [need for new in several for need in new.rests_on])
-    rows = [
-        ResourceRow(
-            id=new_identifier(new.kind),
-            kind=new.kind,
-            name=new.name,
-            request=dict(new.request),
-            result=None if new.result is None else dict(new.result),
-        )
-        for new in several
-    ]
-    session.add_all(rows)
-    session.flush()
-    for row, new in zip(rows, several, strict=True):
-        for on_id, role in {(one.id, one.role) for one in new.rests_on}:
-            rest(session, row.id, on_id, role)
-        own(session, objects, row.id, new.objects)
-        if (retry := new.retry) is not None:
-            session.add(RetryRow(scope=retry.scope, key=retry.key, fingerprint=retry.fingerprint, resource_id=row.id))
-    jobs = [(new.job, row.id) for row, new in zip(rows, several, strict=True) if new.job is not None]
-    if jobs:
-        add_jobs(session, jobs)
-    session.flush()
-    return [row.id for row in rows]
-
-
-def rest(session: Session, identifier: str, on_id: str, role: str) -> None:
-    """Record that a resource rests on another."""
-    session.add(DependencyRow(dependent_id=identifier, on_id=on_id, role=role))
-
-
-def own(session: Session, objects: ObjectStore, identifier: str, owned: Sequence[Owned]) -> None:
-    """Record the objects that a resource owns; raises ObjectGone if one is not there."""
-    hold(session, objects, owned)
-    for one in owned:
-        session.add(
-            ObjectRow(resource_id=identifier, role=one.role, key=one.key, size=one.size, media_type=one.media_type)
-        )
-
-
-def _require(session: Session, needs: Sequence[RestsOn]) -> None:
-    ids = sorted({need.id for need in needs})
-    kinds: dict[str, str] = {}
-    for start in range(0, len(ids), AT_ONCE):
-        found = select(ResourceRow.id, ResourceRow.kind).where(ResourceRow.id.in_(ids[start : start + AT_ONCE]))
-        # The share lock keeps the needed resources from being deleted before this transaction ends.
-        kinds |= {str(one): str(kind) for one, kind in session.execute(found.with_for_update(read=True))}
-    for need in needs:
-        if kinds.get(need.id) != need.kind:
-            raise unusable(f"there is no {need.kind} {need.id!r}", need.pointer, title="Unknown resource")
 
 
 def _refuse_while_needed(session: Session, row: ResourceRow) -> None:
@@ -260,41 +204,3 @@ def _refuse_while_needed(session: Session, row: ResourceRow) -> None:
     if job is not None and job.state not in FINAL:
         detail = f"The {row.kind} {row.id} is being computed; cancel its job {job.id} first."
         raise ProblemError(409, detail, title="Still being computed")
-
-
-def _load(session: Session, row: ResourceRow) -> Resource:
-    (loaded,) = _load_all(session, [row])
-    return loaded
-
-
-def _load_all(session: Session, rows: Sequence[ResourceRow]) -> tuple[Resource, ...]:
-    """Read what belongs to resources: as many queries for a page of them as for one."""
-    ids = [row.id for row in rows]
-    needs: dict[str, list[tuple[str, str]]] = {one: [] for one in ids}
-    resting = select(DependencyRow.dependent_id, DependencyRow.role, DependencyRow.on_id)
-    for dependent, role, on_id in session.execute(resting.where(DependencyRow.dependent_id.in_(ids))):
-        needs[dependent].append((role, on_id))
-    objects: dict[str, list[Owned]] = {one: [] for one in ids}
-    owned = select(ObjectRow.resource_id, ObjectRow.role, ObjectRow.key, ObjectRow.size, ObjectRow.media_type)
-    for owner, role, key, size, media_type in session.execute(owned.where(ObjectRow.resource_id.in_(ids))):
-        objects[owner].append(Owned(role, key, size, media_type))
-    jobs = {job.resource_id: job for job in session.scalars(select(JobRow).where(JobRow.resource_id.in_(ids)))}
-    return tuple(_loaded(row, needs[row.id], objects[row.id], jobs.get(row.id)) for row in rows)
-
-
-def _loaded(
-    row: ResourceRow, needs: Sequence[tuple[str, str]], objects: Sequence[Owned], job: JobRow | None
-) -> Resource:
-    return Resource(
-        id=row.id,
-        kind=cast(Kind, row.kind),
-        name=row.name,
-        created_at=row.created_at,
-        request=row.request,
-        result=row.result,
-        rests_on=tuple(needs),
-        objects={one.role: one for one in objects},
-        job=None if job is None else as_job(job),
-        tags=tuple(row.tags),
-        archived=row.archived,
-    )

@@ -7,7 +7,7 @@ resources of all kinds, and deleting, listing and retrying work alike for all of
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, cast
 
 from sqlalchemy import (
     JSON,
@@ -24,6 +24,7 @@ from sqlalchemy import (
     TypeDecorator,
     false,
 )
+from sqlalchemy import Table as Tables
 from sqlalchemy.exc import DontWrapMixin
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
@@ -208,3 +209,12 @@ class KeyRow(Table):
     owner: Mapped[str | None] = mapped_column(Text(200))
     expires_at: Mapped[datetime | None]
     last_used_at: Mapped[datetime | None]
+
+
+def _table(rows: type[Table]) -> Tables:
+    return cast(Tables, rows.__table__)
+
+
+# For statements without the ORM, which takes several times as long over each.
+RESOURCES, DEPENDENCIES, OBJECTS = _table(ResourceRow), _table(DependencyRow), _table(ObjectRow)
+JOBS, EVENTS, RETRIES = _table(JobRow), _table(JobEventRow), _table(RetryRow)

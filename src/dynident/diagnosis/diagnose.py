@@ -39,8 +39,6 @@ from dynident.threads import single_threaded
 
 DEFAULT_MOST_EFFECTS = 12
 """Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds how long it takes."""
-# Hz, where the torque is not filtered: an arm's motion and what answers to it.
-_BAND = 20.0
 
 
 @single_threaded
@@ -145,7 +143,7 @@ def diagnose(
 def _start(data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray) -> State:
     """The model as it is, with the contacts that disturb it taken out of the way."""
     base, noise = tuple(range(pool.n_base)), identification.noise
-    picks = find_contacts(data, pool, base, noise, identification.preprocessing.torque_cutoff or _BAND)
+    picks = find_contacts(data, pool, base, noise, identification.preprocessing)
     for finding in picks:
         base += finding.columns
     return State(base, noise_left(data, base) if picks else noise, floor, picks, pool.since)

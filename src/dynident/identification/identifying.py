@@ -138,6 +138,7 @@ def _with_one_more(
         identification.preprocessing,
         identification.next_reference(),
         part(progress, 0.0, 0.5),
+        identification.rows[0],
     )
     choices = replace(identification.choices, effects=identification.choices.effects + new)
     model = extended_model(identification.model, new, tolerance=choices.tolerance)

@@ -16,13 +16,16 @@ from dynident.identification.shape_settling import settled_shapes
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
-from dynident.regressors.stream import reduce_recordings
+from dynident.regressors.rows import KeptRows, reduce_with_more
 from dynident.robot.model import Robot
 
 # Share of the squared error that a natural value may cost: what noise alone would give a free one, three times over.
 _AS_GOOD = 0.002
 DOWN, UP = 6, 8
 """Steps around a coarse value, down and up."""
+
+_ALIKE = 2
+"""Steps within which refined constants of two joints are nearly the same: half an octave, of ratios."""
 
 _BETWEEN, _BETWEEN_OF_SEVERAL = (-4, -3, -2, -1, 0, 1, 2, 3, 4), (-4, -2, 0, 2, 4)
 """Steps to half the distance between values of a grid; fewer where several constants have them together."""
@@ -59,14 +62,18 @@ def complete_shapes(
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress = silent,
+    known: KeptRows | None = None,
 ) -> tuple[EffectChoice, ...]:
-    """Find the shape constants that were left open, on the grid and then between its points; keep those given."""
+    """Find the shape constants that were left open, on the grid and then between its points; keep those given.
+
+    `known`: rows of the recordings, of the model.
+    """
     if not any(lacks_shape(choice) for choice in added):
         return tuple(added)
     given = tuple(choice for choice in added if not lacks_shape(choice))
     still_open = one_joint_each([choice for choice in added if lacks_shape(choice)], model.robot)
     everything = (*given, *still_open)
-    coarse = find_shapes(model, everything, recordings, preprocessing, reference, part(progress, 0.0, 0.5))
+    coarse = find_shapes(model, everything, recordings, preprocessing, reference, part(progress, 0.0, 0.5), known)
     return refine_shapes(
         model,
         coarse,
@@ -75,6 +82,7 @@ def complete_shapes(
         reference,
         part(progress, 0.5, 1.0),
         kept=[choice.shape_values for choice in everything],
+        known=known,
     )
 
 
@@ -96,13 +104,14 @@ def find_shapes(
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress = silent,
+    known: KeptRows | None = None,
 ) -> tuple[EffectChoice, ...]:
     """Complete choices by the shape constants with the smallest squared error beside a model.
 
     Where a choice gives its shape, it is kept. The others are taken from the effect's grid, one after another.
     """
     options = [_options(choice, model.robot) for choice in added]
-    table = _tabulate(model, options, recordings, preprocessing, reference, progress)
+    table = _tabulate(model, options, recordings, preprocessing, reference, progress, known)
     return tuple(choices[k] for choices, k in zip(options, table.search()[0], strict=True))
 
 
@@ -115,6 +124,7 @@ def refine_shapes(
     progress: Progress = silent,
     *,
     kept: Sequence[Collection[str]] = (),
+    known: KeptRows | None = None,
 ) -> tuple[EffectChoice, ...]:
     """Search around shape constants that came from a coarse grid, one constant of every effect after another.
 
@@ -139,7 +149,7 @@ def refine_shapes(
         lines = [[_finer(kind, spec) for kind in of_choice] for of_choice, spec in zip(kinds, specs, strict=True)]
         options = [[choice for line in of_choice for choice in line] for of_choice in lines]
         here = part(progress, number / rounds, (number + 1) / rounds)
-        picked, errors = _tabulate(model, options, recordings, preprocessing, reference, here).search()
+        picked, errors = _tabulate(model, options, recordings, preprocessing, reference, here, known).search()
         refined = tuple(_vertex(*found) for found in zip(lines, picked, errors, specs, strict=True))
     return settled_shapes(model, refined, recordings, preprocessing, reference, kept=fixed)
 
@@ -159,6 +169,29 @@ def between(choice: EffectChoice) -> list[EffectChoice]:
         allowed = [item for item in moved if spec.admits(item) and item >= least]
         found = [_with(one, spec.name, item) for one in found for item in allowed]
     return [choice, *(one for one in found if one != choice)]
+
+
+def nearly_alike(one: EffectChoice, other: EffectChoice) -> bool:
+    """Whether two choices are the same effect on joints of their own, with constants that are nearly the same.
+
+    Those that are refined are within two steps of their refinement, the others the same.
+    """
+    if (one.effect, one.runs) != (other.effect, other.runs) or not one.joints or not other.joints:
+        return False
+    mine, theirs = one.shape_values, other.shape_values
+    if not mine or mine.keys() != theirs.keys():
+        return False
+    return all(
+        _is_near(spec, mine[spec.name], theirs[spec.name])
+        for spec in effect_by_id(one.effect).shapes
+        if spec.name in mine
+    )
+
+
+def _is_near(spec: ShapeSpec, value: float, other: float) -> bool:
+    if not spec.is_refined(value):
+        return value == other
+    return _moved(spec, value, -_ALIKE) <= other <= _moved(spec, value, _ALIKE)
 
 
 def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:
@@ -256,6 +289,7 @@ def _tabulate(
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress,
+    known: KeptRows | None,
 ) -> _Table:
     signals: Signals = model.signals
     columns: list[Column] = list(model.kept)
@@ -266,8 +300,8 @@ def _tabulate(
             made = columns_of([choice], signals)
             numbers[-1].append(list(range(len(columns), len(columns) + len(made))))
             columns += made
-    observation = model.observation.extended(columns[model.n_parameters :], signals)
-    reduction = reduce_recordings(observation, recordings, preprocessing, reference, progress)
+    more = columns[model.n_parameters :]
+    reduction = reduce_with_more(model, more, recordings, preprocessing, reference, progress, known)
     alone = reduction.select(list(range(model.n_parameters)))
     factor = weighted_factor(reduction, noise_levels(alone, ordinary(alone).values))
     return _Table(factor, model.n_parameters, numbers)

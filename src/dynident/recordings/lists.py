@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -12,6 +14,9 @@ import pyarrow.compute as pc
 from dynident.recordings.arrow import from_numbers, streamed_parquet
 
 _LONGEST = 256
+_ABOUT = Path("meta") / "info.json"
+_DEEPEST = 3
+"""Folders above a file of a data set that its description is looked for in: data/chunk-000/file-000.parquet."""
 
 
 def list_columns(path: Path, schema: pa.Schema) -> dict[str, int]:
@@ -36,24 +41,33 @@ def list_columns(path: Path, schema: pa.Schema) -> dict[str, int]:
     return {name: length for name, length in lengths.items() if 0 < length <= _LONGEST}
 
 
-def spread_names(schema: pa.Schema, lists: Mapping[str, int]) -> list[str]:
-    """Names of the columns, with those of every list in its place: state becomes state1, state2, …."""
-    return [name for field in schema for name in _names(field.name, lists)]
+def places_of(path: Path, lists: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
+    """Give the columns that every list becomes: state1, state2, …, or state.shoulder.pos where the data set names them.
+
+    A data set of LeRobot says in `meta/info.json` what stands in the lists of its files.
+    """
+    stated = _stated(path)
+    return {name: stated.get((name, length)) or _counted(name, length) for name, length in lists.items()}
 
 
-def stored_name(name: str, lists: Mapping[str, int]) -> str:
+def spread_names(schema: pa.Schema, lists: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """Names of the columns, with those of every list in its place."""
+    return [name for field in schema for name in lists.get(field.name, (field.name,))]
+
+
+def stored_name(name: str, lists: Mapping[str, tuple[str, ...]]) -> str:
     """The column of the file that a column is in."""
-    return next((one for one in lists if name in _names(one, lists)), name)
+    return next((one for one, names in lists.items() if name in names), name)
 
 
-def spread(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, int]) -> pa.RecordBatch:
+def spread(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, tuple[str, ...]]) -> pa.RecordBatch:
     """Give the columns that are asked for, those in lists among them."""
     values = []
     for name in columns:
         stored = stored_name(name, lists)
         column = batch.column(batch.schema.get_field_index(stored))
         if stored in lists:
-            place = _names(stored, lists).index(name)
+            place = lists[stored].index(name)
             short = pc.less_equal(pc.list_value_length(column), place)
             if pc.any(short).as_py():
                 rows = [row[place] if row is not None and len(row) > place else np.nan for row in column.to_pylist()]
@@ -64,8 +78,28 @@ def spread(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, int]) 
     return pa.RecordBatch.from_arrays(values, names=columns)
 
 
-def _names(name: str, lists: Mapping[str, int]) -> list[str]:
-    if name not in lists:
-        return [name]
+def _counted(name: str, length: int) -> tuple[str, ...]:
     joint = "_" if name[-1:].isdigit() else ""
-    return [f"{name}{joint}{index + 1}" for index in range(lists[name])]
+    return tuple(f"{name}{joint}{index + 1}" for index in range(length))
+
+
+def _stated(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
+    """The columns of a data set's lists, by their name and length; nothing where the file lies in none."""
+    about = next((one for folder in path.absolute().parents[:_DEEPEST] if (one := folder / _ABOUT).is_file()), None)
+    try:
+        features = json.loads(about.read_text(encoding="utf-8"))["features"] if about is not None else {}
+        named = {name: _flat(feature.get("names")) for name, feature in features.items()}
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        return {}
+    return {
+        (name, len(places)): tuple(f"{name}.{place}" for place in places)
+        for name, places in named.items()
+        if places and len(set(places)) == len(places)
+    }
+
+
+def _flat(names: Any) -> list[str]:
+    """Names as a list, or in groups: {"motors": [...]}."""
+    if isinstance(names, dict):
+        return [place for part in names.values() for place in _flat(part)]
+    return [str(place) for place in names] if isinstance(names, list) else []

@@ -16,7 +16,7 @@ from dynident.arrays import FloatArray, IntArray
 from dynident.recordings.arrow import streamed_parquet, to_floats
 from dynident.recordings.columns import Layout
 from dynident.recordings.dialects import Dialect, csv_dialect
-from dynident.recordings.lists import list_columns, spread, spread_names, stored_name
+from dynident.recordings.lists import list_columns, places_of, spread, spread_names, stored_name
 from dynident.recordings.types import RecordingError
 
 BATCH_ROWS = 32768
@@ -89,6 +89,10 @@ class FileSource:
             yield RawRows(first, t, segment, values)
             first += len(t)
 
+    def batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        """Give some columns as they are stored."""
+        return self._batches(columns)
+
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         raise NotImplementedError
 
@@ -100,7 +104,7 @@ class ParquetFileSource(FileSource):
         self._path = path
         try:
             schema = pq.read_schema(path)
-            self._lists = list_columns(path, schema)
+            self._lists = places_of(path, list_columns(path, schema))
             super().__init__(spread_names(schema, self._lists))
         except (pa.ArrowInvalid, pa.ArrowIOError) as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title="Unreadable file") from error
@@ -155,6 +159,13 @@ def open_source(path: Path, file_format: str | None) -> FileSource:
     RecordingError
         If the file is empty, or not what it is said to be.
     """
+    # It builds on this module.
+    from dynident.recordings.stamps import with_stamps
+
+    return with_stamps(_open_source(path, file_format))
+
+
+def _open_source(path: Path, file_format: str | None) -> FileSource:
     # They build on this module.
     from dynident.recordings.formats import format_of, open_foreign
 

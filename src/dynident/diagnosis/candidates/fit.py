@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from dynident.arrays import FloatArray
+from dynident.arrays import BoolArray, FloatArray
 from dynident.diagnosis.candidates.batches import Batch
 
 _RIDGE = 1e-10
 _OWN_RIDGE, _RANK = 1e-9, 1e-8
+_ROUNDING = 1e-12
+"""Share of a sum below which a difference of two sums is what rounding leaves: thousands of terms of 1e-16 each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +42,27 @@ class Sums:
     xx: tuple[FloatArray, ...]
 
     def minus(self, other: Sums) -> Sums:
-        """The products of the rows that are in these and not in the others."""
+        """The products of the rows that are in these and not in the others.
+
+        A column that none of these rows has leaves rounding errors alone: it is nothing here, not a small column.
+        """
+        seen = _left(np.diag(self.ww), np.diag(other.ww))
+        own = [_left(np.einsum("gkk->gk", a), np.einsum("gkk->gk", b)) for a, b in zip(self.xx, other.xx, strict=True)]
         return Sums(
-            self.ww - other.ww,
-            self.wx - other.wx,
-            self.wy - other.wy,
+            (self.ww - other.ww) * (seen[:, None] & seen),
+            (self.wx - other.wx) * seen[:, None],
+            (self.wy - other.wy) * seen,
             self.xy - other.xy,
-            tuple(mine - theirs for mine, theirs in zip(self.xx, other.xx, strict=True)),
+            tuple(
+                (mine - theirs) * (kept[:, :, None] & kept[:, None, :])
+                for mine, theirs, kept in zip(self.xx, other.xx, own, strict=True)
+            ),
         )
+
+
+def _left(whole: FloatArray, part: FloatArray) -> BoolArray:
+    """Which squares of columns have anything of their own once a part of the rows is taken away."""
+    return np.asarray(whole - part > _ROUNDING * whole)
 
 
 class StretchesFit:
@@ -65,9 +80,11 @@ class StretchesFit:
         self._right, self._rest, self._whole = [], [], []
         for portion, own in zip(portions, sums.xx, strict=True):
             said = sums.wx.T[portion.columns] @ self.projection.T[portion.columns].transpose(0, 2, 1)
-            self._rest.append(own - said)
-            self._whole.append(np.maximum(np.einsum("gkk->gk", own), np.finfo(float).tiny))
-            self._right.append(right[portion.columns])
+            squares = np.einsum("gkk->gk", own)
+            seen = squares > 0
+            self._rest.append((own - said) * (seen[:, :, None] & seen[:, None, :]))
+            self._whole.append(np.maximum(squares, np.finfo(float).tiny))
+            self._right.append(right[portion.columns] * seen)
 
     def amplitudes(self, number: int) -> FloatArray:
         """(g, k): parameters of a portion's candidates, each fitted beside the model."""

@@ -155,6 +155,11 @@ def pool_of(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Colu
     return Pool(observation, n_base, tuple(candidates))
 
 
+def columns_on(pool: Pool, candidate: Candidate, joint: str) -> tuple[int, ...]:
+    """Those of a candidate's columns that are of one joint."""
+    return tuple(k for k in candidate.columns if pool.observation.columns[k].link == joint)
+
+
 def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     robot = model.robot.tree
     possible = places_of(effect, model.robot)
@@ -242,6 +247,14 @@ def width_shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> boo
     specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by in ("speed", "travel")]
     values = [choice.shape_values.get(spec.name, spec.default) for spec in specs]
     return all(resolved.shows(s, v, joints, _HALF_A_STEP) for s, v in zip(specs, values, strict=True))
+
+
+def is_sharper_than_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
+    """Whether a choice's slip distance is at the limit of what the data resolve: how it slips inside is not seen."""
+    joints = [j for name in choice.joints for j in robot.movers(name)]
+    slips = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by == "displacement"]
+    values = [choice.shape_values.get(spec.name, spec.default) for spec in slips]
+    return any(not resolved.shows(s, v, joints, 1.0 / _HALF_A_STEP) for s, v in zip(slips, values, strict=True))
 
 
 def places_of(effect: Effect, robot: Robot) -> tuple[int, ...]:

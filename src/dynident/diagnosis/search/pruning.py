@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
-from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.pool import Candidate, Pool, columns_on
 from dynident.diagnosis.search.acceptance import (
     JOINT_DROP,
     JOINT_T,
@@ -20,6 +20,9 @@ from dynident.diagnosis.search.state import Finding, State, judge_all
 from dynident.effects import effect_by_id
 
 _PRUNE_DROP, _PRUNE_T = 0.03, 2.5
+_STAYS_T = 1.0
+"""t from which on a joint stays in a group that most joints are in. It came in by JOINT_T, before the rest was known:
+what is asked here is whether the prediction is better with it, and five of six such gains are none of chance."""
 
 
 def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
@@ -34,7 +37,7 @@ def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
         base=tuple(k for k in state.base if k not in around),
     )
     while len(state.picks) > 1:
-        judged = [(_again(data, pool, state, finding), finding) for finding in state.picks if _can_be_held_out(finding)]
+        judged = [(_again(data, pool, state, finding), finding) for finding in state.picks if not finding.is_transient]
         weak = [
             (item, finding)
             for item, finding in judged
@@ -52,11 +55,6 @@ def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
     return state
 
 
-def _can_be_held_out(finding: Finding) -> bool:
-    """Whether stretches that an effect shows in can be left out: a contact happened once."""
-    return not effect_by_id(finding.judged.candidate.effect).is_transient
-
-
 def _again(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> JudgedCandidate:
     """A pick, judged beside all others."""
     base = tuple(k for k in state.base if k not in finding.columns)
@@ -68,20 +66,42 @@ def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, .
     base = state.base
     joints = []
     for finding in state.picks:
-        candidate = finding.judged.candidate
-        kept, gains = list(candidate.joints), {}
-        for joint in candidate.joints if len(candidate.joints) > 1 else ():
-            own = tuple(k for k in candidate.columns if pool.observation.columns[k].link == joint)
-            alone = Candidate(candidate.effect, (joint,), candidate.shape, own, candidate.runs)
-            rest = tuple(k for k in base if k not in own)
-            item = judge_all(data, pool, rest, [alone], state.noise)[0]
-            gains[joint] = item.total_gain
-            j = pool.observation.robot.movers(joint)[0]
-            large = gain_over_floor(item, j, state.floor, data) >= least_gain(effect_by_id(candidate.effect))
-            least_t = JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE
-            if not (item.lasts(JOINT_DROP, least_t) and large):
-                kept.remove(joint)
-                base = rest
-        best = max(gains, key=lambda name: gains[name], default="")
-        joints.append(tuple(kept) or ((best,) if best else ()))
+        kept, base = _members(data, pool, replace(state, base=base), finding.judged.candidate)
+        joints.append(kept)
     return joints
+
+
+def _members(
+    data: PhasedProducts, pool: Pool, state: State, group: Candidate
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """The joints of a group that gain from it, and the columns of the model that are left (b,).
+
+    What most joints of an arm have, their gears have: another of the group stays there unless data speak against it.
+    """
+    if len(group.joints) < 2:
+        return group.joints, state.base
+    base, gains, firm, likely = state.base, {}, [], []
+    for joint in group.joints:
+        own = columns_on(pool, group, joint)
+        rest = tuple(k for k in base if k not in own)
+        alone = Candidate(group.effect, (joint,), group.shape, own, group.runs)
+        item = judge_all(data, pool, rest, [alone], state.noise)[0]
+        gains[joint] = item.total_gain
+        if _gains(data, pool, state, item, JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE):
+            firm.append(joint)
+        elif _gains(data, pool, state, item, _STAYS_T):
+            likely.append(joint)
+        else:
+            base = rest
+    if 2 * len(firm) < len(pool.observation.robot.joint_names):
+        gone = {k for joint in likely for k in columns_on(pool, group, joint)}
+        base, likely = tuple(k for k in base if k not in gone), []
+    kept = tuple(joint for joint in group.joints if joint in firm or joint in likely)
+    return kept or (max(gains, key=lambda name: gains[name]),), base
+
+
+def _gains(data: PhasedProducts, pool: Pool, state: State, alone: JudgedCandidate, least_t: float) -> bool:
+    """Whether a joint of a group gains by itself: enough, evenly, and more than the sensor's noise."""
+    joint = pool.observation.robot.movers(alone.candidate.joints[0])[0]
+    over_floor = gain_over_floor(alone, joint, state.floor, data)
+    return alone.lasts(JOINT_DROP, least_t) and over_floor >= least_gain(effect_by_id(alone.candidate.effect))

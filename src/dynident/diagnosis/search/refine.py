@@ -10,10 +10,12 @@ from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Candidate, Pool, width_shows
 from dynident.diagnosis.residuals.resolution import Resolution
 from dynident.diagnosis.search.acceptance import explained
+from dynident.diagnosis.search.own_constants import joined
 from dynident.diagnosis.search.placing import placed
 from dynident.diagnosis.search.pruning import pruned, trimmed
 from dynident.diagnosis.search.rungs import helpful
 from dynident.diagnosis.search.state import Finding, State, noise_left
+from dynident.diagnosis.search.transients import without_faded_contacts
 from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.estimation import EstimationError, weighted
 from dynident.identification import Identification
@@ -47,12 +49,13 @@ def refined(
         return (), ()
     model, preprocessing = identification.model, identification.preprocessing
     choices = refine_shapes(model, choices, recordings, preprocessing, reference, part(progress, 0.0, 0.5))
+    kept, choices = joined(kept, choices, model.robot, resolved)
     visible = [i for i, choice in enumerate(choices) if width_shows(choice, model.robot, resolved)]
     kept, choices = tuple(kept[i] for i in visible), tuple(choices[i] for i in visible)
     while choices:
         reference = improved(model, choices, recordings, preprocessing, reference)
         lean = _Lean.of(model, kept, choices, recordings, preprocessing, reference)
-        slimmer, needed = lean.needed(floor)
+        slimmer, needed = lean.needed(floor, preprocessing)
         if slimmer == choices:
             break
         kept = tuple(kept[i] for i in needed)
@@ -134,10 +137,11 @@ class _Lean:
         data = gather(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
         return cls(pool, data, tuple(refined))
 
-    def needed(self, floor: FloatArray) -> tuple[tuple[EffectChoice, ...], list[int]]:
+    def needed(self, floor: FloatArray, preprocessing: Preprocessing) -> tuple[tuple[EffectChoice, ...], list[int]]:
         """Choices that still improve the prediction beside the others, on the joints where they do; their indices."""
         everything = tuple(range(self.pool.observation.n_columns))
         state = State(everything, noise_left(self.data, everything), floor, self.findings)
+        state = without_faded_contacts(self.data, self.pool, state, preprocessing)
         state = pruned(self.data, self.pool, state)
         left = {finding.judged.candidate for finding in state.picks}
         indices = [i for i, finding in enumerate(self.findings) if finding.judged.candidate in left]

@@ -12,6 +12,7 @@ from dynident.diagnosis.search.choosing import choose
 from dynident.diagnosis.search.contest import settled
 from dynident.diagnosis.search.determined import explains_most, generalises
 from dynident.diagnosis.search.one_name import by_one_name
+from dynident.diagnosis.search.own_constants import with_own_constants
 from dynident.diagnosis.search.pruning import pruned
 from dynident.diagnosis.search.reconsidering import Rows, is_of_position, reconsidered
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
@@ -37,6 +38,7 @@ def search(
     Names that take much of the same error are weighed with their shape constants between those of the grid.
     What the residual has but a faint trace of is asked about once something was found on its joint, and what was found
     before it once more. What two findings over the position of a joint say, one that says as much takes the name of.
+    Joints of a group whose constants the data tell apart are told with their own.
     Where neither the model nor that with its first finding predicts parts of the motion from the others, nothing is
     found but what explains most of the error where it was fitted.
 
@@ -76,7 +78,7 @@ def search(
             break
         judged = judge_all(data, pool, state.base, remaining, state.noise)
     state = by_one_name(rows, data, pool, reconsidered(rows, data, pool, state))
-    return pruned(data, pool, state).picks, undetermined
+    return with_own_constants(data, pool, pruned(data, pool, state)).picks, undetermined
 
 
 def _superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:

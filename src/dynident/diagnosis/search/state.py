@@ -37,6 +37,11 @@ class Finding:
     why: str = ""
 
     @property
+    def is_transient(self) -> bool:
+        """Whether it happened once, so that stretches that it shows in cannot be held out: a contact."""
+        return effect_by_id(self.judged.candidate.effect).is_transient
+
+    @property
     def columns(self) -> tuple[int, ...]:
         """All columns that come with the pick."""
         return self.judged.candidate.columns + self.around

@@ -6,6 +6,8 @@ the residual of all joints at all times of the stretch, as noise or a missing fu
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import stats
 
@@ -16,14 +18,22 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import fitted_errors
 from dynident.diagnosis.residuals.stretches import usual_of
-from dynident.diagnosis.search.state import Finding
+from dynident.diagnosis.search.state import Finding, State
 from dynident.effects import effect_by_id
+from dynident.recordings import Preprocessing
 
 _EXPLAINED, _LARGEST_P = 0.7, 1e-6
+_LASTING = 3.0
+"""Widths of the filter (1 / cut-off) that a contact has to last. A shorter burst has one shape that all joints share,
+and a wrench has a number for each of six joints, so that it explains whatever they say; a drive's delay at a step of
+acceleration lasts one to two."""
+
+_BAND = 20.0
+"""Hz, where the torque is not filtered: an arm's motion and what answers to it."""
 
 
 def find_contacts(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, band: float
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, preprocessing: Preprocessing
 ) -> tuple[Finding, ...]:
     """Try every burst as a contact.
 
@@ -31,20 +41,42 @@ def find_contacts(
     ----------
     base : columns of the model
     noise : (n,)
-    band : float
-        Hz: twice as many independent samples a second come out of the filter.
+    preprocessing : what the torque was filtered with: twice its cut-off independent samples a second come out of it
     """
-    tried = [candidate for candidate in pool.candidates if effect_by_id(candidate.effect).is_transient]
+    band = preprocessing.torque_cutoff or _BAND
+    tried = [
+        one for one in pool.candidates if effect_by_id(one.effect).is_transient and _length(one) >= _LASTING / band
+    ]
     found: list[Finding] = []
     columns = base
     for candidate in tried:
-        window = dict(candidate.shape)
         rows = data.beside(columns, np.zeros(2, dtype=bool))
-        judged, p = _tried(rows, columns, candidate, noise, 2 * band * (window["t1"] - window["t0"]))
+        judged, p = _tried(rows, columns, candidate, noise, 2 * band * _length(candidate))
         if judged.drop >= _EXPLAINED and p * len(tried) <= _LARGEST_P:
             found.append(Finding(judged, (), p * len(tried)))
             columns = columns + candidate.columns
     return tuple(found)
+
+
+def _length(candidate: Candidate) -> float:
+    window = dict(candidate.shape)
+    return float(window["t1"] - window["t0"])
+
+
+def without_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preprocessing: Preprocessing) -> State:
+    """The search without the contacts that what was found after them leaves little of.
+
+    They are looked for first, in what the plain model leaves: where friction is missing, a stretch in which it is
+    unusually large may look like one.
+    """
+    contacts = [finding for finding in state.picks if finding.is_transient]
+    if len(contacts) in (0, len(state.picks)):
+        return state
+    touched = {k for finding in contacts for k in finding.columns}
+    rest = tuple(k for k in state.base if k not in touched)
+    again = {item.judged.candidate for item in find_contacts(data, pool, rest, state.noise, preprocessing)}
+    picks = tuple(one for one in state.picks if not one.is_transient or one.judged.candidate in again)
+    return replace(state, picks=picks, base=(*rest, *(k for one in picks if one.is_transient for k in one.columns)))
 
 
 def _tried(

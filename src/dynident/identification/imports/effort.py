@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
+from dynident.identification.imports.commanded import is_commanded
 from dynident.identification.imports.fits import Fits
 from dynident.identification.imports.proposal import EffortKind
 from dynident.identification.mistakes.gravity import compensated, mounting_of
@@ -16,6 +18,8 @@ from dynident.identification.mistakes.swaps import Motion
 from dynident.robot import Robot
 from dynident.robot.pinocchio_model import described_torque
 
+CANNOT_TELL = "whether it was measured or commanded, the data cannot tell: they hold no noise of their own"
+
 _LOST = 0.75
 """Share of the residual with gravity that the one without must stay below to call it compensated."""
 _NEAR = (0.45, 2.1)
@@ -24,8 +28,13 @@ _POOR = (0.15, 6.0)
 """Beyond these no description is: it is another torque, or another unit."""
 _FAIR = (0.2, 3.0)
 """Between these a torque and that of a description agree, whose masses may be guessed: 2.4 on the open recordings."""
+_SURE = 1.25
+"""Amplifiers of arms give up to 64 A: per cent of that taken for A make 1.56 times the torque, and of less even more;
+this is half as far, as factors go."""
 _CURRENTS = (0.2, 100.0)
 """A: the largest current of an arm is between these; of a motor of a few watts, and of a robot for 300 kg."""
+_LEAST_OF_MOTORS = 0.01
+"""A or N m: the largest current and the largest torque of an arm's motors, those of a few watts, are larger."""
 _LARGEST_GAIN = 500.0
 """N m/A: a gear of 250 behind a large motor."""
 _APART = 1.25
@@ -59,6 +68,24 @@ def classify_effort(
 
     `torque_factor` and `current_factor` make N m and A of the numbers.
     """
+    commanded = is_commanded(q, tau)
+    if commanded:
+        reason = "its noise is that of the positions before, as a controller computes it, to a thousandth"
+        return EffortGuess("commanded", 0.9, reason)
+    found = _measured(fits, q, tau, signal, unit, torque_factor, current_factor)
+    return found if commanded is False else replace(found, reason=f"{found.reason}; {CANNOT_TELL}")
+
+
+def _measured(
+    fits: Fits,
+    q: FloatArray,
+    tau: FloatArray,
+    signal: str | None,
+    unit: str | None,
+    torque_factor: float,
+    current_factor: float | None,
+) -> EffortGuess:
+    """The same of what no controller computed from the positions."""
     motion = fits.motion(q, tau)
     if motion is None or not len(motion.q) or not np.isfinite(motion.tau).all():
         return _by_word(signal, unit, 0.6, "by its name; the sample is too short to be held against the robot")
@@ -106,14 +133,16 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
         )
     is_torque = scales.near_one(np.full(robot.n, torque_factor))
     gains = np.array([np.nan if drive.gain is None else drive.gain for drive in robot.drives])
-    is_current = current_factor is not None and bool(np.isfinite(gains).all())
-    is_current = is_current and scales.near_one(gains * (current_factor or 1.0))
-    agrees = is_torque and not is_current and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES
+    known = current_factor is not None and bool(np.isfinite(gains).all())
+    is_current = known and scales.near_one(gains * (current_factor or 1.0))
+    # Where masses are guessed, currents are not out of the question that are a bit off.
+    may_be_current = known and scales.is_fair(gains * (current_factor or 1.0))
+    agrees = is_torque and not may_be_current and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES
     if agrees:
         return EffortGuess("joint_torque", 0.9, "it is as large as the inertias of the description say")
     if is_current and not is_torque:
         return EffortGuess("motor_current", 0.9, "with the drive gains it is what the inertias of the description say")
-    if is_current:
+    if is_torque and may_be_current:
         return EffortGuess(
             "unknown", 0.3, "with the drive gains and without them it could be what the description says"
         )
@@ -124,10 +153,14 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
 
 def _torque_by_elimination(robot: Robot, motion: Motion, torque_factor: float) -> EffortGuess | None:
     """Torque, where it can be no currents: they would be none of an arm's."""
-    usual = usual_scale(robot, motion)
-    if usual is None or not _FAIR[0] < usual * torque_factor < _FAIR[1]:
+    peak, usual = float(np.abs(motion.tau).max()), usual_scale(robot, motion)
+    if usual is None:
+        # Without masses, only what is too small for motors in any unit is told: joint torques in kN m.
+        if peak < _LEAST_OF_MOTORS and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES:
+            return EffortGuess("joint_torque", 0.85, "no arm's motors have currents or torques that are so small")
         return None
-    peak = float(np.abs(motion.tau).max())
+    if not _FAIR[0] < usual * torque_factor < _FAIR[1]:
+        return None
     possible = [
         unit
         for unit, factor in (("A", 1.0), ("mA", 1e-3))
@@ -156,9 +189,21 @@ class Scales:
         return _POOR[0] < self.usual * factor < _POOR[1]
 
     def near_one(self, factors: FloatArray) -> bool:
-        """Whether the believed ones, times factors (n,), are what the description says, as far as descriptions go."""
+        """Whether the believed ones, times factors (n,), are what the description says, as far as descriptions go.
+
+        A payload that it does not have makes some of them larger, and none smaller.
+        """
+        told = np.abs(self.values * factors)[self.trusted]
+        return _NEAR[0] < float(told.min()) < _NEAR[1] and self.is_fair(factors)
+
+    def is_sure(self, factors: FloatArray) -> bool:
+        """Whether the believed ones, times factors (n,), are so near that currents are in the unit of the gains."""
         told = float(np.median(np.abs(self.values * factors)[self.trusted]))
-        return _NEAR[0] < told < _NEAR[1]
+        return 1.0 / _SURE < told < _SURE
+
+    def is_fair(self, factors: FloatArray) -> bool:
+        """Whether they could be, if its masses are guessed."""
+        return _FAIR[0] < float(np.median(np.abs(self.values * factors)[self.trusted])) < _FAIR[1]
 
 
 def scales_of(robot: Robot, motion: Motion) -> Scales | None:
@@ -182,6 +227,17 @@ def scales_of(robot: Robot, motion: Motion) -> Scales | None:
         values[joint] = solution[0] / size[0]
         trusted[joint] = left.var() < _TOLD * other.var() and left.var() < 0.1 * tau[:, joint].var()
     return Scales(values, trusted) if trusted.any() else None
+
+
+def is_as_described(fits: Fits, q: FloatArray, currents: FloatArray, gains: Sequence[float | None]) -> bool:
+    """Whether drive gains make of currents (m, n) the torque that the inertias of the description need.
+
+    Not where the description has none, or a gain is missing.
+    """
+    known = np.array([np.nan if gain is None else gain for gain in gains])
+    motion = fits.motion(q, currents) if np.isfinite(known).all() else None
+    scales = scales_of(fits.robot, motion) if motion is not None and len(motion.q) else None
+    return scales is not None and scales.is_sure(known)
 
 
 def _by_word(signal: str | None, unit: str | None, confidence: float, reason: str) -> EffortGuess:

@@ -35,6 +35,8 @@ class Clock:
 
 
 _FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_BEGINS = 5.0
+"""Steps within which a clock that starts again is where it was in the first row."""
 _SLOWEST, _FASTEST = 8.0, 8000.0
 """Hz: a robot's recording has a rate between them, so that one unit alone, in steps of a thousand, fits."""
 
@@ -55,9 +57,9 @@ def clock_like(values: FloatArray) -> list[int]:
         steps = np.diff(values[:, column])
         if not np.isfinite(steps).all() or not len(steps):
             continue
-        forward = steps >= 0
         middle = float(np.median(steps))
-        # A clock may start again with every run of a file.
+        # A clock may start again with every run of a file, from where it began.
+        forward = (steps >= 0) | (values[1:, column] <= values[0, column] + _BEGINS * middle)
         if middle > 0 and forward.mean() > 0.995 and np.mean(np.abs(steps - middle) < 0.9 * middle) > 0.7:
             found.append(column)
     return found
@@ -122,13 +124,18 @@ def slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     correlation, factor : (c, c)
         Of the slope of column i with column j; and column j = factor x slope of column i.
     """
-    rate = len(t) / max(float(t[-1] - t[0]), 1e-9)
+    # A clock may start again with every run of a file.
+    steps = np.diff(t)
+    rate = len(t) / max(float(steps[steps > 0].sum()), 1e-9)
     width = max(1, int(rate * 0.04))
+    restarts = np.concatenate([[0], np.cumsum(steps < 0)])
     steady = smoothed(np.column_stack([t, filled(values)]), width)
     t, values = steady[:, 0], steady[:, 1:]
     reach = max(1, width)
     step = t[2 * reach :] - t[: -2 * reach]
-    good = (step > 0) & (step < 20 * max(float(np.median(step)), 1e-12))
+    span = len(restarts) - len(step)
+    one_run = restarts[span:] == restarts[:-span]
+    good = one_run & (step > 0) & (step < 20 * max(float(np.median(step)), 1e-12))
     rise = (values[2 * reach :] - values[: -2 * reach])[good] / step[good][:, None]
     middle = values[reach:-reach][good]
     if len(rise) < 16:

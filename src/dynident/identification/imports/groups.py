@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from dynident.arrays import FloatArray
 from dynident.identification.imports.words import Named, Signal, signal_of_unit
+
+EXPLAINED = 0.3
+"""Share of the torque that positions may leave which are told by nothing but that: of others, far more is left."""
+
+_SAME = 0.01
+"""Share of a position's spread that two topics of it differ by: the slower of them is read between its samples."""
 
 _JOINT = frozenset({"joint", "jnt", "j", "axis", "achse", "a", "link"})
 _PENDANT = (("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2"), ("wrist", "3"))
@@ -61,6 +70,52 @@ def groups_of(
         columns = tuple(group[joint] for joint in range(len(joint_names)))
         groups.append(_group(columns, named, reasons[stem]))
     return groups, [index for index in range(len(named)) if index not in taken], following
+
+
+def hold_the_same(values: FloatArray, groups: Sequence[Group]) -> bool:
+    """Whether the columns (m, c) of several groups hold the same numbers, but for what lies between two samples."""
+    first, *others = (values[:, list(group.columns)] for group in groups)
+    spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
+    return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
+
+
+def of_more_joints(named: Sequence[Named], n: int) -> str:
+    """Say which columns are counted beyond the robot's n joints, as where a gripper is recorded with them."""
+    counted: dict[tuple[str, ...], list[Named]] = {}
+    for one in named:
+        if len(one.numbers) == 1:
+            counted.setdefault(tuple(word for word in one.words if not word.isdigit()), []).append(one)
+    for members in counted.values():
+        numbers = sorted(one.numbers[0] for one in members)
+        if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
+            return (
+                f" {members[0].name} … {members[-1].name} are {len(members)}, and the robot has {n} joints: which of "
+                "them are theirs?"
+            )
+    return ""
+
+
+def by_elimination(
+    groups: Sequence[Group], whole: Sequence[Group], left: Callable[[tuple[int, ...], tuple[int, ...]], float]
+) -> list[Group]:
+    """The one group of `whole`, without a signal, that is the torque beside positions, or the positions beside torques.
+
+    `left` says what share of torques is not explained by the motion of positions, given the columns of both.
+    """
+    ranked = sorted(whole, key=lambda group: group.rank)
+    if not ranked or (len(ranked) > 1 and ranked[1].rank == ranked[0].rank):
+        return []
+    only, have = ranked[0], {group.signal for group in groups}
+    efforts = [group for group in groups if group.signal in ("tau", "current", "effort")]
+    if "q" in have and not efforts and len(whole) == 1:
+        return [replace(only, signal="effort", reason="it is the only signal left")]
+    if "q" not in have and efforts:
+        best = min(efforts, key=lambda group: (group.rank, group.signal != "tau"))
+        share = left(only.columns, best.columns)
+        if share < EXPLAINED:
+            reason = f"no other column is called a position, and with it the dynamics leave {share:.0%} of the torque"
+            return [replace(only, signal="q", reason=reason)]
+    return []
 
 
 def _group(columns: tuple[int, ...], named: Sequence[Named], reason: str) -> Group:

@@ -8,6 +8,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.identification.imports import units as of_units
+from dynident.identification.imports.currents import question_of_gains
 from dynident.identification.imports.effort import classify_effort
 from dynident.identification.imports.facts import (
     SLOPE,
@@ -21,15 +22,22 @@ from dynident.identification.imports.facts import (
     slopes,
 )
 from dynident.identification.imports.fits import Fits
-from dynident.identification.imports.groups import Group, groups_of
+from dynident.identification.imports.groups import Group, by_elimination, groups_of, hold_the_same, of_more_joints
 from dynident.identification.imports.proposal import EffortKind, Guess, Proposal, Question
-from dynident.identification.imports.unnamed import Kinds, is_in_order, kinds_of, own_torques
-from dynident.identification.imports.words import Named, read_name
+from dynident.identification.imports.unnamed import Kinds, as_counted, is_in_order, kinds_of, own_torques, whole_signals
+from dynident.identification.imports.words import read_names
 from dynident.robot import Robot
 
 _SOUND = 0.5
 """Share of an average joint's torque left, from which on the columns are taken for wrong."""
-_SAME = 0.98
+NO_MEASUREMENT: dict[EffortKind, str] = {
+    "external": "external torques: what the robot's own dynamics need was taken out of them",
+    "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
+    "commanded": "commanded and not measured",
+}
+
+_CLEARLY = 1.25
+"""Times what the robot's dynamics have to leave of the torque in another order, for it to be refuted."""
 
 
 def propose(sample: Sample, robot: Robot) -> Proposal:
@@ -48,7 +56,7 @@ class _Guesser:
 
     def run(self) -> Proposal:
         sample, n = self.sample, self.robot.n
-        self.named = [read_name(name, sample.units.get(name, "")) for name in sample.names]
+        self.named = read_names(sample.names, sample.units)
         self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
         kind: EffortKind = "unknown"
         clock = self._clock()
@@ -129,12 +137,14 @@ class _Guesser:
         if "q" in have and have & {"tau", "current", "effort"}:
             return []
         silent = [index for group in groups if group.signal is None for index in group.columns]
-        pool = sorted({*(index for index in rest if self.named[index].signal is None), *silent})
-        pool = [index for index in pool if self.alive[index]]
+        # What is called a command is no measurement, whatever it holds.
+        measured = [index for index in (*rest, *silent) if self.named[index].rank < 4]
+        pool = sorted({index for index in measured if self.named[index].signal is None or index in silent})
+        pool = as_counted(self.named, whole_signals(pool, self.values, self.alive, n))
         whole = [group for group in groups if group.signal is None]
         kinds = kinds_of(self.t, self.values, pool, n, self._explains) if pool else None
         if kinds is None:
-            return self._by_elimination(groups, whole)
+            return by_elimination(groups, whole, self._explains)
         groups[:] = [group for group in groups if group.signal is not None]
         for group in whole:
             # Names that count the joints tell the order, the content the signal.
@@ -143,7 +153,7 @@ class _Guesser:
                     groups.append(Group(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))  # type: ignore[arg-type]
         if {group.signal for group in groups} >= {"q", "tau"}:
             return []
-        return self._ordered(kinds)
+        return self._ordered(kinds, pool)
 
     def _explains(self, positions: tuple[int, ...], efforts: tuple[int, ...]) -> float:
         """Share of the torque that is left if these columns are it, whichever unit the positions are in."""
@@ -151,20 +161,16 @@ class _Guesser:
         left = [self.fits.left(q * factor, tau) for factor in (1.0, np.pi / 180.0)]
         return min((one for one in left if one is not None), default=1.0)
 
-    def _by_elimination(self, groups: list[Group], whole: list[Group]) -> list[Group]:
-        """One group without a signal beside positions is the torque, or the other way round."""
-        have = {group.signal for group in groups}
-        if len(whole) == 1 and not have & {"tau", "current", "effort"} and "q" in have:
-            one = whole[0]
-            return [Group(one.columns, "effort", one.unit, one.rank, one.named, "it is the only signal left")]
-        return []
-
-    def _ordered(self, kinds: Kinds) -> list[Group]:
-        """Unnamed columns of every kind in the robot's order: that of the file, if nothing speaks against it."""
+    def _ordered(self, kinds: Kinds, pool: list[int]) -> list[Group]:
+        """Unnamed columns of every kind in the robot's order: that of the pool, if nothing speaks against it."""
         named = [self.named[columns[0]] for columns in (kinds.positions, kinds.efforts)]
         positions, efforts = list(kinds.positions), list(kinds.efforts)
-        regular = is_in_order(positions) and is_in_order(efforts)
-        reason = f"{kinds.reason}; the joints in the order of the file"
+        place = {column: k for k, column in enumerate(pool)}
+        regular = all(is_in_order([place[column] for column in one]) for one in (positions, efforts))
+        counted = pool != sorted(pool)
+        reason = f"{kinds.reason}; the joints in the order of {'their numbers' if counted else 'the file'}"
+        if regular and counted and self._as_good_in_file_order(kinds):
+            self._ask("columns", "The joints stand in one order by their numbers, in another in the file: which one?")
         if not regular:
             self._ask(
                 "columns", "The names of the columns do not say which joint they are of, and their order neither."
@@ -176,18 +182,28 @@ class _Guesser:
             Group(tuple(positions), "q", None, 0, named[0], reason),
             Group(tuple(efforts), "effort", None, 0, named[1], reason),
         ]
-        if kinds.rates and regular and is_in_order(kinds.rates):
+        if kinds.rates and regular and is_in_order([place[column] for column in kinds.rates]):
             groups.append(Group(kinds.rates, "dq", None, 0, self.named[kinds.rates[0]], reason))
         return groups
+
+    def _as_good_in_file_order(self, kinds: Kinds) -> bool:
+        """Whether both stand in order in the file as well, and the robot's dynamics do not refute that."""
+        positions, efforts = sorted(kinds.positions), sorted(kinds.efforts)
+        if not (is_in_order(positions) and is_in_order(efforts)):
+            return False
+        counted, in_file = ((kinds.positions, kinds.efforts), (tuple(positions), tuple(efforts)))
+        return in_file != counted and self._explains(*in_file) < _CLEARLY * self._explains(*counted)
 
     def _position(self, groups: list[Group]) -> Group | None:
         found = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
         if not found:
-            detail = "No columns were recognised as the positions of all joints: name them, q1 and so on."
+            more = of_more_joints(self.named, self.robot.n)
+            detail = f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more}"
             self._ask("columns/q", detail, self.sample.names)
             return None
-        if len(found) > 1 and found[1].rank == found[0].rank:
-            names = tuple(self._shown(group) for group in found if group.rank == found[0].rank)
+        equal = [group for group in found if group.rank == found[0].rank]
+        if len(equal) > 1 and not hold_the_same(self.values, equal):
+            names = tuple(self._shown(group) for group in equal)
             self._ask("columns/q", "Several sets of columns may be the measured positions: which one?", names)
         elif found[0].rank >= 4:
             self._ask("columns/q", f"{self._shown(found[0])} are commanded positions: where are the measured ones?")
@@ -221,11 +237,7 @@ class _Guesser:
         return best, kind
 
     def _refuse_kind(self, kind: EffortKind, shown: str) -> None:
-        why = {
-            "external": "external torques: what the robot's own dynamics need was taken out of them",
-            "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
-            "commanded": "commanded and not measured",
-        }[kind]
+        why = NO_MEASUREMENT[kind]
         self._ask("effort_kind", f"{shown} are {why}. Nothing can be identified from them; give the measured torque.")
 
     def _positions(self, position: Group, effort: Group) -> FloatArray | None:
@@ -311,11 +323,6 @@ class _Guesser:
             self._say(
                 "units/current", unit, 0.9, f"its name says {effort.unit}; drive gains are then N m per {effort.unit}"
             )
-            if any(gain is None for gain in gains):
-                self._ask(
-                    "drives",
-                    f"{self._shown(effort)} are in {effort.unit}: give the drive gains in N m per {effort.unit}.",
-                )
             kind = "motor_torque" if kind == "unknown" else kind
         elif signal == "effort":
             if kind == "unknown":
@@ -333,6 +340,9 @@ class _Guesser:
             self._map("tau" if signal == "tau" else "current", effort)
         if effort.unit not in ("permille", "percent"):
             self._effort_unit(signal or "tau", tau, effort, gains, reach)
+        if signal == "current":
+            asked = question_of_gains(self._shown(effort), effort.unit, gains, self.fits, (q, tau))
+            self.questions += [asked] if asked is not None else []
         self._check(q, tau)
         return kind
 
@@ -342,8 +352,6 @@ class _Guesser:
         if signal == "current":
             guess = of_units.current_unit(tau, gains, self.robot, effort.unit)
             self._unit("current", guess, "A")
-            if any(gain is None for gain in gains):
-                self._ask("drives", f"{self._shown(effort)} are currents: give the drive gains of the joints in N m/A.")
             return
         guess = of_units.torque_unit(self.robot, tau, effort.unit, reach)
         for index, joint in enumerate(self.robot.joints):
@@ -389,8 +397,3 @@ class _Guesser:
     def _shown(self, group: Group) -> str:
         first, last = (self.sample.names[group.columns[place]] for place in (0, -1))
         return f"{first} … {last}" if first != last else first
-
-
-def says_nothing(named: Named) -> bool:
-    """Whether a name tells neither signal nor unit."""
-    return named.signal is None and named.unit is None

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IntArray
+from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.identification.imports.facts import SLOPE, roughness, slopes
+from dynident.identification.imports.words import Named
 
 _EXPLAINED, _CLEARLY = 0.3, 1.5
 _GAP = 3.0
@@ -118,6 +119,22 @@ def _layouts(n: int, signals: int) -> list[list[list[int]]]:
     by_signal = [list(range(k * n, (k + 1) * n)) for k in range(signals)]
     by_joint = [list(range(k, n * signals, signals)) for k in range(signals)]
     return [by_signal, by_joint]
+
+
+def whole_signals(columns: Sequence[int], values: FloatArray, alive: BoolArray, n: int) -> list[int]:
+    """Columns that change; with those of joints that stand still where it is not whole signals of n joints else."""
+    numbers = [index for index in columns if np.isfinite(values[:, index]).all()]
+    moving = [index for index in numbers if alive[index]]
+    return numbers if len(moving) % n and not len(numbers) % n else moving
+
+
+def as_counted(named: Sequence[Named], columns: list[int]) -> list[int]:
+    """Columns in the order of the number in their names, where that alone tells them apart; else as they are."""
+    numbers = [named[index].numbers for index in columns]
+    stems = {tuple(word for word in named[index].words if not word.isdigit()) for index in columns}
+    if len(stems) != 1 or any(len(one) != 1 for one in numbers) or len(set(numbers)) < len(numbers):
+        return columns
+    return [columns[place] for place in np.argsort([one[0] for one in numbers])]
 
 
 def is_in_order(columns: Sequence[int]) -> bool:

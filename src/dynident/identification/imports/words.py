@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 Signal = Literal["t", "q", "dq", "ddq", "tau", "current", "effort", "temperature", "segment", "other"]
@@ -14,7 +15,7 @@ def _words(text: str) -> frozenset[str]:
 
 
 _WORDS: dict[Signal, frozenset[str]] = {
-    "t": _words("t time timestamp stamp zeit clock temps tiempo"),
+    "t": _words("t time timestamp stamp zeit clock temps tiempo ipoc"),
     "q": _words("q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos"),
     "dq": _words(
         "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd"
@@ -31,7 +32,8 @@ _OTHER = _words(
     "power payload gripper error err residual bits"
 )
 _COMMANDED = _words(
-    "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned"
+    "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned "
+    "action ipo interpolated"
 )
 _MEASURED = _words("act actual meas measured ist real feedback fb fbk msr")
 _EXTERNAL = _words("ext external contact extern")
@@ -55,6 +57,22 @@ _SUFFIXES = _words(
 )
 _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
           ("degs", ""): "deg/s", ("rads", ""): "rad/s", ("mn", "m"): "mN m", ("n", "m"): "N m"}  # fmt: skip
+_SPELT = {
+    "AIPos": "actual position", "ASPos": "setpoint position", "MACur": "motor current",
+    "EIPos": "external axis position", "ESPos": "external axis setpoint position", "MECur": "external axis current",
+    "current_as_torque": "gravity compensated torque",
+}  # fmt: skip
+"""What makers' own words for signals mean: of KUKA's RobotSensorInterface (the axes E1 to E6 are not the robot's), and
+of Universal Robots' RTDE, whose currents as torques are without the load of gravity."""
+
+_LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
+    (
+        _words("mp ip mt et tsec"),
+        {"mp": "measured position", "ip": "interpolated position", "mt": "measured torque", "et": "external torque"},
+    ),
+)
+"""Abbreviations that only a logger's names together tell (pyFRI): words that have to be there, and what they mean."""
+
 _BRACKET = re.compile(r"\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*$")
 _ENDING = re.compile(r"[_ .\-](mA|mNm|kNm|Nm|mrad|rpm|permille|promille|ms|us|ns|mm|cm)$", re.IGNORECASE)
 _PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]")
@@ -92,8 +110,22 @@ class Named:
         )
 
 
+def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[Named]:
+    """Take the names of all columns apart; `units` by name are what the file states elsewhere."""
+    heads = {name.rstrip("0123456789") for name in names}
+    meant = {word: text for needed, words in _LOGGERS if needed <= heads for word, text in words.items()}
+    found = []
+    for name in names:
+        head = name.rstrip("0123456789")
+        plain = f"{meant[head]} {name[len(head) :]}" if head in meant else name
+        found.append(replace(read_name(plain, units.get(name, "")), name=name))
+    return found
+
+
 def read_name(name: str, unit: str = "") -> Named:
     """Take a column's name apart; `unit` is what the file states elsewhere."""
+    for word, meaning in _SPELT.items():
+        name = name.replace(word, meaning)
     bracket = _BRACKET.search(name)
     inner = bracket.group(1) if bracket else ""
     stated = _UNITS.get(_plain(unit or inner))
@@ -149,6 +181,8 @@ def _without_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str
     """Take a unit off the end of the words: angle_1_deg."""
     if stated is None and len(words) >= 3 and words[-2:] in _PAIRS:
         return words[:-2], _PAIRS[words[-2:][0], words[-2:][1]]
+    if stated is None and words[-2:] in (("nano", "sec"), ("nano", "secs")):
+        return words[:-2], "ns"
     if stated is None and len(words) >= 2 and words[-1] in _SUFFIXES:
         # A lone letter behind nothing but a number is a name: q_1_a is not in amperes, but i_1_a is.
         return words[:-1], _UNITS[words[-1]]
@@ -169,6 +203,8 @@ def _signal(plain: list[str], words: tuple[str, ...]) -> Signal | None:
     derived = "".join(plain)
     if found == "q" and derived.startswith(("dq", "dtheta")):
         return "dq"
+    if found is None and "index" in plain:
+        return "other"
     if "current" in plain and found in ("q", "dq", "tau") and not _is_last(plain, "current"):
         return found
     return found

@@ -10,6 +10,7 @@ from dynident.identification.mistakes.search import (
     MOST_JOINTS,
     Finding,
     delay_among,
+    excess_in,
     mistakes_of,
     thinned,
     whole_motion_of,
@@ -32,6 +33,9 @@ _AMOUNTS = {"torque_scale"}
 
 _HARDLY = 1.1
 """Times what is left without a mistake below which it is friction that tells of it."""
+
+_MASSES = "Torques are far from what the masses of the description need: "
+_FRICTION = "Friction is far larger than the other joints', or what its drive can give, allow: "
 
 _ELSE = (
     " If columns and signs are right, something else about this robot is not: gravity in the description, the zero of "
@@ -57,8 +61,11 @@ def checks_against(robot: Robot) -> ModelChecks:
             return None
         mistakes, left = found
         wrong = {_CHECK[one.mistake.kind] for one in mistakes}
-        fine = f"No other order or sign of the columns explains the torque better; on average {left:.0%} are left."
-        amounts = () if mistakes else (*_delay(robot, *whole, tau), *_scales(robot, motion, recording, tau))
+        fine = f"No other order or sign of the columns explains the torque clearly better: {left:.0%} are left of it."
+        amounts = () if mistakes else _scales(robot, motion, recording, tau)
+        if not mistakes and all(one.status == "ok" for one in amounts):
+            # Torques in different units have no delay that could be told.
+            amounts = (*_delay(robot, *whole, tau), *amounts)
         passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _AMOUNTS]
         if not mistakes:
             amounts = (*_gravity(robot, motion, tau, left), *amounts)
@@ -138,18 +145,26 @@ def _delay(robot: Robot, motion: Motion, period: float, tau: Sequence[str]) -> t
 
 
 def _scales(robot: Robot, motion: Motion, recording: Recording, tau: Sequence[str]) -> tuple[Check, ...]:
-    found = scales_of(robot, motion)
+    found = scales_of(robot, motion, excess_in(robot, motion))
     if found is None:
         return ()
     if not found:
         return (Check("torque_scale", "ok", "No torque is many times what the masses of the description need."),)
-    told = ", ".join(f"{tau[one.joint]} ({recording.joint_names[one.joint]}) {one.times:.3g} times" for one in found)
+    reasons = []
+    for by_friction, what in ((False, _MASSES), (True, _FRICTION)):
+        names = [
+            f"{tau[one.joint]} ({recording.joint_names[one.joint]}) {one.times:.3g} times"
+            for one in found
+            if one.by_friction == by_friction
+        ]
+        if names:
+            reasons.append(what + ", ".join(names))
     return (
         Check(
             "torque_scale",
             "warning",
-            f"Torques are far from what the masses of the description need: {told}. It may be another unit (permille, "
-            "N mm), a gear ratio or a drive gain: mend it by units, by the robot's drives or by scale.",
+            f"{'. '.join(reasons)}. It may be another unit (permille, N mm), a gear ratio or a drive gain: mend it by "
+            "units, by the robot's drives or by scale.",
             tau[found[0].joint],
             apply=Revision(scale={f"tau{one.joint + 1}": 1.0 / one.power for one in found}),
         ),

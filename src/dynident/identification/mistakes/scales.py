@@ -1,8 +1,8 @@
-"""Torques in another unit, or by another gain: many times what the description's own masses would need."""
+"""Torques in another unit, or by another gain: many times what the description's masses or friction would need."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,28 +25,55 @@ VOTES, EXPLAINED_OF_VOTES, FAR_OF_VOTES = 3, 0.15, 5.0
 on all torques are in another unit: at most 2.4 on the open recordings (`benchmarks/planted_mistakes.py`)."""
 
 
+KNOWN = 3.0
+"""Standard errors, among blocks of time, that a joint's factor has to be, or nothing is told of it: where a joint moves
+too little, what its friction leaves looks like many times a load that is nearly none (2.8 of a right short motion)."""
+
+HEAVY = 4.0
+"""Times the description's load from which on the torque of a joint that it explains a little may be too large: a load
+at the flange makes it so of wrists, so that friction has to say it, too."""
+
+
 @dataclass(frozen=True)
 class Scale:
-    """A joint, from 0, whose torque is `times` what its links' masses need, and the power of ten that it is off by."""
+    """A joint, from 0, whose torque is `times` what it should be, and the power of ten that it is off by.
+
+    That is told by the masses of the description, or by the friction of the other joints: `by_friction`.
+    """
 
     joint: int
     times: float
     power: float
+    by_friction: bool = False
 
 
-def scales_of(robot: Robot, motion: Motion) -> tuple[Scale, ...] | None:
-    """The joints whose torques are in another unit; None where the description gives no masses."""
+def scales_of(robot: Robot, motion: Motion, excess: Mapping[int, float]) -> tuple[Scale, ...] | None:
+    """The joints whose torques are in another unit; None where the description gives no masses and friction tells none.
+
+    `excess` are the joints whose friction is too large, and how many times, as `frictions.excess_of` tells.
+    """
     told = _told(robot, motion)
     if told is None:
-        return None
+        return _by_friction(excess) or None
     middle = _middle(told) or 1.0
     if not 1.0 / FAR_OF_VOTES < middle < FAR_OF_VOTES:
         return tuple(Scale(joint, middle, _power(middle)) for joint in range(robot.n))
-    return tuple(
-        Scale(joint, times, _power(times))
-        for joint, (times, explained) in enumerate(told)
-        if explained >= EXPLAINED and not 1.0 / FAR < times < FAR and times > 0
+    explained = {joint: times for joint, (times, share) in enumerate(told) if share >= EXPLAINED and times > 0}
+    by_masses = (
+        Scale(joint, times, _power(times)) for joint, times in explained.items() if not 1.0 / FAR < times < FAR
     )
+    others = {joint: times for joint, times in excess.items() if joint not in explained}
+    return (*by_masses, *_by_friction(others))
+
+
+def heavy_joints(robot: Robot, motion: Motion) -> set[int]:
+    """Joints whose torque is several times what the masses need, as far as they tell: others must say so, too."""
+    told = _told(robot, motion) or ()
+    return {joint for joint, (times, share) in enumerate(told) if share >= EXPLAINED_OF_VOTES and times > HEAVY}
+
+
+def _by_friction(excess: Mapping[int, float]) -> tuple[Scale, ...]:
+    return tuple(Scale(joint, times, _power(times), by_friction=True) for joint, times in excess.items())
 
 
 def usual_scale(robot: Robot, motion: Motion) -> float | None:
@@ -95,4 +122,16 @@ def _times(load: FloatArray, motion: Motion, joint: int) -> tuple[float, float]:
     if size <= 0.0 or whole <= 0.0:
         return 1.0, 0.0
     times = float(load @ tau) / size
-    return times, times * times * size / whole
+    share = times * times * size / whole
+    products, squares = (np.bincount(motion.block, weights=load * one).astype(np.float64) for one in (tau, load))
+    return times, share if _is_known(products, squares) else 0.0
+
+
+def _is_known(products: FloatArray, squares: FloatArray) -> bool:
+    """Whether a factor is surely not nothing, of the products of each block of time (blocks,), by the jackknife."""
+    others = squares.sum() - squares
+    if len(squares) < 2 or not (others > 0).all():
+        return False
+    without = (products.sum() - products) / others
+    error = float(np.sqrt((len(without) - 1) * without.var()))
+    return bool(abs(products.sum() / squares.sum()) >= KNOWN * error)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
 
@@ -25,6 +25,7 @@ _SWAPS: tuple[Kind, ...] = ("torques swapped", "positions swapped", "joints swap
 _TURNS: tuple[Kind, ...] = ("torque turned", "position turned", "joint turned")
 _OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned")
 _OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned", "torque scaled")
+_SMALL = 1e-3
 FACTORS = (0.001, 0.1, 10.0, 1000.0)
 """By which a torque may have to be multiplied: a gain that is ten times off, and units in steps of a thousand."""
 
@@ -83,6 +84,13 @@ class Mistake:
         if self.is_of_torques:
             tau = tau[:, order] * sign
         return Motion(q, dq, ddq, tau, motion.block)
+
+
+def alone(motion: Motion, joints: tuple[int, ...]) -> Motion:
+    """The motion with some joints' torques so small that they say nothing of what other joints' torques need, too."""
+    tau = motion.tau.copy()
+    tau[:, joints] *= _SMALL
+    return replace(motion, tau=tau)
 
 
 def mistakes_among(moving: BoolArray) -> Iterator[Mistake]:

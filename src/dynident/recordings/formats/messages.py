@@ -22,7 +22,30 @@ _CONTROLLER = (
     "control_msgs/msg/JointControllerState",
 )
 _JOINT_FIELDS = ("position", "velocity", "effort")
-KNOWN = (_JOINT_STATES, *_WRENCHES, _DYNAMIC, *_CONTROLLER)
+_LBR = {
+    "measured_joint_position": "position",
+    "measured_torque": "torque",
+    "commanded_joint_position": "commanded_position",
+    "commanded_torque": "commanded_torque",
+    "external_torque": "external_torque",
+}
+_ARRAYS: dict[str, dict[str, str]] = {
+    "franka_msgs/msg/FrankaState": {
+        "q": "position",
+        "dq": "velocity",
+        "tau_J": "torque",
+        "q_d": "commanded_position",
+        "tau_J_d": "commanded_torque",
+        "tau_ext_hat_filtered": "external_torque",
+    },
+    "lbr_fri_msgs/msg/LBRState": _LBR,
+    "lbr_fri_idl/msg/LBRState": _LBR,
+}
+"""Fields with a number a joint, and what they are called here, of messages that name no joints."""
+_FRANKA_ROBOT = "franka_msgs/msg/FrankaRobotState"
+_FRANKA_PARTS = {"measured_joint_state": "", "desired_joint_state": "commanded_", "tau_ext_hat_filtered": "external_"}
+"""Its joint states: their efforts are torques of sensors in the joints, those commanded, and those of contacts."""
+KNOWN = (_JOINT_STATES, *_WRENCHES, _DYNAMIC, *_CONTROLLER, *_ARRAYS, _FRANKA_ROBOT)
 
 
 class Sample(NamedTuple):
@@ -54,13 +77,25 @@ def samples_of(path: Path, name: str) -> Iterator[Sample]:
     """
     read = {"rosbag": _ros1, "rosbag2": _ros2, "mcap": _mcap}[name]
     unpack = _Unpacker(ros1=name == "rosbag")
+    undefined: dict[str, None] = {}
+    any_read = False
     try:
         for packed in read(path):
+            if not unpack.knows(packed):
+                undefined[packed.type] = None
+                continue
+            any_read = True
             yield from _samples(packed, unpack(packed))
     except (ModuleNotFoundError, RecordingError):
         raise
     except Exception as error:  # the readers' own kinds of error are many, and are all about the file
         raise RecordingError(f"The file cannot be read as {name}: {error}", title="Unreadable file") from error
+    if undefined and not any_read:
+        raise RecordingError(
+            f"The bag does not say how its messages of {', '.join(undefined)} are built: record it as MCAP, or convert "
+            "it where that package is installed (ros2 bag convert).",
+            title="Unreadable file",
+        )
 
 
 def _plain(type_name: str) -> str:
@@ -123,6 +158,10 @@ class _Unpacker:
         self._store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
         self._unpack = self._store.deserialize_ros1 if ros1 else self._store.deserialize_cdr
 
+    def knows(self, packed: _Packed) -> bool:
+        """Whether ROS or the file says how a message is built."""
+        return bool(packed.definition) or packed.type in self._store.types
+
     def __call__(self, packed: _Packed) -> Any:
         if packed.type not in self._store.types and packed.definition:
             self._learn(packed)
@@ -147,6 +186,8 @@ def _samples(packed: _Packed, message: Any) -> Iterator[Sample]:
         stamp = header.stamp
         seconds = stamp.sec + stamp.nanosec * 1e-9
         time = seconds or time
+    elif hasattr(message, "time_stamp_nano_sec"):
+        time = (message.time_stamp_sec + message.time_stamp_nano_sec * 1e-9) or time
     topic = packed.topic.strip("/")
     names, values = _content(packed.type, message)
     if names:
@@ -164,6 +205,18 @@ def _content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | 
         return [name for name, _ in parts], [float(value) for _, value in parts]
     names: list[str] = []
     values: list[float] = []
+    if kind in _ARRAYS:
+        # Not every version of a message has all fields.
+        numbers = [getattr(message, field, np.empty(0)) for field in _ARRAYS[kind]]
+        return _counted(kind, tuple(len(part) for part in numbers)), np.concatenate(numbers)
+    if kind == _FRANKA_ROBOT:
+        for part, ours in _FRANKA_PARTS.items():
+            state = getattr(message, part)
+            for field, own in zip(_JOINT_FIELDS, ("position", "velocity", "torque"), strict=True):
+                numbers = getattr(state, field)
+                names += [f"{ours}{own}_{joint}" for joint, _ in zip(state.name, numbers, strict=False)]
+                values += [float(value) for _, value in zip(state.name, numbers, strict=False)]
+        return names, values
     if kind == _DYNAMIC:
         for joint, interface in zip(message.joint_names, message.interface_values, strict=True):
             names += [f"{field}_{joint}" for field in interface.interface_names]
@@ -192,3 +245,9 @@ def _of_joints(joints: Any, message: Any) -> tuple[Sequence[str], FloatArray]:
 def _names_of(joints: tuple[str, ...], counts: tuple[tuple[str, int], ...]) -> tuple[str, ...]:
     """One and the same for all messages of a topic, which are many."""
     return tuple(f"{field}_{joint}" for field, count in counts for joint in joints[:count])
+
+
+@lru_cache(maxsize=64)
+def _counted(kind: str, counts: tuple[int, ...]) -> tuple[str, ...]:
+    fields = zip(_ARRAYS[kind].values(), counts, strict=True)
+    return tuple(f"{field}_{joint + 1}" for field, count in fields for joint in range(count))

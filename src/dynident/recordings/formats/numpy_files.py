@@ -26,8 +26,9 @@ def numpy_source(path: Path, name: str) -> ArrayFileSource:
                 return ArrayFileSource([memory_array(field, whole[field]) for field in whole.dtype.names])
             return ArrayFileSource([memory_array("column", whole)])
         with np.load(path, allow_pickle=False) as archive:
-            arrays = [memory_array(key, archive[key]) for key in archive.files if archive[key].dtype.kind in "fiub"]
-        return ArrayFileSource(arrays)
+            # Each is read from the archive whenever it is asked for.
+            arrays = [(key, archive[key]) for key in archive.files]
+        return ArrayFileSource([memory_array(key, values) for key, values in arrays if values.dtype.kind in "fiub"])
     except (ValueError, OSError, EOFError, KeyError) as error:
         raise RecordingError(f"The file cannot be read as {name}: {error}", title="Unreadable file") from error
 

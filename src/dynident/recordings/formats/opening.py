@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal, get_args
 
+from dynident.recordings.formats.telegrams import START, telegram_source
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
-Format = Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap"]
+Format = Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"]
 FORMATS: tuple[str, ...] = get_args(Format)
 
 _STARTS: tuple[tuple[bytes, Format], ...] = (
@@ -23,6 +24,9 @@ _STARTS: tuple[tuple[bytes, Format], ...] = (
     (b"\x89MCAP", "mcap"),
 )
 
+_LOOKED_AT = 4096
+"""Bytes: a logger may write some lines of its own before the first telegram."""
+
 
 def format_of(path: Path) -> str:
     """Tell the format of a file; "csv" for whatever is none of the others.
@@ -33,10 +37,11 @@ def format_of(path: Path) -> str:
         For an empty file.
     """
     with path.open("rb") as file:
-        start = file.read(16)
+        start = file.read(_LOOKED_AT)
     if not start:
         raise RecordingError("The file is empty.", title="Unreadable file")
-    return next((name for first, name in _STARTS if start.startswith(first)), "csv")
+    found = next((name for first, name in _STARTS if start.startswith(first)), None)
+    return found or ("rsi" if START.search(start) else "csv")
 
 
 def open_foreign(path: Path, name: str) -> FileSource:
@@ -60,6 +65,8 @@ def open_foreign(path: Path, name: str) -> FileSource:
             from dynident.recordings.formats.hdf5 import hdf5_source
 
             return hdf5_source(path)
+        if name == "rsi":
+            return telegram_source(path)
         from dynident.recordings.formats.bags import bag_source
 
         return bag_source(path, name)

@@ -54,7 +54,10 @@ class RunFigures:
 
 @dataclass(frozen=True)
 class ErrorsContent:
-    """The table of errors and the figures of every recording."""
+    """The table of errors and the figures of every recording.
+
+    `by_recording` is empty where the first table has these figures.
+    """
 
     kinds: tuple[str, ...]
     rows: tuple[ErrorRow, ...]
@@ -72,7 +75,7 @@ def errors_section(identification: Identification, runs: Sequence[ReportedRun], 
         tuple(name for name, _, _ in kinds),
         tuple(_rows(identification, kinds, diagnosis)),
         tuple(percent(errors.relative_total) for _, moving, all_rows in kinds for errors in (moving, all_rows)),
-        tuple(_by_recording(identification.model.robot.joint_names, runs)),
+        tuple(_by_recording(identification.model.robot.joint_names, kinds, runs)),
         diagnosis is not None,
         any(bool((run.comparison.phase == Phase.STANDING).any()) for run in runs),
         tuple(_run(run, any(other.held_out for other in runs)) for run in runs),
@@ -111,12 +114,24 @@ def _cell(errors: Errors, joint: int, unit: str) -> ErrorCell:
     return ErrorCell(rms, relative, f"{number(rms)} {unit}", percent(relative))
 
 
-def _by_recording(joints: Sequence[str], runs: Sequence[ReportedRun]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """A row for every joint and one for all: relative errors in each recording, where the joint moves and in all."""
-    errors = [item for run in runs for item in (run.comparison.moving_errors, run.comparison.errors)]
-    for j, joint in enumerate(joints):
-        yield joint, tuple(percent(float(item.relative[j])) if item.counts[j] else "–" for item in errors)
-    yield "all joints", tuple(percent(item.relative_total) for item in errors)
+def _by_recording(
+    joints: Sequence[str], kinds: Sequence[tuple[str, Errors, Errors]], runs: Sequence[ReportedRun]
+) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """A row for every joint and one for all: relative errors in each recording, where the joint moves and in all.
+
+    None where these are the errors of the fit and of held-out data to the last digit.
+    """
+    known = {_column(errors) for _, *both in kinds for errors in both}
+    columns = [_column(errors) for run in runs for errors in (run.comparison.moving_errors, run.comparison.errors)]
+    if not known.issuperset(columns):
+        yield from zip((*joints, "all joints"), zip(*columns, strict=True), strict=True)
+
+
+def _column(errors: Errors) -> tuple[str, ...]:
+    each = (
+        percent(float(share)) if count else "–" for share, count in zip(errors.relative, errors.counts, strict=True)
+    )
+    return (*each, percent(errors.relative_total))
 
 
 def _run(run: ReportedRun, some_held_out: bool) -> RunFigures:

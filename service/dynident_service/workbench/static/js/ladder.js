@@ -1,12 +1,11 @@
 // The ladder of models: what was added at each rung, and the error falling, in total and on every joint.
 
-import { post } from "./api.js";
 import { choiceInWords } from "./catalogue.js";
 import { h, numeric, put, row, table, unseen } from "./dom.js";
 import { number, percent } from "./format.js";
-import { computed, progressBar } from "./jobs.js";
 import { totalsFigure } from "./ladder_figures.js";
-import { address, go } from "./location.js";
+import { address } from "./location.js";
+import { nextRung } from "./next_rung.js";
 import { problemBox } from "./problem.js";
 import { worsened } from "./step.js";
 import { changeOf, twoLadders } from "./two_ladders.js";
@@ -119,12 +118,7 @@ function removeButton(model, rung, signal) {
     button.disabled = true;
     try {
       const effects = there.map(({ effect, joints }) => ({ effect, joints }));
-      const made = await post(`/identifications/${model.id}/remove`, { effects }, { signal });
-      const bar = progressBar(made.job_id, "Removing");
-      put(said, bar.element);
-      await computed("/identifications", made, bar.update, signal).finally(() => put(said));
-      dispatchEvent(new Event("models-changed"));
-      go({ identification: made.id, tab: "missing", joint: model.joint, measurement: model.measurement }, { arrived: true });
+      await nextRung(model, "remove", effects, said, signal);
     } catch (error) {
       if (!signal.aborted) put(said, problemBox(error));
       button.disabled = false;

@@ -9,7 +9,7 @@ import { announce, h, put, row, table } from "./dom.js";
 import { percent } from "./format.js";
 import { effectCards } from "./effect_cards.js";
 import { computed, progressBar } from "./jobs.js";
-import { go } from "./location.js";
+import { nextRung } from "./next_rung.js";
 import { problemBox, showInForm } from "./problem.js";
 
 const HEADLINES = {
@@ -73,12 +73,7 @@ export function missingSection(model, signal) {
 /** Add effects to a model and go to the new one. */
 async function extend(model, effects, said, signal) {
   try {
-    const made = await post(`/identifications/${model.id}/extend`, { effects });
-    const bar = progressBar(made.job_id, "Adding");
-    put(said, bar.element);
-    await computed("/identifications", made, bar.update, signal).finally(() => put(said));
-    dispatchEvent(new Event("models-changed"));
-    go({ identification: made.id, tab: "missing", joint: model.joint, measurement: model.measurement }, { arrived: true });
+    await nextRung(model, "extend", effects, said, signal);
   } catch (error) {
     const form = said.closest("form");
     if (signal.aborted) return;

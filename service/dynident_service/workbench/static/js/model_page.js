@@ -35,6 +35,7 @@ export async function modelPage(target, wanted, signal) {
   document.title = `${nameOf(model)}: dynident`;
   put(target, header(model, ways), tabs("Parts of the model", parts(model, signal), tabOf, signal));
   if (takeNote()?.arrived) {
+    dispatchEvent(new Event("models-changed"));
     const ladder = document.getElementById("ladder-title");
     ladder?.scrollIntoView({ block: "start" });
     ladder?.focus({ preventScroll: true });

@@ -31,6 +31,8 @@ export class JointRow {
       const id = shape.chosen ? `${kind}-chart` : "";
       if (id) this[kind].id = id;
       else this[kind].removeAttribute("id");
+      // Its room is kept until its signals come: what is beneath stays where a hand may already be.
+      this[kind].style.minHeight = shape.shows.includes(kind) ? `${this.#height(kind)}px` : "";
     }
     this.draw();
   }
@@ -48,7 +50,7 @@ export class JointRow {
     for (const one of Object.values(this.plots)) one.destroy();
     this.plots = {};
     if (!this.line || !this.shaped) return;
-    const { chosen, shows, last } = this.shaped;
+    const { chosen, shows } = this.shaped;
     const { unit, shifted } = this.line;
     const time = shifted ? "time, runs one after another (s)" : "time (s)";
     const value = (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw)} ${unit}`);
@@ -61,12 +63,11 @@ export class JointRow {
       torque: [[first, { ...band, label: "95 % upper" }, { ...band, label: "lower" }, { ...band, label: "friction may hold" }, { ...band, label: "down to" }, line("measured", colour("measured"), 1.6), line("predicted", colour("predicted"), 1.2)], [wash, rest], (one, low, high) => this.#around(one, low, high)],
       residual: [[first, { ...band, label: "95 % upper" }, { ...band, label: "lower" }, line("residual", colour("residual"), 1)], [wash], symmetric],
     };
-    shows.forEach((kind, index) => {
+    shows.forEach((kind) => {
       const [series, bands, range] = kinds[kind];
-      const below = chosen || (last && index === shows.length - 1);
-      const x = below ? axis(time, 2) : { ...axis("", 2), label: null, values: (_, splits) => splits.map(() => ""), size: 6 };
+      const x = this.#saysTime(kind) ? axis(time, 2) : { ...axis("", 2), label: null, values: (_, splits) => splits.map(() => ""), size: 6 };
       const options = {
-        height: chosen ? LARGE[kind] : SMALL + (below ? 46 : 0),
+        height: this.#height(kind),
         series,
         bands,
         scales: { y: { range } },
@@ -77,6 +78,15 @@ export class JointRow {
       this.plots[kind] = timePlot(this[kind], this.view, { options, data: series.map(() => []), linked: LINKED, onClick: (time) => this.onClick(this.joint, time) }, this.signal);
     });
     this.#fill();
+  }
+
+  #saysTime(kind) {
+    const { chosen, shows, last } = this.shaped;
+    return chosen || (last && kind === shows.at(-1));
+  }
+
+  #height(kind) {
+    return this.shaped.chosen ? LARGE[kind] : SMALL + (this.#saysTime(kind) ? 46 : 0);
   }
 
   #fill() {

@@ -1,0 +1,120 @@
+"""Joints of a group that have the effect with shape constants of their own: no two gears of an arm are alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.pool import Candidate, Pool, columns_on, is_sharper_than_resolved
+from dynident.diagnosis.residuals.resolution import Resolution
+from dynident.diagnosis.residuals.stretches import t_of
+from dynident.diagnosis.search.state import Finding, State, judge_all
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.identification.shapes import nearly_alike
+from dynident.robot import Robot
+
+_OWN_DROP, _OWN_T = 0.1, 2.5
+"""Share of what a group's constants leave on a joint that its own have to remove, and by which t over the stretches.
+
+What removes less may be no more than that a group's constants lie between the values of the grid
+(`benchmarks/joints_of_a_group.py`).
+"""
+
+
+def with_own_constants(data: PhasedProducts, pool: Pool, state: State) -> State:
+    """The search with every group parted where the data tell the shape constants of its joints apart.
+
+    A group was found with one value for all of its joints. Values are those of the grid still; joints that have the
+    same one stay together.
+    """
+    picks: list[Finding] = []
+    for finding in state.picks:
+        parts = _parts(data, pool, state, finding)
+        columns = tuple(k for part in parts for k in part.columns)
+        state = replace(state, base=(*(k for k in state.base if k not in finding.columns), *columns))
+        picks += parts
+    return replace(state, picks=tuple(picks))
+
+
+def joined(
+    picks: Sequence[Finding], choices: Sequence[EffectChoice], robot: Robot, resolved: Resolution
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
+    """Findings and what they have become, those as one whose refined constants have come out alike.
+
+    So are slips of one friction that are both too short for the data to tell. The constants are those of the one with
+    the most joints.
+    """
+
+    def are_alike(one: EffectChoice, other: EffectChoice) -> bool:
+        same = (one.effect, one.runs) == (other.effect, other.runs)
+        return nearly_alike(one, other) or (
+            same and all(is_sharper_than_resolved(choice, robot, resolved) for choice in (one, other))
+        )
+
+    left: list[tuple[Finding, EffectChoice]] = []
+    for finding, choice in sorted(zip(picks, choices, strict=True), key=lambda pair: -len(pair[1].joints)):
+        alike = next((k for k, (_, other) in enumerate(left) if are_alike(other, choice)), None)
+        if alike is None:
+            left.append((finding, choice))
+        else:
+            both = {*left[alike][1].joints, *choice.joints}
+            own = tuple(name for name in robot.tree.joint_names if name in both)
+            left[alike] = left[alike][0], replace(left[alike][1], joints=own)
+    order = {id(finding): k for k, finding in enumerate(picks)}
+    left.sort(key=lambda pair: order[id(pair[0])])
+    return tuple(finding for finding, _ in left), tuple(choice for _, choice in left)
+
+
+def _parts(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> list[Finding]:
+    """The finding, or one for every set of constants that its joints have; the one with the most joints first."""
+    group = finding.judged.candidate
+    if len(group.joints) < 2 or all(spec.refined is None for spec in effect_by_id(group.effect).shapes):
+        return [finding]
+    each = [_own(data, pool, state, group, joint) for joint in group.joints]
+    shapes = {one.shape: [other for other in each if other.shape == one.shape] for one in each}
+    if len(shapes) < 2:
+        return [finding]
+    rest = tuple(k for k in state.base if k not in finding.columns)
+    whole = [_together(some) for some in sorted(shapes.values(), key=len, reverse=True)]
+    return [
+        replace(finding, judged=replace(_beside(data, pool, state, rest, whole, k), p=finding.p), around=())
+        for k in range(len(whole))
+    ]
+
+
+def _own(data: PhasedProducts, pool: Pool, state: State, group: Candidate, joint: str) -> Candidate:
+    """The effect on one joint of a group: with the group's constants, or its own where the data tell them apart."""
+    mine = columns_on(pool, group, joint)
+    same = Candidate(group.effect, (joint,), group.shape, mine, group.runs)
+    others = [
+        one
+        for one in pool.candidates
+        if (one.effect, one.joints, one.runs) == (group.effect, (joint,), group.runs) and one.columns != mine
+    ]
+    rest = tuple(k for k in state.base if k not in mine)
+    first, *judged = judge_all(data, pool, rest, [same, *others], state.noise)
+    best = max(judged, key=lambda item: item.total_gain, default=first)
+    return best.candidate if _told_apart(first, best) else same
+
+
+def _told_apart(group: JudgedCandidate, own: JudgedCandidate) -> bool:
+    """Whether constants of its own say clearly more of a joint than those of its group, and enough to matter."""
+    more = own.gains - group.gains
+    return float(more.sum()) >= _OWN_DROP * float(group.after_weighted.sum()) and t_of(more) >= _OWN_T
+
+
+def _together(some: list[Candidate]) -> Candidate:
+    """Candidates of an effect on single joints, with the same constants, as one."""
+    first = some[0]
+    joints = tuple(joint for one in some for joint in one.joints)
+    return Candidate(first.effect, joints, first.shape, tuple(k for one in some for k in one.columns), first.runs)
+
+
+def _beside(
+    data: PhasedProducts, pool: Pool, state: State, rest: tuple[int, ...], parts: list[Candidate], k: int
+) -> JudgedCandidate:
+    """One of several candidates, judged beside the others."""
+    base = (*rest, *(column for i, part in enumerate(parts) if i != k for column in part.columns))
+    return judge_all(data, pool, base, [parts[k]], state.noise)[0]

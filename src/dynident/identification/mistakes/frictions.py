@@ -1,0 +1,130 @@
+"""A joint whose friction is out of proportion to the other joints': its torque is in another unit, or by another gain.
+
+Friction tells the size of a torque where gravity and inertia do not, in first joints and wrists: drives of one robot
+are built alike, and lose a like share of what they can give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray
+from dynident.robot.model import Robot
+
+LARGE_SHARE, HUGE_SHARE, MORE = 0.3, 0.7, 1.1
+"""Share of a joint's limit of effort that friction does not take: 0.02 to 0.21 on the open recordings. Between the two
+the friction has to be more than any other joint's, too, so many times: limits of small joints are often guessed."""
+
+APART, APART_LARGEST = 4.0, 3.0
+"""Times the middle share of the other joints, and the largest of them, that friction does not take of a joint's limit,
+too: at most 1.8 and 1.4 on the open recordings, so that 4 is half way from there to ten times."""
+
+APART_INNER, APART_OUTER = 5.0, 2.0
+"""Times the friction of every other joint: of the inner half of the joints, whose largest is up to 1.5 times the next
+on the open recordings, and of the outer half, whose drives are smaller: at most 0.3 there, and 1.5 is published of a
+Panda."""
+
+AGREED = 0.75
+"""Of each of these thresholds, where the masses of the description say of a joint that its torque is too large, too."""
+
+_PLACEHOLDER = 5000.0
+"""N m: limits of effort from there on are placeholders, as are those that all joints share."""
+
+_KNOWN = 0.5
+"""Of a friction by which it may differ between blocks of time, to be known."""
+
+
+def excess_of(robot: Robot, frictions: FloatArray, heavy: Collection[int] = ()) -> dict[int, float]:
+    """Which joints' friction is too large, and how many times that of the others.
+
+    Parameters
+    ----------
+    robot : Robot
+    frictions : (blocks, n)
+        Mean torque of each joint's friction in N m or N, told by several parts of the motion; NaN where it is not.
+    heavy : collection of int
+        Joints whose torque is too large by the masses of the description.
+    """
+    size, known = _sizes(frictions)
+    limits = limits_of(robot)
+    if limits is None:
+        return _by_place(robot, size, known, heavy)
+    share = size / limits
+    found = {}
+    for joint in np.flatnonzero(known):
+        others = known & (np.arange(robot.n) != joint)
+        if others.sum() < 2:
+            continue
+        usual, largest = float(np.median(share[others])), float(share[others].max())
+        least = _least(int(joint), heavy) * max(LARGE_SHARE, APART * usual, APART_LARGEST * largest)
+        is_most = size[joint] > MORE * size[others & _turning(robot)].max(initial=0.0)
+        if share[joint] > least and (is_most or share[joint] > HUGE_SHARE):
+            found[int(joint)] = float(share[joint]) / usual
+    by_place = _by_place(robot, size, known, heavy)
+    return found or {
+        joint: times
+        for joint, times in by_place.items()
+        if share[joint] > _least(joint, heavy) * APART * _middle(share, joint)
+    }
+
+
+def nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor: float) -> bool:
+    """Whether a joint's torque times `factor` has a friction nearer to the others', `frictions` as in `excess_of`.
+
+    Of the limit of effort, where the description has one. Where friction is not known it does not speak against it.
+    """
+    size, known = _sizes(frictions)
+    others = known & (np.arange(robot.n) != joint)
+    if not known[joint] or not others.any():
+        return True
+    limits = limits_of(robot)
+    share = size if limits is None else size / limits
+    times = float(share[joint] / np.median(share[others]))
+    return bool(abs(np.log(factor * times)) < abs(np.log(times)))
+
+
+def _sizes(frictions: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Of every joint the friction in the middle of the blocks of time, (n,), and whether they agree on it, (n,)."""
+    size = np.median(frictions, axis=0)
+    known = np.isfinite(size) & (size > 0)
+    known &= np.ptp(np.where(known, frictions, 0.0), axis=0) < _KNOWN * np.where(known, size, 1.0)
+    return size, known
+
+
+def limits_of(robot: Robot) -> FloatArray | None:
+    """(n,): limits of effort in N m or N; None where the description gives none that say anything."""
+    limits = np.array([joint.limits.effort or np.nan for joint in robot.joints], dtype=np.float64)
+    if not np.isfinite(limits).all() or len(set(limits.tolist())) == 1 or limits.max() >= _PLACEHOLDER:
+        return None
+    return limits
+
+
+def _middle(share: FloatArray, joint: int) -> float:
+    return float(np.nanmedian(np.delete(share, joint)))
+
+
+def _least(joint: int, heavy: Collection[int]) -> float:
+    return AGREED if joint in heavy else 1.0
+
+
+def _turning(robot: Robot) -> BoolArray:
+    return np.array([joint.kind == "revolute" for joint in robot.joints])
+
+
+def _by_place(robot: Robot, size: FloatArray, known: BoolArray, heavy: Collection[int]) -> dict[int, float]:
+    """The joint, of those that turn, whose friction is many times that of every other, if there is one."""
+    turning = _turning(robot) & known
+    if turning.sum() < 3:
+        return {}
+    order = np.flatnonzero(turning)[np.argsort(size[turning])]
+    largest, next_one = int(order[-1]), int(order[-2])
+    times = float(size[largest] / size[next_one])
+    if times <= _least(largest, heavy) * (APART_INNER if largest < robot.n / 2 else APART_OUTER):
+        return {}
+    alike = size[turning & (np.arange(robot.n) != largest)]
+    # An outer joint is like the outer ones, which are smaller than the inner.
+    outer = [size[joint] for joint in order[:-1] if joint >= robot.n / 2]
+    usual = float(np.median(outer)) if largest >= robot.n / 2 and outer else float(alike.max())
+    return {largest: float(size[largest]) / usual}

@@ -1,0 +1,229 @@
+"""How well a robot's own dynamics explain the torque of a motion, in blocks of time that were not fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray, IntArray
+from dynident.effects import DEFAULT_EFFECTS, Signals, columns_of, effect_by_id, role_of
+from dynident.identification.mistakes.swaps import Kind, Motion
+from dynident.regressors.observation import Observation
+from dynident.robot.model import Robot
+
+BLOCKS = 10
+"""Blocks of time that a motion is cut into."""
+
+_STILL, _SLOW = 1e-3, 0.05
+
+CLEARLY, SURELY = 0.1, 2.5
+"""Mean over the joints of the logarithm by which the unexplained share of the torque has to fall without a mistake, and
+over its standard error among blocks of time. On untouched recordings nothing falls by 0.07, nor surely at all; of what
+can be planted in them 98 % does, but for joints turned round, which change less (`benchmarks/gross_mistakes.py`)."""
+
+CLEARLY_SCALED, SURELY_SCALED = 0.06, 5.0
+"""The same of one joint's torque times a power of ten, which changes less but in every block alike: on untouched
+recordings it falls by at most 0.05, and by 3.4 standard errors; where the gain of a joint that carries little is ten
+times too large, by 0.07 and 8 (`benchmarks/planted_mistakes.py`)."""
+
+INSIDE = 0.33
+"""Share of the same that has to fall where the blocks are fitted to, too. In short motions from point to point what was
+not fitted to is told by chance: of right ones, 0.04 to 0.4 fell inside where no other order was better; of what was
+planted 0.5 and more. What comes of it is among the short motions of `benchmarks/gross_mistakes.py`."""
+
+_DRIVES = 2.5
+"""Standard errors by which friction's work has to be negative for it to drive its joint: in right motions that are
+short 0.7, by chance; planted mistakes of which nothing else tells give 2.7 and more."""
+
+_AGAINST = 0.5
+"""What friction that drives its joint counts, in the same logarithm: there is no such friction."""
+
+_LEAST, _MOST = 0.02, 3.0
+_RIDGE = 1e-6
+_QUIET = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What is left of the torque of a motion.
+
+    `blocks` (blocks,) are means of log shares over the joints that move, `inside` is that of all blocks where they are
+    fitted to; `against`: joints whose friction drives them.
+    """
+
+    blocks: FloatArray
+    inside: float
+    against: int
+    moving: BoolArray
+
+    @property
+    def score(self) -> float:
+        """The lower the better."""
+        return float(self.blocks.mean()) + _AGAINST * self.against
+
+    @property
+    def usual(self) -> float:
+        """Share of an average joint's torque."""
+        return float(np.exp(self.blocks.mean()))
+
+    def fall_to(self, other: Left) -> float:
+        """Mean logarithm by which the share of the torque falls that is left, friction against the motion apart."""
+        return float((self.blocks - other.blocks).mean())
+
+    def surely_above(self, other: Left, kind: Kind) -> bool:
+        """Whether clearly more is left than of another, in most blocks; or friction is against the motion."""
+        score, fall = self.score - other.score, self.fall_to(other)
+        error = float((self.blocks - other.blocks).std(ddof=1)) / np.sqrt(BLOCKS)
+        errors = fall / max(error, np.finfo(float).tiny)
+        told = self.inside - other.inside >= INSIDE * fall
+        if kind == "torque scaled" and score >= CLEARLY_SCALED and errors >= SURELY_SCALED and told:
+            return True
+        return score >= CLEARLY and (self.against > other.against or (errors >= SURELY and told))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """W of a motion where each joint moves: inner products (blocks, n, c, c); by block and joint, which rows, and them.
+
+    Of the rows only those columns are kept that the joint's torque depends on.
+    """
+
+    motion: Motion
+    inner: FloatArray
+    parts: dict[tuple[int, int], tuple[IntArray, FloatArray]]
+
+    def is_of(self, other: Motion) -> bool:
+        """Whether another motion is the same but for its torque."""
+        names = ("q", "dq", "ddq", "block")
+        return all(np.array_equal(getattr(self.motion, name), getattr(other, name)) for name in names)
+
+
+class Judge:
+    """Fits a robot's links, rotors and friction to motions of it."""
+
+    def __init__(self, robot: Robot) -> None:
+        signals = Signals(robot)
+        self._robot = robot
+        self._observation = Observation.of(robot, columns_of(DEFAULT_EFFECTS, signals), signals)
+        self._layout = [self._observation.joint_entries(joint) for joint in range(robot.n)]
+        self._known: list[_Rows] = []
+
+    @property
+    def n_columns(self) -> int:
+        """Number of parameters."""
+        return self._observation.n_columns
+
+    def left(self, motion: Motion) -> Left:
+        """What the robot leaves of the torque, each block of time told by the others."""
+        grams, moving = self._grams(motion), moving_joints(motion)
+        measured = grams[:, :, -1, -1].sum(axis=0)
+        values, squares = self._solved(grams)
+        blocks = _log_shares(squares[:-1], measured / BLOCKS)[:, moving]
+        whole = _log_shares(squares[-1], measured)[moving]
+        rest = squares[:-1].sum(axis=0)
+        against = sum(self._drives(grams, values[:-1], int(k), float(rest[k])) for k in np.flatnonzero(moving))
+        return Left(blocks.mean(axis=1), float(whole.mean()), against, moving)
+
+    def frictions(self, motion: Motion) -> FloatArray:
+        """(blocks, n): mean torque of each joint's friction against its motion, by the other blocks; NaN at rest."""
+        grams, moving = self._grams(motion), moving_joints(motion)
+        values, _ = self._solved(grams)
+        found = np.full((BLOCKS, self._robot.n), np.nan)
+        for joint in np.flatnonzero(moving):
+            friction, sign = self._friction_of(int(joint))
+            whole = grams[:, joint].sum(axis=0)
+            found[:, joint] = values[:-1, friction] @ whole[sign, friction] / max(whole[sign, sign], 1.0)
+        return found
+
+    def _solved(self, grams: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What is told by the blocks but each one, and last by all of them.
+
+        Returns
+        -------
+        Parameters (blocks + 1, c); and the squares (blocks + 1, n) that they leave, in the one block and in all.
+        """
+        measured = grams[:, :, -1, -1].sum(axis=0)
+        # A joint without torque, or none that is left, must not get an infinite weight.
+        least = max(_QUIET * float(measured.max(initial=0.0)), np.finfo(float).tiny)
+        noise = np.sqrt(np.maximum(measured, least))
+        grams = np.concatenate([grams, grams.sum(axis=0, keepdims=True)])
+        squares, values = grams[:, :, -1, -1], np.zeros((BLOCKS + 1, self.n_columns))
+        for _ in range(2):
+            values = self._fitted(grams[:-1], noise)
+            residual = np.concatenate([-values, np.ones((BLOCKS + 1, 1))], axis=1)
+            squares = (np.einsum("bjik,bk->bji", grams, residual) * residual[:, None, :]).sum(axis=2)
+            noise = np.sqrt(np.maximum(squares[:-1].sum(axis=0), least))
+        return values, squares
+
+    def _grams(self, motion: Motion) -> FloatArray:
+        """(blocks, n, c + 1, c + 1): inner products of [W | Y] where each joint moves."""
+        known, c = self._rows_of(motion), self.n_columns
+        grams = np.zeros((BLOCKS, self._robot.n, c + 1, c + 1))
+        grams[:, :, :c, :c] = known.inner
+        for (block, joint), (at, rows) in known.parts.items():
+            columns, measured = self._layout[joint][1], motion.tau[at, joint]
+            gram = grams[block, joint]
+            gram[columns, c] = gram[c, columns] = rows.T @ measured
+            gram[c, c] = measured @ measured
+        return grams
+
+    def _rows_of(self, motion: Motion) -> _Rows:
+        """W of a motion; of two motions it is kept, since most of what is tried changes torques alone."""
+        known = next((one for one in self._known if one.is_of(motion)), None) or self._evaluated(motion)
+        self._known = [known, *(one for one in self._known if one is not known)][:2]
+        return known
+
+    def _evaluated(self, motion: Motion) -> _Rows:
+        robot, c = self._robot, self.n_columns
+        reference, memory = np.zeros(10 * robot.tree.n), np.zeros((len(motion.q), self._observation.n_memory))
+        entries = self._observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
+        moves = np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0))
+        blocks = [motion.block == block for block in range(BLOCKS)]
+        inner, parts = np.zeros((BLOCKS, robot.n, c, c)), {}
+        for joint, (positions, columns) in enumerate(self._layout):
+            rows = np.ascontiguousarray(entries[:, positions])
+            for block, inside in enumerate(blocks):
+                at = np.flatnonzero(moves[:, joint] & inside)
+                part = rows[at]
+                inner[block, joint][np.ix_(columns, columns)] = part.T @ part
+                parts[block, joint] = at, part
+        return _Rows(motion, inner, parts)
+
+    def _fitted(self, grams: FloatArray, noise: FloatArray) -> FloatArray:
+        """(blocks + 1, c): parameters of the blocks but each, and of all; where motion says nothing, the smallest."""
+        each = np.einsum("bjik,j->bik", grams, 1.0 / noise**2)
+        whole = each.sum(axis=0)
+        others = np.concatenate([whole - each, whole[None]])
+        scale = np.sqrt(np.maximum(np.einsum("bii->bi", others)[:, :-1], np.finfo(float).tiny))
+        normal = others[:, :-1, :-1] / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(self.n_columns)
+        right = others[:, :-1, -1] / scale
+        return np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0] / scale)
+
+    def _drives(self, grams: FloatArray, values: FloatArray, joint: int, rest: float) -> bool:
+        """Whether a joint's friction surely gives it energy, and more than what is left could be."""
+        friction, sign = self._friction_of(joint)
+        whole = grams[:, joint].sum(axis=0)
+        work = values[:, friction] @ whole[sign, friction]
+        # Each fit lacks one block: the jackknife's standard error.
+        error = float(np.sqrt((BLOCKS - 1) * work.var()))
+        size = np.einsum("bi,ik,bk->b", values[:, friction], whole[np.ix_(friction, friction)], values[:, friction])
+        return bool(work.mean() < -_DRIVES * error and np.median(size) > 0.25 * rest)
+
+    def _friction_of(self, joint: int) -> tuple[list[int], int]:
+        """The columns of a joint's friction, and that of its dry one, which is 1 or -1."""
+        name, columns = self._robot.joint_names[joint], self._observation.columns
+        friction = [k for k, one in enumerate(columns) if one.link == name and effect_by_id(one.effect).is_friction]
+        return friction, next(k for k in friction if role_of(columns[k]) == "dry")
+
+
+def _log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
+    """Logarithm of the share of a torque that is left, of squares (..., n) of it and what was measured (n,)."""
+    shares = np.sqrt(np.maximum(squares, 0.0) / np.maximum(measured, np.finfo(float).tiny))
+    return np.asarray(np.log(np.clip(shares, _LEAST, _MOST)))
+
+
+def moving_joints(motion: Motion) -> BoolArray:
+    """(n,): which joints move, and have a torque that changes: of the others nothing can be told."""
+    speed = np.sqrt((motion.dq**2).mean(axis=0))
+    return np.asarray((speed > _STILL * speed.max(initial=0.0)) & (np.ptp(motion.tau, axis=0) > 0))

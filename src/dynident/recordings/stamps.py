@@ -1,0 +1,61 @@
+"""Time that stands in two columns, whole seconds and the nanoseconds within them: one more column, of both."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from dynident.recordings.raw import FileSource
+from dynident.recordings.types import RecordingError
+
+_NANO = re.compile(r"^(?P<whose>.*?)(?:nano[_ ]?|n)(?P<seconds>secs?|seconds)$", re.IGNORECASE)
+_WORDS = ("sec", "secs", "seconds")
+
+
+def stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Columns that come in two, by what both together are called: `stamp.sec` and `stamp.nanosec` are `stamp.time`."""
+    pairs = {}
+    for name in names:
+        found = _NANO.match(name)
+        if found is None:
+            continue
+        whole = next((one for word in _WORDS if (one := f"{found['whose']}{word}") in names), None)
+        ours = f"{found['whose']}time"
+        if whole is not None and ours not in names:
+            pairs[ours] = whole, name
+    return pairs
+
+
+class StampedSource(FileSource):
+    """A file with the time of two columns in front of the others."""
+
+    def __init__(self, source: FileSource, pairs: dict[str, tuple[str, str]]) -> None:
+        self._source, self._pairs = source, pairs
+        self.sample_rows = source.sample_rows
+        super().__init__([*pairs, *source.names], {**source.units, **dict.fromkeys(pairs, "s")})
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        needed = [one for name in columns for one in self._pairs.get(name, (name,))]
+        for batch in self._source.batches(list(dict.fromkeys(needed))):
+            values = [self._joined(batch, name) if name in self._pairs else batch.column(name) for name in columns]
+            yield pa.RecordBatch.from_arrays(values, names=columns)
+
+    def _joined(self, batch: pa.RecordBatch, name: str) -> pa.Array:
+        try:
+            whole, nano = (pc.cast(batch.column(one), pa.float64(), safe=False) for one in self._pairs[name])
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+            raise RecordingError(
+                f"Columns {' and '.join(self._pairs[name])} hold no numbers: {error}",
+                pointer=name,
+                title="Not a number",
+            ) from error
+        return pc.add(whole, pc.multiply(nano, 1e-9))
+
+
+def with_stamps(source: FileSource) -> FileSource:
+    """The same file, with the time where it stands in two columns."""
+    pairs = stamp_pairs(source.names)
+    return StampedSource(source, pairs) if pairs else source

@@ -1,0 +1,78 @@
+"""A contact that was found first is asked for again beside all that was found after it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.search import transients
+from dynident.diagnosis.search.state import Finding, State
+from dynident.recordings import Preprocessing
+
+CONTACT = Candidate("external_contact", (), (("t0", 1.0), ("t1", 2.0)), (3, 4, 5))
+FRICTION = Candidate("presliding", ("joint_1",), (("d0", 0.01), ("law", 1.0)), (6,))
+MODEL = (0, 1, 2)
+
+
+def found(candidate: Candidate) -> Finding:
+    return Finding(cast(Any, SimpleNamespace(candidate=candidate)), (), 0.001)
+
+
+@pytest.fixture
+def left(monkeypatch):
+    """Gives what is left of a search's findings where a contact shows, or does not, beside the model's columns."""
+
+    def of(findings: tuple[Candidate, ...], shows: bool) -> tuple[State, list[tuple[int, ...]]]:
+        asked: list[tuple[int, ...]] = []
+
+        def find(data: Any, pool: Any, base: tuple[int, ...], noise: Any, preprocessing: Any) -> tuple[Finding, ...]:
+            asked.append(base)
+            return (found(CONTACT),) if shows else ()
+
+        monkeypatch.setattr(transients, "find_contacts", find)
+        columns = (*MODEL, *(k for candidate in findings for k in candidate.columns))
+        state = State(columns, np.ones(6), np.ones(6), tuple(found(candidate) for candidate in findings))
+        return transients.without_faded_contacts(
+            cast(Any, None), cast(Any, None), state, Preprocessing(10.0, 10.0, 5)
+        ), asked
+
+    return of
+
+
+def test_a_contact_that_friction_explains_goes_with_its_columns(left):
+    state, asked = left((CONTACT, FRICTION), shows=False)
+    assert [finding.judged.candidate for finding in state.picks] == [FRICTION]
+    assert state.base == (*MODEL, *FRICTION.columns)
+    assert asked == [(*MODEL, *FRICTION.columns)]
+
+
+def test_a_contact_that_still_shows_stays_where_it_was_in_order(left):
+    state, _ = left((CONTACT, FRICTION), shows=True)
+    assert [finding.judged.candidate for finding in state.picks] == [CONTACT, FRICTION]
+    assert set(state.base) == {*MODEL, *CONTACT.columns, *FRICTION.columns}
+
+
+def test_a_contact_alone_is_not_asked_for_twice(left):
+    state, asked = left((CONTACT,), shows=False)
+    assert [finding.judged.candidate for finding in state.picks] == [CONTACT]
+    assert not asked
+
+
+@pytest.mark.parametrize(("seconds", "asked"), [(0.08, 0), (0.2, 0), (0.5, 1)])
+def test_a_burst_no_longer_than_what_a_filter_makes_of_a_step_is_no_contact(monkeypatch, seconds, asked):
+    tried: list[Candidate] = []
+
+    def try_one(data: Any, base: Any, candidate: Candidate, noise: Any, independent: float) -> Any:
+        tried.append(candidate)
+        return SimpleNamespace(candidate=candidate, drop=0.0), 1.0
+
+    monkeypatch.setattr(transients, "_tried", try_one)
+    burst = Candidate("external_contact", (), (("t0", 1.0), ("t1", 1.0 + seconds)), (3, 4, 5))
+    data = SimpleNamespace(beside=lambda columns, signs: None)
+    pool = SimpleNamespace(candidates=(burst, FRICTION))
+    transients.find_contacts(cast(Any, data), cast(Any, pool), MODEL, np.ones(6), Preprocessing(10.0, 10.0, 5))
+    assert len(tried) == asked

@@ -1,0 +1,72 @@
+"""Which joints stay in an effect of several joints once all else is found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.search import pruning
+from dynident.diagnosis.search.state import Finding, State
+
+ARM = tuple(f"joint_{k}" for k in range(1, 7))
+WEAK, AGAINST = 1.5, -1.5
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What a joint of the group gains by itself: a fifth of its squared error, by this t."""
+
+    candidate: Candidate
+    t: float
+    drop: float = 0.2
+
+    @property
+    def total_gain(self) -> float:
+        return self.t
+
+    def lasts(self, least_drop: float, least_t: float) -> bool:
+        return self.drop >= least_drop and self.t >= least_t
+
+
+@pytest.fixture
+def left_of(monkeypatch):
+    """Gives the joints that are left of a group whose joints gain by these t, on an arm of six."""
+
+    def left(gains: dict[str, float]) -> tuple[str, ...]:
+        def judge(data: Any, pool: Any, base: Any, asked: list[Candidate], noise: Any) -> list[Gain]:
+            return [Gain(one, gains[one.joints[0]]) for one in asked]
+
+        monkeypatch.setattr(pruning, "judge_all", judge)
+        monkeypatch.setattr(pruning, "gain_over_floor", lambda *asked: 1.0)
+        robot = SimpleNamespace(joint_names=ARM, movers=lambda name: (ARM.index(name),))
+        columns = [SimpleNamespace(link=name) for name in gains]
+        pool = SimpleNamespace(observation=SimpleNamespace(robot=robot, columns=columns))
+        numbers = tuple(range(len(gains)))
+        group = Candidate("presliding", tuple(gains), (), numbers)
+        found = Finding(cast(Any, SimpleNamespace(candidate=group)), (), 0.001)
+        state = State(numbers, np.ones(6), np.ones(6), (found,))
+        (joints,) = pruning.trimmed(cast(Any, None), cast(Any, pool), state)
+        return joints
+
+    return left
+
+
+def test_what_most_gears_have_a_joint_keeps_that_gains_a_little(left_of):
+    assert left_of({ARM[0]: WEAK, ARM[1]: 5.0, ARM[2]: 5.0, ARM[3]: 5.0}) == ARM[:4]
+
+
+def test_a_joint_that_predicts_worse_with_it_goes_though_most_have_it(left_of):
+    assert left_of({ARM[0]: AGAINST, ARM[1]: 5.0, ARM[2]: 5.0, ARM[3]: 5.0}) == ARM[1:4]
+
+
+def test_two_joints_of_six_speak_for_no_third(left_of):
+    assert left_of({ARM[0]: WEAK, ARM[1]: 5.0, ARM[2]: 5.0}) == ARM[1:3]
+
+
+def test_of_a_group_that_hardly_gains_the_best_joint_stays(left_of):
+    assert left_of({ARM[0]: WEAK, ARM[1]: 0.5}) == (ARM[0],)
