@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from dynident.arrays import FloatArray
 from dynident.recordings.arrow import from_numbers
-from dynident.recordings.formats.messages import Sample, samples_of
+from dynident.recordings.formats.messages import Samples, samples_of
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
@@ -34,7 +34,7 @@ class BagSource(FileSource):
     def __init__(self, path: Path, name: str) -> None:
         self._path, self._format = path, name
         # What was looked at is not unpacked again by the first who reads.
-        self._ahead: Iterator[Sample] | None = None
+        self._ahead: Iterator[Samples] | None = None
         self._topics, self._main, self._start, self._steps = self._look()
         columns = [f"{topic}/{field}" for topic, fields in self._topics.items() for field in fields]
         super().__init__(["t", *columns])
@@ -42,12 +42,14 @@ class BagSource(FileSource):
     def _look(self) -> tuple[dict[str, tuple[str, ...]], str, float, dict[str, float]]:
         """Find topics, their columns, the topic that gives the rows, the time of the first sample, and usual steps."""
         fields: dict[str, dict[str, None]] = {}
-        times: dict[str, list[float]] = {}
+        parts: dict[str, list[FloatArray]] = {}
         stream = samples_of(self._path, self._format)
-        seen = list(islice(stream, _LOOKED_AT))
-        for sample in seen:
-            fields.setdefault(sample.topic, {}).update(dict.fromkeys(sample.names))
-            times.setdefault(sample.topic, []).append(sample.time)
+        seen: list[Samples] = []
+        while sum(len(samples.times) for samples in seen) < _LOOKED_AT and (samples := next(stream, None)):
+            seen.append(samples)
+            fields.setdefault(samples.topic, {}).update(dict.fromkeys(samples.names))
+            parts.setdefault(samples.topic, []).append(samples.times)
+        times = {topic: np.concatenate(stamps) for topic, stamps in parts.items()}
         self._ahead = chain(seen, stream)
         if not fields:
             raise RecordingError(
@@ -64,17 +66,17 @@ class BagSource(FileSource):
             topic: float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0 for topic, stamps in times.items()
         }
         topics = {topic: tuple(names) for topic, names in sorted(fields.items(), key=lambda pair: pair[0] != main)}
-        return topics, main, min(min(stamps) for stamps in times.values()), steps
+        return topics, main, float(min(stamps.min() for stamps in times.values())), steps
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         series = {topic: _Series(names, self._steps[topic]) for topic, names in self._topics.items()}
         main = series[self._main]
-        samples, self._ahead = self._ahead or samples_of(self._path, self._format), None
-        for sample in samples:
-            one = series.get(sample.topic)
+        stream, self._ahead = self._ahead or samples_of(self._path, self._format), None
+        for samples in stream:
+            one = series.get(samples.topic)
             if one is None:
                 continue
-            one.add(sample, self._start)
+            one.add(samples, self._start)
             if len(main) >= BLOCK_SAMPLES and one is main:
                 yield from self._joined(series, columns, last=False)
         yield from self._joined(series, columns, last=True)
@@ -104,42 +106,36 @@ class _Series:
     def __init__(self, names: tuple[str, ...], step: float) -> None:
         self.names, self._step = names, step
         self._places = {name: index for index, name in enumerate(names)}
-        self._times: list[float] = []
-        self._rows: list[FloatArray] = []
+        self._times, self._rows = np.empty(0), np.empty((0, len(names)))
 
     def __len__(self) -> int:
         return len(self._times)
 
     @property
     def latest(self) -> float:
-        return self._times[-1]
+        return float(self._times[-1])
 
-    def add(self, sample: Sample, start: float) -> None:
-        row = sample.values
-        if sample.names != self.names:
-            row = np.full(len(self.names), np.nan)
-            for name, value in zip(sample.names, sample.values, strict=True):
-                place = self._places.get(name)
-                if place is not None:
-                    row[place] = value
-        self._times.append(sample.time - start)
-        self._rows.append(row)
+    def add(self, samples: Samples, start: float) -> None:
+        rows = np.full((len(samples.times), len(self.names)), np.nan)
+        known = [index for index, name in enumerate(samples.names) if name in self._places]
+        rows[:, [self._places[samples.names[index]] for index in known]] = samples.values[:, known]
+        self._times = np.concatenate([self._times, samples.times - start])
+        self._rows = np.concatenate([self._rows, rows])
 
     def taken(self, until: float) -> tuple[FloatArray, FloatArray]:
         """Give the samples up to a time, and forget them."""
-        count = int(np.searchsorted(np.maximum.accumulate(np.array([-np.inf, *self._times]))[1:], until, side="right"))
-        times, rows = np.array(self._times[:count]), self._rows[:count]
-        del self._times[:count], self._rows[:count]
-        return times, np.array(rows).reshape(len(times), len(self.names))
+        count = int(np.searchsorted(np.maximum.accumulate(self._times), until, side="right"))
+        times, rows = self._times[:count], self._rows[:count]
+        self._times, self._rows = self._times[count:], self._rows[count:]
+        return times, rows
 
     def at(self, stamps: FloatArray) -> FloatArray:
         """(m, columns): between the samples in a straight line; NaN where there are none near."""
         result = np.full((len(stamps), len(self.names)), np.nan)
-        if not self._times:
+        if not len(self):
             return result
-        times, rows = np.array(self._times), np.array(self._rows)
-        order = np.argsort(times, kind="stable")
-        times, rows = times[order], rows[order]
+        order = np.argsort(self._times, kind="stable")
+        times, rows = self._times[order], self._rows[order]
         after = np.clip(np.searchsorted(times, stamps), 0, len(times) - 1)
         before = np.maximum(after - 1, 0)
         longest = _LONGEST_STEP * max(self._step, 1e-9)
@@ -155,9 +151,9 @@ class _Series:
 
     def forget(self, before: float) -> None:
         """Keep the last sample before a time, and what follows it."""
-        count = int(np.searchsorted(np.array(self._times), before, side="right")) - 1
+        count = int(np.searchsorted(self._times, before, side="right")) - 1
         if count > 0:
-            del self._times[:count], self._rows[:count]
+            self._times, self._rows = self._times[count:], self._rows[count:]
 
 
 def bag_source(path: Path, name: str) -> BagSource:

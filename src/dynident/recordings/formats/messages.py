@@ -1,17 +1,20 @@
-"""The messages of a bag that hold signals of joints, as samples: a topic, a time, names and values."""
+"""The messages of a bag that hold signals of joints, as samples: a topic, times, names and values."""
 
 from __future__ import annotations
 
 import sqlite3
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.arrays import FloatArray, IntArray
+from dynident.recordings.formats.layouts import Content, Layout, learned
 from dynident.recordings.types import RecordingError
 
 _JOINT_STATES = "sensor_msgs/msg/JointState"
@@ -48,11 +51,15 @@ _FRANKA_PARTS = {"measured_joint_state": "", "desired_joint_state": "commanded_"
 KNOWN = (_JOINT_STATES, *_WRENCHES, _DYNAMIC, *_CONTROLLER, *_ARRAYS, _FRANKA_ROBOT)
 
 
-class Sample(NamedTuple):
-    """What one message says: its topic, its time in s, and values by field and joint."""
+_TOGETHER = 1024
+"""Messages that are unpacked at once, from all topics."""
+
+
+class Samples(NamedTuple):
+    """What messages of one topic say: times (m,) in s, and values (m, c) by field and joint; NaN where one has none."""
 
     topic: str
-    time: float
+    times: FloatArray
     names: tuple[str, ...]
     values: FloatArray
 
@@ -67,8 +74,8 @@ class _Packed(NamedTuple):
     data: bytes
 
 
-def samples_of(path: Path, name: str) -> Iterator[Sample]:
-    """Read the messages that hold signals of joints, in the order of the file.
+def samples_of(path: Path, name: str) -> Iterator[Samples]:
+    """Read the messages that hold signals of joints, in the order of the file but for those of other topics.
 
     Raises
     ------
@@ -79,13 +86,17 @@ def samples_of(path: Path, name: str) -> Iterator[Sample]:
     unpack = _Unpacker(ros1=name == "rosbag")
     undefined: dict[str, None] = {}
     any_read = False
+    messages = read(path)
     try:
-        for packed in read(path):
-            if not unpack.knows(packed):
-                undefined[packed.type] = None
-                continue
-            any_read = True
-            yield from _samples(packed, unpack(packed))
+        while together := list(islice(messages, _TOGETHER)):
+            topics: dict[str, list[_Packed]] = {}
+            for packed in together:
+                if unpack.knows(packed):
+                    topics.setdefault(packed.topic, []).append(packed)
+                else:
+                    undefined[packed.type] = None
+            any_read = any_read or bool(topics)
+            yield from (samples for one in topics.values() if (samples := unpack(one)).names)
     except (ModuleNotFoundError, RecordingError):
         raise
     except Exception as error:  # the readers' own kinds of error are many, and are all about the file
@@ -136,17 +147,46 @@ def _mcap(path: Path) -> Iterator[_Packed]:
 
     with path.open("rb") as file:
         reader = make_reader(file)
-        # Those of other topics would be put in order too, images among them.
         summary = reader.get_summary()
-        topics = None
-        if summary is not None and summary.chunk_indexes:
-            known = {key for key, schema in summary.schemas.items() if _plain(schema.name) in KNOWN}
-            topics = [channel.topic for channel in summary.channels.values() if channel.schema_id in known]
-        for schema, channel, message in reader.iter_messages(topics):
+        if summary is None or not summary.chunk_indexes:
+            stored: Iterator[tuple[Any, Any, Any]] = reader.iter_messages()
+        else:
+            stored = _in_order(file, summary)
+        for schema, channel, message in stored:
             if schema is None or _plain(schema.name) not in KNOWN or channel.message_encoding != "cdr":
                 continue
             text = schema.data.decode(errors="replace") if schema.encoding == "ros2msg" else ""
             yield _Packed(channel.topic, _plain(schema.name), text, message.log_time, message.data)
+
+
+def _in_order(file: BinaryIO, summary: Any) -> Iterator[tuple[Any, Any, Any]]:
+    """Read the known messages of an MCAP file by their time, chunk by chunk.
+
+    The package's own reader puts every message into a heap, which takes longer than to unpack it, and those of other
+    topics, images among them. Here what is of no later time than all later chunks is given, whole chunks mostly.
+    """
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Chunk, Message
+    from mcap.stream_reader import breakup_chunk
+
+    schemas = {key: schema for key, schema in summary.schemas.items() if _plain(schema.name) in KNOWN}
+    channels = {key: one for key, one in summary.channels.items() if one.schema_id in schemas}
+    chunks = sorted(summary.chunk_indexes, key=lambda one: (one.message_start_time, one.chunk_start_offset))
+    # A file without indices of messages does not say which channels are in a chunk.
+    chunks = [one for one in chunks if not one.message_index_offsets or channels.keys() & one.message_index_offsets]
+    kept: list[Any] = []
+    for chunk, following in zip(chunks, [*chunks[1:], None], strict=True):
+        file.seek(chunk.chunk_start_offset + 9)  # behind the code and the length of the record
+        records = breakup_chunk(Chunk.read(ReadDataStream(file)))
+        kept += [one for one in records if isinstance(one, Message) and one.channel_id in channels]
+        kept.sort(key=lambda one: one.log_time)
+        until = len(kept)
+        if following is not None:
+            until = bisect_right(kept, following.message_start_time, key=lambda one: one.log_time)
+        for message in kept[:until]:
+            channel = channels[message.channel_id]
+            yield schemas[channel.schema_id], channel, message
+        del kept[:until]
 
 
 class _Unpacker:
@@ -157,12 +197,54 @@ class _Unpacker:
 
         self._store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
         self._unpack = self._store.deserialize_ros1 if ros1 else self._store.deserialize_cdr
+        self._pack = self._store.serialize_ros1 if ros1 else self._store.serialize_cdr
+        self._layouts: dict[tuple[str, int], Layout | None] = {}
 
     def knows(self, packed: _Packed) -> bool:
         """Whether ROS or the file says how a message is built."""
         return bool(packed.definition) or packed.type in self._store.types
 
-    def __call__(self, packed: _Packed) -> Any:
+    def __call__(self, messages: Sequence[_Packed]) -> Samples:
+        """Unpack messages of one topic."""
+        parts: list[tuple[IntArray, FloatArray, tuple[str, ...], FloatArray]] = []
+        sizes = np.array([len(one.data) for one in messages])
+        stamps = np.array([one.stamp for one in messages]) * 1e-9
+        for size in dict.fromkeys(sizes.tolist()):
+            at = np.flatnonzero(sizes == size)
+            group = [messages[int(k)] for k in at]
+            layout = self._layout_of(group[0])
+            if layout is not None:
+                alike, times, values = layout.read([one.data for one in group])
+                parts.append((at[alike], times, layout.names, values))
+                at = at[~alike]
+            for k in at.tolist():
+                names, numbers, stamp = _read(messages[k].type, self._message(messages[k]))
+                time = 0.0 if stamp is None else stamp[0] + stamp[1] * 1e-9
+                parts.append((np.array([k]), np.array([time]), tuple(names), np.asarray(numbers, dtype=np.float64)))
+        columns = {name: place for place, name in enumerate(dict.fromkeys(name for part in parts for name in part[2]))}
+        whole, read = np.full((len(messages), len(columns)), np.nan), np.zeros(len(messages), dtype=bool)
+        for at, times, names, values in parts:
+            whole[at[:, None], [columns[name] for name in names]] = values
+            # A stamp that nobody filled in is 0.
+            stamps[at] = np.where(times == 0.0, stamps[at], times)
+            read[at] = bool(names)
+        return Samples(messages[0].topic.strip("/"), stamps[read], tuple(columns), whole[read])
+
+    def _layout_of(self, packed: _Packed) -> Layout | None:
+        """How messages of a topic and of this length are laid out; None where one by one has to be unpacked."""
+        key = (packed.topic, len(packed.data))
+        if key not in self._layouts:
+            message = self._message(packed)
+            self._layouts[key] = learned(
+                packed.data,
+                message,
+                lambda kind: self._store.get_msgdef(kind).fields,
+                lambda one: bytes(self._pack(one, packed.type)),
+                lambda one: _read(packed.type, one),
+            )
+        return self._layouts[key]
+
+    def _message(self, packed: _Packed) -> Any:
         if packed.type not in self._store.types and packed.definition:
             self._learn(packed)
         return self._unpack(packed.data, packed.type)
@@ -179,19 +261,15 @@ class _Unpacker:
                 self._store.register(get_types_from_msg(text, name))
 
 
-def _samples(packed: _Packed, message: Any) -> Iterator[Sample]:
+def _read(kind: str, message: Any) -> Content:
+    """Names and values of a message, and the time that it is stamped with, if it is."""
+    names, values = _content(kind, message)
     header = getattr(message, "header", None)
-    time = packed.stamp * 1e-9
     if header is not None:
-        stamp = header.stamp
-        seconds = stamp.sec + stamp.nanosec * 1e-9
-        time = seconds or time
-    elif hasattr(message, "time_stamp_nano_sec"):
-        time = (message.time_stamp_sec + message.time_stamp_nano_sec * 1e-9) or time
-    topic = packed.topic.strip("/")
-    names, values = _content(packed.type, message)
-    if names:
-        yield Sample(topic, time, tuple(names), np.asarray(values, dtype=np.float64))
+        return names, values, (header.stamp.sec, header.stamp.nanosec)
+    if hasattr(message, "time_stamp_nano_sec"):
+        return names, values, (message.time_stamp_sec, message.time_stamp_nano_sec)
+    return names, values, None
 
 
 def _content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | FloatArray]:
