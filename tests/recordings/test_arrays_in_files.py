@@ -1,0 +1,141 @@
+"""Arrays of MAT and NumPy files are found where SciPy and NumPy find them, and read without the rest of the file."""
+
+from __future__ import annotations
+
+import tracemalloc
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynident.recordings import RecordingError
+from dynident.recordings.formats import stored
+from dynident.recordings.formats.opening import format_of
+from dynident.recordings.raw import open_source
+
+scipy_io = pytest.importorskip("scipy.io")
+
+KINDS = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")
+ROWS = 50
+
+
+def columns_of(path: Path) -> dict[str, np.ndarray]:
+    source = open_source(path, None)
+    return dict(zip(source.names, np.concatenate(list(source.blocks())).T, strict=True))
+
+
+def numbers(kind: str, shape: tuple[int, ...], seed: int) -> np.ndarray:
+    return (np.random.default_rng(seed).normal(size=shape) * 50 + 60).clip(0, 120).astype(kind)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    kinds=st.lists(st.sampled_from(KINDS), min_size=1, max_size=4),
+    compressed=st.booleans(),
+    structured=st.booleans(),
+    lying=st.booleans(),
+    seed=st.integers(0, 100),
+)
+def test_mat_files_say_the_same_as_to_scipy(tmp_path_factory, kinds, compressed, structured, lying, seed):
+    path = tmp_path_factory.mktemp("mat") / "run.mat"
+    arrays = {"t": np.arange(ROWS) * 0.01, "note": "hello", "scale": 3.0, "cell": np.array([[1, "a"]], dtype=object)}
+    for index, kind in enumerate(kinds):
+        shape = (3, ROWS) if lying else (ROWS, 3)
+        arrays[f"{'abcd'[index]}_values"] = numbers(kind, shape, seed + index)
+    scipy_io.savemat(path, {"log": arrays} if structured else arrays, do_compression=compressed)
+    assert format_of(path) == "mat"
+    found = columns_of(path)
+    known = scipy_io.loadmat(path, squeeze_me=True)
+    known = {name: known["log"][name].item() for name in arrays} if structured else known
+    assert np.array_equal(found.pop("t"), known["t"])
+    for index in range(len(kinds)):
+        name = f"{'abcd'[index]}_values"
+        wide = known[name].T if lying else known[name]
+        for column in range(3):
+            assert np.array_equal(found.pop(f"{name}{column + 1}"), wide[:, column].astype(float)), name
+    assert not found
+
+
+@settings(max_examples=60, deadline=None)
+@given(cut=st.floats(0, 1), changed=st.floats(0, 1), value=st.integers(0, 255), compressed=st.booleans())
+def test_a_damaged_mat_file_is_unreadable_and_nothing_else(tmp_path_factory, cut, changed, value, compressed):
+    path = tmp_path_factory.mktemp("mat") / "run.mat"
+    content = {"log": {"t": np.arange(ROWS) * 0.01, "q": numbers("f8", (ROWS, 3), 1)}}
+    scipy_io.savemat(path, content, do_compression=compressed)
+    data = bytearray(path.read_bytes())
+    data[min(int(changed * len(data)), len(data) - 1)] = value
+    path.write_bytes(bytes(data[: max(200, int(cut * len(data)))]))
+    with suppress(RecordingError):
+        columns_of(path)
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_archives_of_numpy_say_the_same_as_to_numpy(tmp_path, save):
+    path = tmp_path / "run.npz"
+    arrays = {"t": np.arange(ROWS) * 0.01, "q": numbers("f4", (ROWS, 3), 1), "tau": numbers("i2", (3, ROWS), 2)}
+    save(path, **arrays, name=np.array(["a", "b"]), fortran=np.asfortranarray(numbers("f8", (ROWS, 2), 3)))
+    found = columns_of(path)
+    known = np.load(path)
+    for name, wide in (("q", known["q"]), ("tau", known["tau"].T), ("fortran", known["fortran"])):
+        for column in range(wide.shape[1]):
+            assert np.array_equal(found[f"{name}{column + 1}"], wide[:, column].astype(float))
+
+
+def test_records_of_numpy_are_columns(tmp_path):
+    path = tmp_path / "run.npy"
+    records = np.zeros(ROWS, dtype=[("t", "f8"), ("q", "f4", (3,)), ("label", "U4")])
+    records["t"], records["q"] = np.arange(ROWS), numbers("f4", (ROWS, 3), 1)
+    np.save(path, records)
+    found = columns_of(path)
+    assert set(found) == {"t", "q1", "q2", "q3"}
+    assert np.array_equal(found["q2"], records["q"][:, 1])
+
+
+def test_an_array_whose_end_is_missing_is_told(tmp_path):
+    path = tmp_path / "run.npy"
+    np.save(path, np.zeros((ROWS, 4)))
+    path.write_bytes(path.read_bytes()[:-8])
+    with pytest.raises(RecordingError, match="last numbers are missing"):
+        open_source(path, None)
+
+
+@pytest.mark.parametrize("write", ["npz", "packed npz", "mat", "packed mat"])
+def test_a_large_file_is_never_whole_in_memory(tmp_path, write):
+    rows = 300_000
+    arrays = {"t": np.arange(rows) * 0.001, "q": np.random.default_rng(1).normal(size=(rows, 6))}
+    packed = write.startswith("packed")
+    path = tmp_path / f"run.{write.split()[-1]}"
+    if path.suffix == ".mat":
+        scipy_io.savemat(path, {"log": arrays}, do_compression=packed)
+    else:
+        (np.savez_compressed if packed else np.savez)(path, **arrays)
+    size = sum(one.nbytes for one in arrays.values())
+    del arrays
+    open_source(path, None)  # what is imported at first does not count
+    tracemalloc.start()
+    try:
+        last = None
+        for block in open_source(path, None).blocks():
+            last = block
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert last is not None
+    assert most < 0.75 * size
+
+
+@pytest.mark.parametrize("suffix", ["npz", "mat"])
+def test_what_unpacks_to_a_full_disk_is_refused(tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"run.{suffix}"
+    arrays = {"t": np.zeros(1_000_000)}
+    if suffix == "mat":
+        scipy_io.savemat(path, arrays, do_compression=True)
+    else:
+        np.savez_compressed(path, **arrays)
+    open_source(path, None)
+    monkeypatch.setattr(stored, "_MOST", 2**20)
+    with pytest.raises(RecordingError, match="unpacks to more than"):
+        open_source(path, None)
