@@ -18,6 +18,7 @@ SCIENCE = (
     "matplotlib",
     "numpy",
     "pinocchio",
+    "platformdirs",
     "pyarrow",
     "pydantic",
     "rich",

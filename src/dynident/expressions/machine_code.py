@@ -6,6 +6,7 @@ import ctypes
 import threading
 from collections.abc import Sequence
 from functools import cache
+from importlib.metadata import version
 from typing import Any
 
 import casadi as ca
@@ -13,6 +14,7 @@ import numpy as np
 from llvmlite import binding as llvm
 
 from dynident.arrays import FloatArray
+from dynident.expressions.kept_code import kept
 from dynident.expressions.translation import LIBRARY_FUNCTIONS, translated
 
 NUMBER = 8
@@ -25,10 +27,15 @@ class Compiled:
     """Machine code of a function of one vector, `lanes` samples at once."""
 
     def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int) -> None:
+        text = translated(function, widths, lanes)
         with _BUILD:
-            module = llvm.parse_assembly(translated(function, widths, lanes))
+            machine = _machine()
+            # The same text is other code by another compiler, or for another processor.
+            head = f"; {_versions()} {machine.triple} {' '.join(_processor())}\n"
+            code = kept(head + text, lambda: machine.emit_object(llvm.parse_assembly(text)))
             # The engine owns the machine and the code: it has to live as long as the address is used.
-            self._engine = llvm.create_mcjit_compiler(module, _machine())
+            self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+            self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
             self._engine.finalize_object()
         place, number = ctypes.c_void_p, ctypes.c_int64
         kinds = [number, place, number, place, *(kind for _ in widths for kind in (place, number))]
@@ -60,6 +67,11 @@ def _machine() -> llvm.TargetMachine:
     """Compiles the simplest way: CasADi has removed what is computed twice, and more care costs more than it saves."""
     name, features = _processor()
     return _target().create_target_machine(cpu=name, features=features, opt=0, jit=True)
+
+
+@cache
+def _versions() -> str:
+    return f"llvmlite {version('llvmlite')}, LLVM {'.'.join(map(str, llvm.llvm_version_info))}"
 
 
 @cache
