@@ -31,6 +31,7 @@ FEW_NEED = {
     "h5py": "formats",
     "mcap": "formats",
     "mujoco": "formats",
+    "opentelemetry": "otel",
     "psycopg": "postgresql",
     "rosbags": "formats",
     "xacro": "formats",

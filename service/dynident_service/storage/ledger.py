@@ -15,6 +15,7 @@ from typing import Any, Literal, cast
 from sqlalchemy import Row, bindparam, delete, func, insert, select
 from sqlalchemy.orm import Session
 
+from dynident_service import traces
 from dynident_service.logs import current_request
 from dynident_service.problems import Problem, ProblemError, make_problem, not_found
 from dynident_service.storage.database import AT_ONCE, Database, clock
@@ -33,6 +34,9 @@ MOST_LOSSES = 50
 """A job whose worker was lost so often takes it down, most probably."""
 REQUEST = "dynident.request"
 """Where the arguments of a job have the request that submitted it; its function is not given that."""
+
+TRACE = "dynident.trace"
+"""And its span, where it was traced."""
 
 # What is asked again and again is put together once.
 _ADD_JOBS, _ADD_EVENTS = insert(JOBS), insert(EVENTS)
@@ -68,6 +72,8 @@ class Claim:
     resource_id: str | None
     request_id: str | None = None
     """The request that submitted the job, for the log."""
+    trace: str | None = None
+    """The span of that request, where it was traced."""
 
 
 @dataclass(frozen=True)
@@ -308,8 +314,8 @@ def add_jobs(session: Session, several: Sequence[tuple[NewJob, str | None]], mom
     """Insert jobs, each for a resource or for none, within a transaction; the caller commits."""
     if not several:
         return []
-    request_id = current_request()
-    more = {} if request_id is None else {REQUEST: request_id}
+    told = {REQUEST: current_request(), TRACE: traces.current()}
+    more = {name: value for name, value in told.items() if value is not None}
     jobs = [
         Job(new_identifier("job"), new.kind, resource_id, "queued", 0.0, "", None, 0, moment, None, None)
         for new, resource_id in several
@@ -364,8 +370,8 @@ def _start(session: Session, row: JobRow) -> Claim:
     row.lease_until = row.started_at + PICK_UP
     _record(session, row, "state", {"state": "running"})
     arguments = dict(row.arguments)
-    request_id = arguments.pop(REQUEST, None)
-    return Claim(row.id, row.attempt, row.function, arguments, row.resource_id, request_id)
+    request_id, trace = arguments.pop(REQUEST, None), arguments.pop(TRACE, None)
+    return Claim(row.id, row.attempt, row.function, arguments, row.resource_id, request_id, trace)
 
 
 def _requeue(session: Session, row: JobRow) -> None:
