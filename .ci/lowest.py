@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
-TRIED = ("science", "formats", "service", "postgresql", "test")
+TRIED = ("science", "formats", "service", "postgresql", "otel", "test")
 
 
 def main() -> None:

@@ -12,6 +12,7 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.routing import compile_path
 
 from dynident.version import __version__
+from dynident_service import traces
 from dynident_service.access import Access
 from dynident_service.documentation import mount as mount_documentation
 from dynident_service.headers import SafeHeaders
@@ -25,6 +26,7 @@ from dynident_service.problems import MEDIA_TYPE, Problem
 from dynident_service.routes import ROUTERS
 from dynident_service.services import Services, open_services
 from dynident_service.settings import Settings
+from dynident_service.traces import Tracing
 from dynident_service.workbench import mount as mount_workbench
 
 DESCRIPTION = """Identification of the dynamic parameters of robots: a robot and its recordings give an identified
@@ -47,6 +49,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         set_threads(settings)
         opening = open_services(settings)
         services = await to_thread.run_sync(opening.__enter__)
+        if settings.traces:
+            traces.begin()
         try:
             app.state.services = services
             app.state.keys = _keys_of(services)
@@ -54,6 +58,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             yield
         finally:
             await to_thread.run_sync(opening.__exit__, None, None, None)
+            if settings.traces:
+                await to_thread.run_sync(traces.end)
 
     app = FastAPI(
         title="dynident",
@@ -62,6 +68,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         lifespan=lifespan,
         generate_unique_id_function=lambda route: route.name,
         responses={422: PROBLEM, "default": PROBLEM},
+        # It would trace by itself where it finds a provider, and tell queries, in which credentials may be.
+        telemetry={"auto_configure": False, "tracing": False, "metrics": False, "logs": False},
         docs_url=None,
         redoc_url=None,
     )
@@ -86,6 +94,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(Admission, settings=settings)
     app.add_middleware(Timing, metrics=metrics)
     app.add_middleware(SafeHeaders)
+    app.add_middleware(Tracing)
     app.add_middleware(Access)
     return app
 

@@ -33,6 +33,9 @@ FIRST_GRACE = 30.0
 """Seconds that the first bytes may take, whatever the rate."""
 MOST_A_THREAD = 8
 """As many short requests may be under way for each thread; what comes then would wait longer than it should."""
+AT_A_TIME = 2
+"""Short requests that are answered at a time where the database is a file: each then computes nearly all of its time,
+and more of them would only take the interpreter from each other."""
 SHORT_BODY = 100_000
 """Bytes of a body that comes with its head; larger ones take as long as their network does."""
 SWITCH = 0.001
@@ -134,15 +137,15 @@ class _Meter:
 class Turn:
     """One request among those under way: it may turn out to take long.
 
-    Short ones are answered in the order in which they came, a few at a time: of many that share the processor each
-    would be answered as late as the last.
+    Short ones, and those that begin to follow a job, are answered in the order in which they came, a few at a time: of
+    many that share the processor each would be answered as late as the last.
     """
 
     def __init__(self, under_way: Counter[Pace], pace: Pace, order: anyio.Semaphore) -> None:
         self._under_way = under_way
         self._pace = pace
         self._order = order
-        self._state: Literal["waiting", "answered", "over"] = "waiting" if pace == "short" else "over"
+        self._state: Literal["waiting", "answered", "over"] = "over" if pace == "long" else "waiting"
 
     def __enter__(self) -> Turn:
         self._under_way[self._pace] += 1
@@ -199,6 +202,8 @@ class Admission:
         self._settings = settings
         self._under_way: Counter[Pace] = Counter()
         self._order: anyio.Semaphore | None = None
+        waits = not settings.database.startswith("sqlite")
+        self._at_a_time = settings.request_threads if waits else min(AT_A_TIME, settings.request_threads)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request through while there is room for it; those that only follow a job are counted apart."""
@@ -210,7 +215,7 @@ class Admission:
             again = {"retry-after": str(random.randint(1, LONGEST_RETRY)), "connection": "close"}
             return await respond(make_problem(429, refusal, title="Too busy"), again)(scope, receive, send)
         # Of the event loop that answers.
-        self._order = self._order or anyio.Semaphore(self._settings.request_threads)
+        self._order = self._order or anyio.Semaphore(self._at_a_time)
         with Turn(self._under_way, pace, self._order) as turn:
             scope[TURN] = turn
             return await turn.go_through(self._app, scope, receive, send)

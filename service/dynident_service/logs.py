@@ -31,6 +31,11 @@ def current_request() -> str | None:
     return _request.get()
 
 
+def current_job() -> str | None:
+    """Give the id of the job that is done here."""
+    return _job.get()
+
+
 def answering(request_id: str) -> None:
     """Say which request is answered from here on, in this task and in what it starts."""
     _request.set(request_id)

@@ -7,6 +7,7 @@ from importlib import import_module
 import uvicorn
 from fastapi import FastAPI
 
+from dynident_service import traces
 from dynident_service.app import create_app
 from dynident_service.connections import protocol_with
 from dynident_service.draining import DrainingServer
@@ -20,6 +21,8 @@ def serve(settings: Settings | None = None) -> None:
     if settings.database.startswith("postgresql"):
         # Said at once where it is missing, and not by a traceback while the service starts.
         import_module("psycopg")
+    if settings.traces:
+        traces.require()
     configure(settings.log_level, settings.log_format)
     app = create_app(settings)
     DrainingServer(configuration(app, settings), lambda: app.state.services.engine, settings.drain_seconds).run()

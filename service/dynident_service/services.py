@@ -51,12 +51,13 @@ def open_services(settings: Settings) -> Iterator[Services]:
         migrate(database)
         objects = ObjectStore(settings.objects, settings.cache_dir)
         ledger = Ledger(database, settings.max_attempts)
-        engine = Engine(settings, ledger)
+        following = Following(ledger)
+        engine = Engine(settings, ledger, following.nudge)
         engine.start()
         housekeeping = Housekeeping(settings, database, objects)
         housekeeping.start()
         awaited = Awaited(settings.request_workers)
-        resources, following = Resources(database, objects), Following(ledger)
+        resources = Resources(database, objects)
         try:
             yield Services(settings, database, objects, resources, ledger, engine, housekeeping, awaited, following)
         finally:

@@ -19,6 +19,7 @@ class LogSettings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="DYNIDENT_", extra="ignore")
 
     log_level: str = "info"
+    traces: bool = Field(default=False, description="Send spans of requests and jobs, as the OTEL_… variables say.")
     log_format: Literal["text", "json"] = Field(default="text", description="One JSON object a line, for programs.")
 
 

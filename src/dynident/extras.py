@@ -32,6 +32,7 @@ FEW_NEED = {
     "h5py": "formats",
     "mcap": "formats",
     "mujoco": "formats",
+    "opentelemetry": "otel",
     "psycopg": "postgresql",
     "rosbags": "formats",
     "xacro": "formats",

@@ -19,6 +19,7 @@ from dynident_service.cli.app import app
 ROOT = Path(__file__).resolve().parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
 IMPORTED_AS = {"pin": ("pinocchio", "coal")}
+FEW_IMPORTED_AS = {"opentelemetry-sdk": "opentelemetry", "opentelemetry-exporter-otlp-proto-http": "opentelemetry"}
 
 
 def without_packages(program: str) -> subprocess.CompletedProcess[str]:
@@ -125,8 +126,8 @@ def test_hints_name_the_extra_that_pyproject_puts_a_package_in() -> None:
     science = {re.split(r"[<>=\[]", text)[0] for text in EXTRAS["science"]}
     imported = {name for one in science for name in IMPORTED_AS.get(one, (one.replace("-", "_"),))}
     assert set(SCIENCE) == imported
-    few = {re.split(r"[<>=\[]", text)[0]: extra for extra in ("formats", "postgresql") for text in EXTRAS[extra]}
-    assert few == FEW_NEED
+    few = {re.split(r"[<>=\[]", one)[0]: extra for extra in ("formats", "otel", "postgresql") for one in EXTRAS[extra]}
+    assert {FEW_IMPORTED_AS.get(name, name): extra for name, extra in few.items()} == FEW_NEED
     assert "dynident[postgresql]" in install_hint("psycopg")
     assert "dynident[service]" in install_hint("uvicorn")
     assert "dynident[science]" in install_hint("numpy.linalg")

@@ -17,7 +17,7 @@ from sqlalchemy.exc import OperationalError
 from dynident_service.app import create_app
 from dynident_service.jobs import engine as engine_module
 from dynident_service.jobs import supervisor
-from dynident_service.jobs.cluster import Cluster
+from dynident_service.jobs.crew import Crew
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.ledger import Ledger
@@ -110,19 +110,17 @@ def test_a_computation_beyond_its_deadline_is_stopped_and_said_so(tmp_path: Path
     assert "DYNIDENT_JOB_DEADLINE_SECONDS" in job.error["detail"]
 
 
-def test_an_engine_whose_cluster_does_not_start_in_time_tries_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_engine_that_cannot_start_its_processes_tries_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tries: list[float] = []
-    enter = Cluster.__enter__
+    enter = Crew.__enter__
 
-    def too_late(self: Cluster) -> Cluster:
+    def too_late(self: Crew) -> Crew:
         tries.append(time.monotonic())
         if len(tries) < 3:
-            raise TimeoutError("timed out trying to connect")
+            raise OSError("no process can be started")
         return enter(self)
 
-    monkeypatch.setattr(Cluster, "__enter__", too_late)
+    monkeypatch.setattr(Crew, "__enter__", too_late)
     monkeypatch.setattr(engine_module, "FIRST_PAUSE", 0.2)
     with TestClient(create_app(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as client:
         wait_for(lambda: client.get("/readyz").status_code == 503)

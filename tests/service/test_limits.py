@@ -163,6 +163,8 @@ def test_more_requests_than_can_be_answered_are_told_to_come_back(tmp_path: Any)
 
     async def slow(scope: Any, receive: Any, send: Any) -> None:
         inside.append(scope["path"])
+        if scope["path"] == "/v1/robots":
+            take_long(scope)  # and keeps no turn
         while not go_on.is_set():
             await anyio.sleep(0.01)
         await send({"type": "http.response.start", "status": 200, "headers": []})
@@ -290,3 +292,34 @@ def test_of_many_short_requests_the_first_is_answered_first_and_nobody_waits_for
     anyio.run(together)
     assert answered == ["/read-slowly", *(f"/{number}" for number in range(5)), "/last"]
     assert most == 1
+
+
+def test_those_who_follow_a_job_are_behind_those_who_came_before_them(tmp_path: Any) -> None:
+    began: list[str] = []
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        began.append(scope["path"])
+        await anyio.sleep(0.005)
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        if scope["path"].endswith("/events"):
+            await anyio.sleep_forever()  # once it is answered it keeps nobody waiting
+
+    admission = Admission(app, Settings(data_dir=tmp_path))
+
+    async def nothing(*_: Any) -> Any:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def together() -> None:
+        paths = [f"/{n}" for n in range(8)] + ["/v1/jobs/a/events", "/v1/jobs/b/events"] + [f"/{n}" for n in range(8)]
+        async with anyio.create_task_group() as group:
+            for path in paths:
+                group.start_soon(
+                    admission, {"type": "http", "path": path, "method": "GET", "headers": []}, nothing, nothing
+                )
+            with anyio.fail_after(10):
+                while len(began) < len(paths):
+                    await anyio.sleep(0.01)
+            group.cancel_scope.cancel()
+        assert began == paths
+
+    anyio.run(together)

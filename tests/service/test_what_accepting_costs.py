@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -85,3 +87,19 @@ def test_jobs_that_come_while_all_slots_are_taken_are_not_looked_for_one_by_one(
     assert len(looks) <= 2
     go.touch()
     assert wait_for(lambda: services.ledger.get(last).finished_at, 60.0)
+
+
+def test_a_service_on_one_machine_does_its_jobs_without_a_scheduler_of_its_own(tmp_path: Path) -> None:
+    program = """
+import sys
+from pathlib import Path
+from dynident_service.services import open_services
+from dynident_service.settings import Settings
+from dynident_service.storage.records import NewJob
+from service_helpers import wait_for
+with open_services(Settings(data_dir=Path(sys.argv[1]), workers=1)) as services:
+    job = services.ledger.enqueue(NewJob("report", "small_jobs:answer"))
+    wait_for(lambda: services.ledger.get(job).state == "succeeded", 120.0)
+    sys.exit("distributed" in sys.modules)
+"""
+    assert subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False).returncode == 0

@@ -1,1 +1,1 @@
-"""Jobs: a ledger in the database says what is to be done, Dask finds the worker, a child process does it."""
+"""Jobs: a ledger in the database says what is to be done, the engine hands it out, a child process does it."""

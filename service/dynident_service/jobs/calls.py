@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from dynident.errors import DynidentError
+from dynident_service import traces
 from dynident_service.logs import current_request, working_on
 from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
 from dynident_service.storage.space import is_full
@@ -23,6 +24,7 @@ class Call:
     function: str
     arguments: Mapping[str, Any]
     request_id: str | None = field(default_factory=current_request)
+    trace: str | None = field(default_factory=traces.current)
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Answer:
 
 def answer(call: Call, peak_memory: int) -> Answer:
     """Do a call; what goes wrong becomes a problem."""
-    with working_on(None, call.request_id):
+    with working_on(None, call.request_id), traces.going_on(f"compute {call.function}", call.trace):
         return _answer(call, peak_memory)
 
 

@@ -23,11 +23,13 @@ from typing import Any, cast
 from sqlalchemy.orm import Session
 
 from dynident.errors import Cancelled, DynidentError
+from dynident_service import traces
 from dynident_service.jobs.calls import Answer, Call, answer
 from dynident_service.jobs.checkpoints import KeptCheckpoints
 from dynident_service.jobs.work import PATIENCE, JobFunction, Memory, Outcome, Place, Task
 from dynident_service.logs import working_on
 from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
+from dynident_service.settings import LogSettings
 from dynident_service.storage.checkpoints import Checkpointing
 from dynident_service.storage.database import Database
 from dynident_service.storage.inserting import insert_one, own, rest
@@ -96,8 +98,9 @@ class Workshop:
 
     def do(self, claim: Claim) -> None:
         """Do a job and write its end into the ledger; raises what INFRASTRUCTURE lists if that cannot be."""
-        end = self._attempt(claim)
-        patiently(lambda: end(self.ledger), PATIENCE)
+        with traces.going_on(f"job {claim.function}", claim.trace, **{"dynident.attempt": claim.attempt}):
+            end = self._attempt(claim)
+            patiently(lambda: end(self.ledger), PATIENCE)
 
     def _attempt(self, claim: Claim) -> End:
         """Do a job; gives what is to be written into the ledger."""
@@ -225,6 +228,8 @@ def work(jobs: int, lifeline: int) -> None:
     sys.setswitchinterval(SWITCH)
     line = Line(connection)
     line.send(Hello(os.getpid()))
+    if LogSettings().traces:
+        _trace()
     workshop: Workshop | None = None
     while True:
         try:
@@ -256,6 +261,13 @@ def _give_way() -> None:
     os.nice(NICENESS)
     with suppress(OSError), open("/proc/self/autogroup", "w") as group:
         group.write(str(NICENESS))
+
+
+def _trace() -> None:
+    try:
+        traces.begin()
+    except ImportError as error:
+        log.warning("no spans of jobs are sent: %s", error)
 
 
 def _peak_memory() -> int:

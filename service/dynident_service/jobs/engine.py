@@ -1,7 +1,6 @@
-"""The engine: takes jobs from the ledger as slots are free and gives them to Dask.
+"""The engine: takes jobs from the ledger as slots are free and gives them to those who do them.
 
-A local Dask cluster lives in this process (its worker only supervises; the work is in child processes); the address of
-a real cluster is a setting.
+Those are child processes of this one, or of the workers of a Dask cluster, whose address is a setting.
 """
 
 from __future__ import annotations
@@ -10,15 +9,16 @@ import importlib
 import logging
 import threading
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
-from dynident.version import __version__
+from dynident_service.jobs.crew import Crew
 from dynident_service.jobs.work import Place
 from dynident_service.settings import Settings
 from dynident_service.storage.ledger import Claim, Ledger
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from dynident_service.jobs.cluster import Cluster
 
 IDLE = 0.5
 """How often, in seconds, the ledger is looked at when nobody has said that there is work."""
@@ -37,9 +37,11 @@ EngineState = Literal["starting", "ready", "without workers", "failed", "stopped
 class Engine:
     """Runs in a thread of its own from `start` to `close`."""
 
-    def __init__(self, settings: Settings, ledger: Ledger) -> None:
+    def __init__(self, settings: Settings, ledger: Ledger, news: Callable[[], None] = lambda: None) -> None:
         self._settings = settings
         self._ledger = ledger
+        self._news = news
+        """Called when a job has begun or ended here, for those who follow it."""
         self._place = Place(
             settings.database,
             settings.objects,
@@ -83,7 +85,7 @@ class Engine:
         return f"failed: {self.trouble}" if self.state == "failed" else self.state
 
     def close(self, timeout: float = 20.0) -> None:
-        """Stop; jobs of the local cluster go back to the queue, those of a real cluster run on."""
+        """Stop; jobs of this machine go back to the queue, those of a cluster run on."""
         self._stop.set()
         self._wake.set()
         if self._thread.is_alive():
@@ -95,10 +97,10 @@ class Engine:
         while not self._stop.is_set():
             began = time.monotonic()
             try:
-                self._work_on_a_cluster()
+                self._work()
             except Exception as error:
-                # A scheduler that is away, or was restarted; or a machine too busy to start a local one in time.
-                log.exception("the job engine lost its cluster, and connects anew")
+                # A scheduler that is away, or was restarted; or a machine that starts no process just now.
+                log.exception("the job engine lost those who do the jobs, and begins anew")
                 self.trouble, self.state = f"{type(error).__name__}: {error}"[:300], "failed"
                 if time.monotonic() - began > STEADY:
                     pause = FIRST_PAUSE
@@ -106,27 +108,35 @@ class Engine:
                 pause = min(2 * pause, LONGEST_PAUSE)
         self.state = "stopped"
 
-    def _work_on_a_cluster(self) -> None:
-        from dynident_service.jobs.cluster import Cluster
-
-        with Cluster(self._settings, self._place) as cluster:
-            log.info("jobs run on %s, %d at a time", cluster.address, cluster.slots())
+    def _work(self) -> None:
+        with self._workers() as workers:
+            log.info("jobs run on %s, %d at a time", workers.address, workers.slots())
             while not self._stop.is_set():
-                slots = cluster.slots()
+                slots = workers.slots()
                 self.trouble, self.state = "", "ready" if slots else "without workers"
                 self._wake.wait(IDLE)
                 self._wake.clear()
                 if not self._stop.is_set():
-                    self._distribute(cluster.client, slots)
+                    self._distribute(workers, slots)
 
-    def _distribute(self, client: Client, slots: int) -> None:
+    def _workers(self) -> Crew | Cluster:
+        address = self._settings.dask_scheduler
+        if not address:
+            return Crew(self._settings.workers, self._place, self._ledger)
+        from dynident_service.jobs.cluster import Cluster
+
+        return Cluster(address, self._place)
+
+    def _distribute(self, workers: Crew | Cluster, slots: int) -> None:
         claims: list[Claim] = []
         self._handing_out = True  # said before it is looked, so that a drain that begins here waits
         try:
             if slots > 0 and not self._draining.is_set() and self._may_find(slots):
                 claims = self._ledger.claim(slots, self._own())
             for claim in claims:
-                self._hand_out(client, claim)
+                self._hand_out(workers, claim)
+            if claims:
+                self._news()
         except Exception:
             # A database or a scheduler that is away for a moment: leases run out and the jobs are taken again.
             log.exception("could not hand out %d jobs", len(claims))
@@ -148,22 +158,17 @@ class Engine:
         """
         return None if self._settings.dask_scheduler else list(self._under_way.values())
 
-    def _hand_out(self, client: Client, claim: Claim) -> None:
-        from distributed import fire_and_forget
-
-        from dynident_service.jobs.supervisor import run_claim
-
+    def _hand_out(self, workers: Crew | Cluster, claim: Claim) -> None:
         key = f"{claim.job_id}-{claim.attempt}"
 
-        def ended(_: object) -> None:
+        def ended() -> None:
             self._under_way.pop(key, None)
             self._wake.set()
+            self._news()
 
-        future = client.submit(run_claim, claim, self._place, __version__, key=key, pure=False)
         if not self._settings.dask_scheduler:  # a cluster elsewhere goes on by itself
             self._under_way[key] = claim.job_id
-        future.add_done_callback(ended)
-        fire_and_forget(future)
+        workers.hand_out(claim, ended)
 
 
 def _load_science() -> None:

@@ -1,27 +1,19 @@
-"""The Dask task of a job: gives it to a child process, keeps the lease, kills the child when it is to stop."""
+"""Who looks after a job: gives it to a child process, keeps the lease, kills the child when it is to stop."""
 
 from __future__ import annotations
 
 import logging
 import signal
-import threading
 import time
-from typing import Any, cast
 
-from distributed import WorkerPlugin, get_worker, secede
-
-from dynident.version import __version__
 from dynident_service.jobs.child import End, Order, Receipt
 from dynident_service.jobs.pool import Child, ChildPool
 from dynident_service.jobs.vitals import Vitals
 from dynident_service.jobs.work import Place
-from dynident_service.logs import working_on
 from dynident_service.problems import make_problem
-from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Claim, Ledger
 from dynident_service.storage.patience import AWAY, patiently, reason_of
 
-PLUGIN = "dynident-children"
 LOOK = 0.25
 """How often, in seconds, the supervisor looks whether the job is to be cancelled."""
 RENEW = 5.0
@@ -36,49 +28,13 @@ PATIENCE = 15 * 60.0
 LAST_PATIENCE = 3.0
 """The same while the service ends."""
 AWAY_PAUSE = 1.0
-_lock = threading.Lock()
 log = logging.getLogger("dynident.supervisor")
-
-
-class Children(WorkerPlugin):
-    """Gives every Dask worker its pool of warm child processes, and its connection to the ledger."""
-
-    name = PLUGIN
-
-    def __init__(self, place: Place) -> None:
-        self.place = place
-        self.version = __version__
-
-    def setup(self, worker: Any) -> None:
-        """Start the children, when the worker starts."""
-        if self.version != __version__:
-            raise RuntimeError(f"this worker has dynident {__version__}, the service {self.version}; install the same")
-        self.pool = ChildPool(worker.state.nthreads)
-        self.ledger = Ledger(Database(self.place.database_url), self.place.max_attempts)
-
-    def teardown(self, worker: Any) -> None:
-        """Kill the children, when the worker ends; what they did is given back."""
-        self.pool.close()
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Cross to the worker without what belongs to one worker."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("pool", "ledger")}
-
-
-def run_claim(claim: Claim, place: Place, version: str) -> None:
-    """Do a job; this is what Dask runs."""
-    secede()  # waiting takes no thread of the worker
-    plugin = _children_of(get_worker(), place, version)
-    with plugin.pool.in_use(), working_on(claim.job_id, claim.request_id):
-        supervise(claim, place, plugin.pool, plugin.ledger)
 
 
 def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> None:
     """Have a child do the job; return when it has ended, was cancelled, or was lost to another worker."""
     if pool.closed:
         patiently(lambda: ledger.release(claim), LAST_PATIENCE)
-        return
-    if patiently(lambda: ledger.renew(claim), PATIENCE) == "lost":
         return
     child = pool.take()
     try:
@@ -101,18 +57,6 @@ def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> No
     else:
         pool.replace(child)
         patiently(lambda: ended(ledger), PATIENCE)
-
-
-def _children_of(worker: Any, place: Place, version: str) -> Children:
-    """The children of a worker; one that came with a restarted scheduler may not have any yet."""
-    with _lock:
-        found = worker.plugins.get(PLUGIN)
-        if found is None:
-            found = Children(place)
-            found.version = version
-            found.setup(worker)
-            worker.plugins[PLUGIN] = found
-        return cast(Children, found)
 
 
 def _watch(claim: Claim, child: Child, ledger: Ledger, deadline: float) -> Receipt | End:

@@ -17,6 +17,8 @@ WRITES = "dynident_writes"
 BUSY_TIMEOUT_MS = 15_000
 CONNECT_TIMEOUT = 5
 """Seconds."""
+POOL = 24
+"""Connections to an SQLite file that are kept: one more than these is opened and set up for each transaction anew."""
 AT_ONCE = 500
 """So many are asked for by one query."""
 
@@ -78,7 +80,9 @@ def _sqlite_engine(url: str) -> Engine:
     database = make_url(url).database
     if database and database != ":memory:":
         Path(database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, connect_args={"check_same_thread": False, "timeout": BUSY_TIMEOUT_MS / 1000})
+    engine = create_engine(
+        url, pool_size=POOL, connect_args={"check_same_thread": False, "timeout": BUSY_TIMEOUT_MS / 1000}
+    )
 
     @event.listens_for(engine, "connect")
     def configure(connection: Any, _: Any) -> None:

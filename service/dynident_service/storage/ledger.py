@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal, cast
 
-from sqlalchemy import bindparam, delete, func, insert, select
+from sqlalchemy import Row, bindparam, delete, func, insert, select
 from sqlalchemy.orm import Session
 
+from dynident_service import traces
 from dynident_service.logs import current_request
 from dynident_service.problems import Problem, ProblemError, make_problem, not_found
 from dynident_service.storage.database import AT_ONCE, Database, clock
@@ -34,6 +35,9 @@ MOST_LOSSES = 50
 REQUEST = "dynident.request"
 """Where the arguments of a job have the request that submitted it; its function is not given that."""
 
+TRACE = "dynident.trace"
+"""And its span, where it was traced."""
+
 # What is asked again and again is put together once.
 _ADD_JOBS, _ADD_EVENTS = insert(JOBS), insert(EVENTS)
 _NEWEST = (
@@ -41,6 +45,15 @@ _NEWEST = (
     .where(EVENTS.c.job_id.in_(bindparam("ids", expanding=True)))
     .group_by(EVENTS.c.job_id)
 )
+_ONE = select(JOBS).where(JOBS.c.id == bindparam("id"))
+_STANDING = select(JOBS.c.attempt, JOBS.c.state, JOBS.c.cancel_requested).where(JOBS.c.id == bindparam("id"))
+_HISTORY = (
+    select(EVENTS.c.id, EVENTS.c.event, EVENTS.c.data)
+    .where(EVENTS.c.job_id == bindparam("id"), EVENTS.c.id > bindparam("after"))
+    .order_by(EVENTS.c.id)
+)
+_AFTER = select(EVENTS.c.job_id, EVENTS.c.id).where(EVENTS.c.id > bindparam("after")).order_by(EVENTS.c.id)
+_LAST = select(func.max(EVENTS.c.id))
 _HAS_EXPIRED = (JOBS.c.state == "running") & (JOBS.c.lease_until < bindparam("moment"))
 _WAITING = select(JOBS.c.id).where((JOBS.c.state == "queued") | _HAS_EXPIRED).limit(1)
 Standing = Literal["held", "cancel", "lost"]
@@ -59,6 +72,8 @@ class Claim:
     resource_id: str | None
     request_id: str | None = None
     """The request that submitted the job, for the log."""
+    trace: str | None = None
+    """The span of that request, where it was traced."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +129,7 @@ class Ledger:
     def standing(self, claim: Claim) -> Standing:
         """Tell whether a claim still holds, without renewing it."""
         with self._database.read() as session:
-            row = session.get(JobRow, claim.job_id)
+            row = session.connection().execute(_STANDING, {"id": claim.job_id}).one_or_none()
             if row is None or row.attempt != claim.attempt or row.state != "running":
                 return "lost"
             return "cancel" if row.cancel_requested else "held"
@@ -201,7 +216,7 @@ class Ledger:
     def get(self, job_id: str) -> Job:
         """Read one job; a problem 404 if there is none."""
         with self._database.read() as session:
-            row = session.get(JobRow, job_id)
+            row = session.connection().execute(_ONE, {"id": job_id}).one_or_none()
             if row is None:
                 raise not_found("job", job_id)
             return as_job(row)
@@ -235,16 +250,26 @@ class Ledger:
     def history(self, job_id: str, after: int = 0) -> tuple[list[JobEvent], bool]:
         """Read the events of a job after one, and whether the job has ended (so that none will follow these)."""
         with self._database.read() as session:
-            state = session.scalar(select(JobRow.state).where(JobRow.id == job_id))
-            query = select(JobEventRow).where(JobEventRow.job_id == job_id, JobEventRow.id > after)
-            rows = session.scalars(query.order_by(JobEventRow.id)).all()
-        return [JobEvent(row.id, row.event, row.data) for row in rows], state is None or state in FINAL
+            connection = session.connection()
+            found = connection.execute(_STANDING, {"id": job_id}).one_or_none()
+            rows = connection.execute(_HISTORY, {"id": job_id, "after": after}).all()
+        return [JobEvent(row.id, row.event, row.data) for row in rows], found is None or found.state in FINAL
 
-    def newest_events(self, job_ids: Collection[str]) -> dict[str, int]:
-        """Give the id of the last event of each of some jobs, of those that are there."""
+    def news(self, after: int, job_ids: Collection[str]) -> tuple[dict[str, int], int]:
+        """Give the id of the last event of each job that has one after an event, and of each of some jobs, of those
+        that are there; and the event after which to ask the next time. After 0 only these some are told.
+        """
         with self._database.read() as session:
-            rows = session.connection().execute(_NEWEST, {"ids": list(job_ids)}).all()
-        return {str(job_id): int(last) for job_id, last in rows}
+            connection = session.connection()
+            if after:
+                found = {str(job_id): int(event) for job_id, event in connection.execute(_AFTER, {"after": after})}
+                last = max(found.values(), default=after)
+            else:
+                found, last = {}, int(connection.execute(_LAST).scalar() or 0)
+            if job_ids:
+                rows = connection.execute(_NEWEST, {"ids": list(job_ids)})
+                found |= {str(job_id): int(event) for job_id, event in rows}
+        return found, last
 
     def counts(self) -> dict[str, int]:
         """Count the jobs by state."""
@@ -289,8 +314,8 @@ def add_jobs(session: Session, several: Sequence[tuple[NewJob, str | None]], mom
     """Insert jobs, each for a resource or for none, within a transaction; the caller commits."""
     if not several:
         return []
-    request_id = current_request()
-    more = {} if request_id is None else {REQUEST: request_id}
+    told = {REQUEST: current_request(), TRACE: traces.current()}
+    more = {name: value for name, value in told.items() if value is not None}
     jobs = [
         Job(new_identifier("job"), new.kind, resource_id, "queued", 0.0, "", None, 0, moment, None, None)
         for new, resource_id in several
@@ -306,7 +331,7 @@ def add_jobs(session: Session, several: Sequence[tuple[NewJob, str | None]], mom
     return jobs
 
 
-def as_job(row: JobRow) -> Job:
+def as_job(row: JobRow | Row[Any]) -> Job:
     """Take a job off its row."""
     return Job(
         id=row.id,
@@ -345,8 +370,8 @@ def _start(session: Session, row: JobRow) -> Claim:
     row.lease_until = row.started_at + PICK_UP
     _record(session, row, "state", {"state": "running"})
     arguments = dict(row.arguments)
-    request_id = arguments.pop(REQUEST, None)
-    return Claim(row.id, row.attempt, row.function, arguments, row.resource_id, request_id)
+    request_id, trace = arguments.pop(REQUEST, None), arguments.pop(TRACE, None)
+    return Claim(row.id, row.attempt, row.function, arguments, row.resource_id, request_id, trace)
 
 
 def _requeue(session: Session, row: JobRow) -> None:

@@ -1,0 +1,57 @@
+"""Those who do the jobs on this machine: child processes, each looked after by a thread of this process.
+
+A Dask cluster for this alone took more of the interpreter that answers requests than accepting the jobs did.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from types import TracebackType
+
+from dynident_service.jobs.pool import ChildPool
+from dynident_service.jobs.supervisor import supervise
+from dynident_service.jobs.work import Place
+from dynident_service.logs import working_on
+from dynident_service.storage.ledger import Claim, Ledger
+
+log = logging.getLogger("dynident.supervisor")
+
+
+class Crew:
+    """As many warm children as jobs may run at a time."""
+
+    address = "this machine"
+
+    def __init__(self, size: int, place: Place, ledger: Ledger) -> None:
+        self._size = size
+        self._place = place
+        self._ledger = ledger
+
+    def __enter__(self) -> Crew:
+        self._pool = ChildPool(self._size)
+        return self
+
+    def slots(self) -> int:
+        """How many jobs may run at a time."""
+        return self._size
+
+    def hand_out(self, claim: Claim, ended: Callable[[], None]) -> None:
+        """Have a job done; `ended` is called in another thread when it comes back."""
+        # A daemon: one that waits for a database which is away must not keep the process from ending.
+        threading.Thread(target=self._do, args=(claim, ended), name=f"dynident-{claim.job_id}", daemon=True).start()
+
+    def _do(self, claim: Claim, ended: Callable[[], None]) -> None:
+        try:
+            with self._pool.in_use(), working_on(claim.job_id, claim.request_id):
+                supervise(claim, self._place, self._pool, self._ledger)
+        except Exception:
+            log.exception("job %s attempt %d is left to its lease", claim.job_id, claim.attempt)
+        finally:
+            ended()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._pool.close()

@@ -1,0 +1,67 @@
+"""What runs on the workers of a Dask cluster: a pool of child processes each, and the task of a job."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, cast
+
+from distributed import WorkerPlugin, get_worker, secede
+
+from dynident.version import __version__
+from dynident_service.jobs.pool import ChildPool
+from dynident_service.jobs.supervisor import PATIENCE, supervise
+from dynident_service.jobs.work import Place
+from dynident_service.logs import working_on
+from dynident_service.storage.database import Database
+from dynident_service.storage.ledger import Claim, Ledger
+from dynident_service.storage.patience import patiently
+
+PLUGIN = "dynident-children"
+_lock = threading.Lock()
+
+
+class Children(WorkerPlugin):
+    """Gives every Dask worker its pool of warm child processes, and its connection to the ledger."""
+
+    name = PLUGIN
+
+    def __init__(self, place: Place) -> None:
+        self.place = place
+        self.version = __version__
+
+    def setup(self, worker: Any) -> None:
+        """Start the children, when the worker starts."""
+        if self.version != __version__:
+            raise RuntimeError(f"this worker has dynident {__version__}, the service {self.version}; install the same")
+        self.pool = ChildPool(worker.state.nthreads)
+        self.ledger = Ledger(Database(self.place.database_url), self.place.max_attempts)
+
+    def teardown(self, worker: Any) -> None:
+        """Kill the children, when the worker ends; what they did is given back."""
+        self.pool.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Cross to the worker without what belongs to one worker."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("pool", "ledger")}
+
+
+def run_claim(claim: Claim, place: Place, version: str) -> None:
+    """Do a job; this is what Dask runs."""
+    secede()  # waiting takes no thread of the worker
+    plugin = _children_of(get_worker(), place, version)
+    with plugin.pool.in_use(), working_on(claim.job_id, claim.request_id):
+        # It may have come here late.
+        if plugin.pool.closed or patiently(lambda: plugin.ledger.renew(claim), PATIENCE) != "lost":
+            supervise(claim, place, plugin.pool, plugin.ledger)
+
+
+def _children_of(worker: Any, place: Place, version: str) -> Children:
+    """The children of a worker; one that came with a restarted scheduler may not have any yet."""
+    with _lock:
+        found = worker.plugins.get(PLUGIN)
+        if found is None:
+            found = Children(place)
+            found.version = version
+            found.setup(worker)
+            worker.plugins[PLUGIN] = found
+        return cast(Children, found)

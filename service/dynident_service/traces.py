@@ -1,0 +1,145 @@
+"""Traces: a span for each request and for each job, by OpenTelemetry, where that is wished.
+
+Where it is not, nothing of OpenTelemetry is loaded. The standard `OTEL_…` variables say where spans go and how many.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from dynident_service.logs import current_job, current_request
+
+if TYPE_CHECKING:
+    from opentelemetry.sdk.trace import TracerProvider
+    from opentelemetry.sdk.trace.export import SpanExporter
+
+PARENT = "traceparent"
+"""The header of W3C Trace Context, under which a span is named to those who go on with it."""
+SOON = "1000"
+"""Milliseconds that a span may wait to be sent: a process that computes may be killed."""
+NOT_TRACED = frozenset({"/healthz", "/readyz", "/metrics"})
+PACKAGES = ("opentelemetry.sdk.trace", "opentelemetry.exporter.otlp.proto.http")
+_provider: TracerProvider | None = None
+log = logging.getLogger("dynident.service")
+
+
+def require() -> None:
+    """Raise ImportError where the packages are missing that traces need."""
+    for package in PACKAGES:
+        importlib.import_module(package)
+
+
+def begin(exporter: SpanExporter | None = None) -> None:
+    """Trace what this process does from now on; after a fork, as what sends the spans is a thread."""
+    global _provider
+    from opentelemetry.sdk.trace import TracerProvider
+    from opentelemetry.sdk.trace.export import BatchSpanProcessor, SimpleSpanProcessor
+
+    os.environ.setdefault("OTEL_SERVICE_NAME", "dynident")
+    os.environ.setdefault("OTEL_BSP_SCHEDULE_DELAY", SOON)
+    _provider = TracerProvider()
+    if exporter is not None:
+        _provider.add_span_processor(SimpleSpanProcessor(exporter))
+    elif (chosen := _exporter()) is not None:
+        _provider.add_span_processor(BatchSpanProcessor(chosen))
+
+
+def end() -> None:
+    """Send what was not sent yet, and trace no more."""
+    global _provider
+    if _provider is not None:
+        _provider.shutdown()
+        _provider = None
+
+
+def current() -> str | None:
+    """Name the span that this is done in, for those who go on with it elsewhere."""
+    if _provider is None:
+        return None
+    from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
+
+    carrier: dict[str, str] = {}
+    TraceContextTextMapPropagator().inject(carrier)
+    return carrier.get(PARENT)
+
+
+@contextmanager
+def going_on(name: str, parent: str | None, **attributes: str | int) -> Iterator[None]:
+    """Have a span around what is done for another process; its ids are those of the log."""
+    with _span(name, "CONSUMER", {} if parent is None else {PARENT: parent}, attributes):
+        yield
+
+
+class Tracing:
+    """Has a span around each request, which goes on with that of its caller; neither query nor headers are in it."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Trace one request."""
+        if scope["type"] != "http" or scope["path"] in NOT_TRACED or _provider is None:
+            return await self._app(scope, receive, send)
+        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+        method = scope["method"]
+        asked = {"http.request.method": method, "url.path": scope["path"], "url.scheme": scope.get("scheme", "http")}
+        with _span(method, "SERVER", headers, asked) as span:
+
+            async def noted(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    span.set_attribute("http.response.status_code", message["status"])
+                    if message["status"] >= 500:
+                        _mark_failed(span)
+                await send(message)
+
+            try:
+                return await self._app(scope, receive, noted)
+            finally:
+                route = getattr(scope.get("route"), "path", None)
+                if route is not None:
+                    span.update_name(f"{method} {route}")
+                    span.set_attribute("http.route", route)
+
+
+@contextmanager
+def _span(name: str, kind: str, carrier: Mapping[str, str], attributes: Mapping[str, str | int]) -> Iterator[Any]:
+    if _provider is None:
+        yield None
+        return
+    from opentelemetry.trace import SpanKind
+    from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
+
+    ids = {"dynident.request_id": current_request(), "dynident.job_id": current_job()}
+    known = {**attributes, **{key: value for key, value in ids.items() if value is not None}}
+    parent = TraceContextTextMapPropagator().extract(carrier)
+    tracer = _provider.get_tracer("dynident")
+    with tracer.start_as_current_span(name, parent, SpanKind[kind], known) as span:
+        yield span
+
+
+def _mark_failed(span: Any) -> None:
+    from opentelemetry.trace import StatusCode
+
+    span.set_status(StatusCode.ERROR)
+
+
+def _exporter() -> SpanExporter | None:
+    wanted = os.environ.get("OTEL_TRACES_EXPORTER", "otlp").strip().lower()
+    if wanted == "otlp":
+        from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
+
+        return OTLPSpanExporter()
+    if wanted == "console":
+        from opentelemetry.sdk.trace.export import ConsoleSpanExporter
+
+        return ConsoleSpanExporter()
+    if wanted != "none":
+        log.warning("OTEL_TRACES_EXPORTER is %r; known are otlp, console and none: no spans are sent", wanted)
+    return None
