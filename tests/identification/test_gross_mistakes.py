@@ -364,22 +364,60 @@ class Left:
     inside: float
 
 
-@pytest.mark.parametrize(("inside", "is_mistake"), [(1.0, True), (0.2, False)])
-def test_a_delay_that_helps_only_where_nothing_was_fitted_is_none(inside: float, is_mistake: bool) -> None:
+@pytest.mark.parametrize(("inside", "beside", "is_mistake"), [(1.0, 1.0, True), (0.2, 1.0, False), (1.0, 0.1, False)])
+def test_a_delay_that_helps_only_where_nothing_was_fitted_or_without_constant_torques_is_none(
+    inside: float, beside: float, is_mistake: bool
+) -> None:
     whole = whole_motion_of(moved(0.0))
     assert whole is not None
     motion, period = whole
     noise = 0.001 * np.random.default_rng(2).normal(size=10)
 
-    def left(tried: MotionRows) -> Left:
+    def left(tried: MotionRows, share: float = 1.0) -> Left:
         late = float(np.argmin([np.square(tried.tau - row).sum() for row in shifted])) * 0.001 - 0.05
-        fall = 20.0 * abs(late - 0.03)
+        fall = 20.0 * abs(late - 0.03) * share
         return Left(fall + noise, inside * fall)
 
     rows = np.arange(len(motion.tau), dtype=np.float64)
     torque = make_interp_spline(rows, motion.tau, k=3)
     shifted = [torque(np.clip(rows + (k * 0.001 - 0.05) / period, 0.0, rows[-1])) for k in range(101)]
-    found = delay_of(motion, period, left)
+    found = delay_of(motion, period, left, lambda tried: left(tried, beside))
     assert found is not None
     assert found.seconds == pytest.approx(0.03, abs=0.003)
     assert found.is_mistake is is_mistake
+
+
+def steps(seed: int, seconds: float = 8.0, rate: float = 200.0) -> Motion:
+    """From one drawn posture to the next, four times, with a short stop at each."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate)) / rate
+    postures = np.array([0.0, -1.2, 1.2, 0.0, 0.0, 0.0]) + rng.uniform(-1.0, 1.0, size=(5, 6))
+    each = seconds / 4
+    way, move = np.diff(postures, axis=0), np.minimum((t / each).astype(int), 3)
+    s = np.clip((t - move * each) / (0.9 * each), 0.0, 1.0)[:, None]
+    moving = s < 1.0
+    q = postures[move] + (10 * s**3 - 15 * s**4 + 6 * s**5) * way[move]
+    dq = (30 * s**2 - 60 * s**3 + 30 * s**4) * moving * way[move] / (0.9 * each)
+    ddq = (60 * s - 180 * s**2 + 120 * s**3) * moving * way[move] / (0.9 * each) ** 2
+    return Motion(t, q, dq, ddq)
+
+
+def short_run(seed: int, order: list[int]) -> Recording:
+    """A short recording of an arm whose drives have constant torques of a twelfth of what they can give."""
+    motion, rng = steps(seed), np.random.default_rng([seed, 1])
+    friction = 0.04 * EFFORT * np.sign(motion.dq) + 0.03 * EFFORT * motion.dq
+    constant = 0.08 * EFFORT * rng.choice([-1.0, 1.0], size=6)
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + friction + constant
+    return record(ROBOT, motion, (tau + 0.005 * EFFORT * rng.normal(size=tau.shape))[:, order])
+
+
+@pytest.mark.parametrize("seed", [0, 3, 5, 10, 13])
+def test_constant_torques_do_not_make_a_short_right_recording_one_with_columns_in_another_order(seed: int) -> None:
+    found, _ = mistakes_in(ROBOT, short_run(seed, [0, 1, 2, 3, 4, 5])) or ((), 1.0)
+    assert found == ()
+
+
+@pytest.mark.parametrize("seed", [0, 10])
+def test_a_mistake_is_named_beside_constant_torques_too(seed: int) -> None:
+    found, _ = mistakes_in(ROBOT, short_run(seed, [0, 2, 1, 3, 4, 5])) or ((), 1.0)
+    assert [one.mistake for one in found] == [Mistake("torques swapped", (1, 2))]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
-from dynident.effects import DEFAULT_EFFECTS, Signals, columns_of, effect_by_id, role_of
+from dynident.effects import DEFAULT_EFFECTS, EffectChoice, Signals, columns_of, effect_by_id, role_of
 from dynident.identification.mistakes.swaps import Kind, Motion
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
@@ -100,12 +100,12 @@ class _Rows:
 
 
 class Judge:
-    """Fits a robot's links, rotors and friction to motions of it."""
+    """Fits a robot's links, rotors and friction to motions of it, and `more` effects."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, more: tuple[EffectChoice, ...] = ()) -> None:
         signals = Signals(robot)
         self._robot = robot
-        self._observation = Observation.of(robot, columns_of(DEFAULT_EFFECTS, signals), signals)
+        self._observation = Observation.of(robot, columns_of((*DEFAULT_EFFECTS, *more), signals), signals)
         self._layout = [self._observation.joint_entries(joint) for joint in range(robot.n)]
         self._known: list[_Rows] = []
 

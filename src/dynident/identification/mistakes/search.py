@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from dynident.arrays import FloatArray, IntArray
+from dynident.effects import OFFSETS
 from dynident.errors import DynidentError
-from dynident.identification.mistakes.delays import Delay, delay_of
+from dynident.identification.mistakes.delays import BESIDE_OFFSETS, Delay, delay_of
 from dynident.identification.mistakes.frictions import excess_of, nearer_to_others
-from dynident.identification.mistakes.judge import BLOCKS, Judge, moving_joints
+from dynident.identification.mistakes.judge import BLOCKS, Judge, Left, moving_joints
 from dynident.identification.mistakes.scales import heavy_joints, load_of, nearer_to_masses
 from dynident.identification.mistakes.swaps import Mistake, Motion, alone, mistakes_among
 from dynident.recordings import Recording, choose_preprocessing
@@ -79,31 +82,70 @@ def mistakes_in(robot: Robot, recording: Recording) -> tuple[tuple[Finding, ...]
 
 def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], float] | None:
     """The same of rows that are filtered already."""
-    judge = Judge(robot)
+    judge, beside = Judge(robot), _BesideOffsets(robot)
     if len(motion.q) * int(moving_joints(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
         return None
     found: list[Finding] = []
     now = judge.left(motion)
     while len(found) < _MOST_MISTAKES:
-        sizes = _Sizes(load_of(robot, motion), judge.frictions(motion), _excess(judge, robot, motion))
-        possible = [one for one in mistakes_among(now.moving) if _may_be(one, robot, motion, sizes)]
-        tried = [(one, judge.left(one.mended(motion))) for one in possible]
-        if not tried:
+        step = _best(judge, robot, motion, now)
+        if step is None:
             break
-        best, left = min(tried, key=lambda pair: pair[1].score)
-        if not now.surely_above(left, best.kind) or left.usual > _CURED:
-            break
-        if best.kind != "torque scaled" and left.against >= now.against:
-            apart = judge.left(alone(motion, best.joints))
-            if now.fall_to(apart) > _APART * now.fall_to(left):
-                break
-        twins = tuple(one for one, other in tried if one is not best and other.score - left.score < _ALIKE)
-        least = _CERTAIN_OF_JOINTS if best.is_of_whole_joints else _CERTAIN
+        fall = now.score - step.left.score
+        mended = step.mistake.mended(motion)
+        if judge is not beside.judge and beside.fall(motion, mended) < BESIDE_OFFSETS * fall:
+            # A constant torque explains the same: what else there is, is looked for beside it.
+            judge = beside.judge
+            now = judge.left(motion)
+            continue
+        least = _CERTAIN_OF_JOINTS if step.mistake.is_of_whole_joints else _CERTAIN
         # A drive that is coupled with its neighbour looks like a gain that is wrong, by as much.
-        certain = best.kind != "torque scaled" and now.score - left.score >= least and left.usual <= _SOUND
-        found.append(Finding(best, twins, now.usual, left.usual, certain))
-        motion, now = best.mended(motion), left
+        certain = step.mistake.kind != "torque scaled" and fall >= least and step.left.usual <= _SOUND
+        found.append(Finding(step.mistake, step.alike, now.usual, step.left.usual, certain))
+        motion, now = mended, step.left
     return tuple(found), now.usual
+
+
+class _BesideOffsets:
+    """Tells what is left of a torque beside a constant one on each joint; built when it is asked for."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    @cached_property
+    def judge(self) -> Judge:
+        return Judge(self._robot, (OFFSETS,))
+
+    def fall(self, motion: Motion, mended: Motion) -> float:
+        """By how much less is left without a mistake."""
+        return self.judge.left(motion).score - self.judge.left(mended).score
+
+
+class _Step(NamedTuple):
+    """A mistake, what cannot be told from it, and what is left without it."""
+
+    mistake: Mistake
+    alike: tuple[Mistake, ...]
+    left: Left
+
+
+def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None:
+    """The mistake without which least is left of a motion; None where none is told."""
+    sizes = _Sizes(load_of(robot, motion), judge.frictions(motion), _excess(judge, robot, motion))
+    possible = [one for one in mistakes_among(now.moving) if _may_be(one, robot, motion, sizes)]
+    tried = [(one, judge.left(one.mended(motion))) for one in possible]
+    if not tried:
+        return None
+    best, left = min(tried, key=lambda pair: pair[1].score)
+    if not now.surely_above(left, best.kind) or left.usual > _CURED:
+        return None
+    if best.kind != "torque scaled" and left.against >= now.against:
+        apart = judge.left(alone(motion, best.joints))
+        if now.fall_to(apart) > _APART * now.fall_to(left):
+            return None
+    return _Step(
+        best, tuple(one for one, other in tried if one is not best and other.score - left.score < _ALIKE), left
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +188,13 @@ def delay_among(robot: Robot, motion: Motion, period: float) -> Delay | None:
     judge = Judge(robot)
     if len(thinned(motion).q) * int(moving_joints(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
         return None
-    return delay_of(motion, period, lambda tried: judge.left(thinned(tried)))
+    beside = _BesideOffsets(robot)
+    return delay_of(
+        motion,
+        period,
+        lambda tried: judge.left(thinned(tried)),
+        lambda tried: beside.judge.left(thinned(tried)),
+    )
 
 
 def better_by_other_gains(robot: Robot, motion: Motion, factor: float) -> float:
