@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.recordings import RecordingError
-from dynident.recordings.formats import stored
+from dynident.recordings.formats import open_source, stored
 from dynident.recordings.formats.opening import format_of
-from dynident.recordings.raw import open_source
 
 scipy_io = pytest.importorskip("scipy.io")
 

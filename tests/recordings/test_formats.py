@@ -9,7 +9,7 @@ import pytest
 from recording_data import JOINTS, motion
 
 from dynident.recordings import RecordingError, RecordingMetadata, import_recording
-from dynident.recordings.raw import open_source
+from dynident.recordings.formats import open_source
 
 KINDS = ("q", "tau")
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.columns import Column, Layout, find_columns
-from dynident.recordings.raw import FileSource, open_source
+from dynident.recordings.formats import open_source
+from dynident.recordings.raw import FileSource
 from dynident.recordings.types import JointLimits, RecordingError, RecordingMetadata
 
 _UNITS = {

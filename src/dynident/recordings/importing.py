@@ -15,7 +15,8 @@ from dynident.progress import Progress, part, silent
 from dynident.recordings.checks import run_checks
 from dynident.recordings.columns import Column, Layout, find_columns, surplus_columns
 from dynident.recordings.conditioning import Conditioner
-from dynident.recordings.raw import RawRows, RawSource, open_source
+from dynident.recordings.formats import open_source
+from dynident.recordings.raw import RawRows, RawSource
 from dynident.recordings.revisions import windows_without
 from dynident.recordings.sampling import RawSample, SampleCollector
 from dynident.recordings.sinks import ArraySink, ParquetSink

@@ -6,10 +6,9 @@ import re
 from collections.abc import Iterator, Sequence
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
-from dynident.recordings.raw import FileSource
-from dynident.recordings.types import RecordingError
+from dynident.recordings.arrow import from_numbers
+from dynident.recordings.raw import FileSource, floats_of
 
 _NANO = re.compile(r"^(?P<whose>.*?)(?:nano[_ ]?|n)(?P<seconds>secs?|seconds)$", re.IGNORECASE)
 _WORDS = ("sec", "secs", "seconds")
@@ -39,20 +38,17 @@ class StampedSource(FileSource):
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         needed = [one for name in columns for one in self._pairs.get(name, (name,))]
+        first_row = 0
         for batch in self._source.batches(list(dict.fromkeys(needed))):
-            values = [self._joined(batch, name) if name in self._pairs else batch.column(name) for name in columns]
+            values = [
+                self._joined(batch, name, first_row) if name in self._pairs else batch.column(name) for name in columns
+            ]
             yield pa.RecordBatch.from_arrays(values, names=columns)
+            first_row += batch.num_rows
 
-    def _joined(self, batch: pa.RecordBatch, name: str) -> pa.Array:
-        try:
-            whole, nano = (pc.cast(batch.column(one), pa.float64(), safe=False) for one in self._pairs[name])
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
-            raise RecordingError(
-                f"Columns {' and '.join(self._pairs[name])} hold no numbers: {error}",
-                pointer=name,
-                title="Not a number",
-            ) from error
-        return pc.add(whole, pc.multiply(nano, 1e-9))
+    def _joined(self, batch: pa.RecordBatch, name: str, first_row: int) -> pa.Array:
+        whole, nano = (floats_of(batch, one, first_row) for one in self._pairs[name])
+        return from_numbers(whole + 1e-9 * nano)
 
 
 def with_stamps(source: FileSource) -> FileSource:

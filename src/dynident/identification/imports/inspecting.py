@@ -13,8 +13,7 @@ from dynident.identification.imports.facts import Sample
 from dynident.identification.imports.guess import propose
 from dynident.identification.imports.proposal import Proposal
 from dynident.recordings.digest import digest_of
-from dynident.recordings.formats import format_of
-from dynident.recordings.raw import open_source
+from dynident.recordings.formats import format_of, open_source
 from dynident.robot import Robot
 
 SHOWN_ROWS = 20

@@ -1,5 +1,5 @@
 """What robots and their loggers write, one module a format: each gives named columns in blocks of rows."""
 
-from dynident.recordings.formats.opening import FORMATS, format_of, open_foreign
+from dynident.recordings.formats.opening import FORMATS, format_of, open_source
 
-__all__ = ["FORMATS", "format_of", "open_foreign"]
+__all__ = ["FORMATS", "format_of", "open_source"]

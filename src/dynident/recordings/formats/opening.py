@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal, get_args
 
+from dynident.recordings.formats.tables import CsvFileSource, ParquetFileSource
 from dynident.recordings.formats.telegrams import START, telegram_source
 from dynident.recordings.raw import FileSource
+from dynident.recordings.stamps import with_stamps
 from dynident.recordings.types import RecordingError
 
 Format = Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"]
@@ -24,6 +26,7 @@ _STARTS: tuple[tuple[bytes, Format], ...] = (
     (b"\x89MCAP", "mcap"),
 )
 
+_WRITTEN = {"csv": "CSV", "parquet": "Parquet"}
 _LOOKED_AT = 4096
 """Bytes: a logger may write some lines of its own before the first telegram."""
 
@@ -44,7 +47,33 @@ def format_of(path: Path) -> str:
     return found or ("rsi" if START.search(start) else "csv")
 
 
-def open_foreign(path: Path, name: str) -> FileSource:
+def open_source(path: Path, file_format: str | None) -> FileSource:
+    """Open a user's file; the format is told from its first bytes where it is not given.
+
+    Raises
+    ------
+    RecordingError
+        If the file is empty, or not what it is said to be.
+    """
+    return with_stamps(_open_source(path, file_format))
+
+
+def _open_source(path: Path, file_format: str | None) -> FileSource:
+    found = format_of(path)
+    if file_format == "parquet" and found == "csv":
+        return ParquetFileSource(path)  # which says what is wrong with it
+    if file_format not in (None, found) and (found, file_format) != ("hdf5", "mat"):
+        raise RecordingError(
+            f'The file is {_WRITTEN.get(found, found)}, not {_WRITTEN.get(file_format, file_format)}; say "format": '
+            f'"{found}".',
+            pointer="/format",
+        )
+    if found == "parquet":
+        return ParquetFileSource(path)
+    return CsvFileSource(path) if found == "csv" else _open_foreign(path, found)
+
+
+def _open_foreign(path: Path, name: str) -> FileSource:
     """Open a file of a format that is neither CSV nor Parquet.
 
     Raises
