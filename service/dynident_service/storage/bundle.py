@@ -155,10 +155,8 @@ def _store(connection: Connection, rows: dict[Any, list[Row]], new: set[str]) ->
 
 
 def _add(connection: Connection, table: Any, rows: list[Row]) -> int:
-    kept = [
-        {name: value for name, value in row.items() if name != "owner" and (name, value) != ("id", None)}
-        for row in rows
-    ]
+    # An owner is a key of another service, whatever the archive says.
+    kept = [{k: value for k, value in row.items() if k != "owner" and (k, value) != ("id", None)} for row in rows]
     if kept:
         connection.execute(insert(table), kept)
     return len(kept)

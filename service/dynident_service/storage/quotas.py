@@ -12,6 +12,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from contextvars import ContextVar
 from dataclasses import astuple, dataclass
+from typing import Any
 
 from sqlalchemy import Select, bindparam, func, select
 from sqlalchemy.orm import Session
@@ -122,7 +123,7 @@ def uses(session: Session) -> dict[str | None, Use]:
         .subquery()
     )
     unfinished = select(JOBS.c.owner, func.count()).where(JOBS.c.state.in_(UNFINISHED)).group_by(JOBS.c.owner)
-    queries: tuple[Select[tuple[str | None, int]], ...] = (
+    queries: tuple[Select[Any], ...] = (
         select(files.c.owner, func.sum(files.c.size)).group_by(files.c.owner),
         select(RESOURCES.c.owner, func.count()).where(RESOURCES.c.kind == "measurement").group_by(RESOURCES.c.owner),
         unfinished.where(JOBS.c.kind == "simulation"),
@@ -211,5 +212,5 @@ def _recordings(session: Session, name: str) -> int:
     return _number(session, _MEASUREMENTS, name) + _number(session, _SIMULATIONS, name)
 
 
-def _number(session: Session, query: Select[tuple[int]], name: str) -> int:
+def _number(session: Session, query: Select[Any], name: str) -> int:
     return int(session.execute(query, {_OWNER: name}).scalar_one())

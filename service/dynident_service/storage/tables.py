@@ -23,9 +23,9 @@ from sqlalchemy import (
     String,
     TypeDecorator,
     false,
-    text,
 )
 from sqlalchemy import Table as Tables
+from sqlalchemy import text as sql
 from sqlalchemy.exc import DontWrapMixin
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
@@ -82,7 +82,7 @@ def check_text(*texts: str) -> None:
 
 def _of_owners(column: str, table: str) -> Index:
     """What belongs to somebody, by whom; where no key is asked for, nothing is written there."""
-    owned = text("owner IS NOT NULL")
+    owned = sql("owner IS NOT NULL")
     return Index(f"ix_{table}_owner_{column}", "owner", column, sqlite_where=owned, postgresql_where=owned)
 
 
