@@ -18,6 +18,7 @@ from test_meshes_over_http import ARM, rod
 from test_nothing_is_lost import Store
 from test_uploads import as_csv, files_in, sound, upload
 
+from dynident.robot import library_table
 from dynident_service import new_key
 from dynident_service.app import create_app
 from dynident_service.keys import KeyRing, Scope, create_key, list_keys
@@ -34,7 +35,7 @@ from dynident_service.storage.resources import Resources
 
 FORM = "multipart/form-data; boundary=b"
 RECORDING = as_csv(sound(400))
-DESIGN = {"kind": "random", "trajectory": {"duration": 3.0, "sampling_rate": 50.0}}
+DESIGN = {"kind": "random", "trajectory": {"duration": 8.0, "sampling_rate": 100.0}}
 Call = Callable[..., TestClient]
 
 
@@ -81,8 +82,8 @@ def busy(services: Services, tmp_path: Path) -> Iterator[None]:
     go.touch()
 
 
-def arm(client: TestClient) -> dict[str, Any]:
-    body = {"name": "arm", "description": {"format": "modified_dh", "content": TWO_JOINTS}}
+def arm(client: TestClient, table: object = TWO_JOINTS) -> dict[str, Any]:
+    body = {"name": "arm", "description": {"format": "modified_dh", "content": table}}
     return dict(client.post("/v1/robots", json=body).json())
 
 
@@ -211,12 +212,13 @@ def test_a_file_counts_once_however_often_it_is_used(key: Call, services: Servic
 
 def test_a_simulated_recording_belongs_to_who_asked_for_it_and_is_refused_where_there_is_no_room(key: Call) -> None:
     mine = key(recordings=1, bytes=10_000_000)
-    asked = {"robot_id": arm(mine)["id"], "trajectory": {"duration": 3.0, "sampling_rate": 50.0}}
+    asked = {"robot_id": arm(mine, library_table("scara"))["id"], "trajectory": DESIGN["trajectory"]}
     made = mine.post("/v1/simulations", json=asked)
     assert usage(mine)["recordings"]["used"] == 1  # its place is kept
     assert mine.post("/v1/simulations", json=asked).status_code == 507
     wait_for(lambda: usage(mine)["jobs"]["used"] == 0, 60.0)
-    assert mine.get(made.headers["location"]).json()["status"] == "succeeded"
+    found = mine.get(made.headers["location"]).json()
+    assert found["status"] == "succeeded", found
     assert (usage(mine)["recordings"]["used"], usage(mine)["jobs"]["used"]) == (1, 0)
     assert usage(mine)["bytes"]["used"] > 0
     assert mine.post("/v1/simulations", json=asked).status_code == 507
