@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from dataclasses import astuple
 
 from anyio import to_thread
 from fastapi import FastAPI
@@ -23,6 +24,7 @@ from dynident_service.middleware import Audit, Gate, Timing
 from dynident_service.problem_responses import REQUEST_ID
 from dynident_service.problem_responses import install as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
+from dynident_service.quotas import UploadQuota, limits_of
 from dynident_service.routes import ROUTERS
 from dynident_service.services import Services, open_services
 from dynident_service.settings import Settings
@@ -80,6 +82,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     mount_workbench(app)
     install_problems(app, _methods_by_path(app))
     # The last one added is the first that a request meets.
+    app.add_middleware(UploadQuota, database=lambda: app.state.services.database)
     app.add_middleware(BodyLimit, settings=settings)
     app.add_middleware(Gate, settings=settings, keys=lambda: app.state.keys)
     if settings.allowed_origins:
@@ -106,6 +109,8 @@ def _keys_of(services: Services) -> KeyRing:
             f"refusing to listen on {services.settings.host} without any API key: make one with "
             "`python -m dynident_service.new_key NAME`, or listen on 127.0.0.1"
         )
+    if any(astuple(limits_of(services.settings))) and not services.settings.needs_keys:
+        log.warning("quotas count by key, and no key is asked for (DYNIDENT_REQUIRE_KEYS): nobody is limited")
     return keys
 
 

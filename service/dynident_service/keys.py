@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import secrets
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from typing import Literal, cast
 
@@ -13,6 +13,7 @@ from sqlalchemy import delete, select, update
 
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database, clock
+from dynident_service.storage.quotas import UNLIMITED, Limits
 from dynident_service.storage.tables import KeyRow, now
 
 Scope = Literal["read", "submit", "admin"]
@@ -31,6 +32,8 @@ class Holder:
     owner: str | None = None
     expires_at: datetime | None = None
     last_used_at: datetime | None = None
+    limits: Limits = UNLIMITED
+    """Its own, which go before those of the settings."""
 
     def may(self, method: str) -> bool:
         """Tell whether the key allows requests of a method."""
@@ -50,13 +53,19 @@ def needed_scope(method: str) -> Scope:
 
 
 def create_key(
-    database: Database, name: str, scope: Scope = "admin", owner: str | None = None, days: float | None = None
+    database: Database,
+    name: str,
+    scope: Scope = "admin",
+    owner: str | None = None,
+    days: float | None = None,
+    limits: Limits | None = None,
 ) -> str:
     """Make a key and store its hash; the key itself is shown this once."""
     key = f"dynident_{secrets.token_urlsafe(32)}"
     with database.write() as session:
         expires_at = None if days is None else clock(session) + timedelta(days=days)
-        session.add(KeyRow(sha256=hash_of(key), name=name, scope=scope, owner=owner, expires_at=expires_at))
+        quotas = {f"quota_{kind}": most for kind, most in asdict(limits or Limits()).items()}
+        session.add(KeyRow(sha256=hash_of(key), name=name, scope=scope, owner=owner, expires_at=expires_at, **quotas))
     return key
 
 
@@ -70,7 +79,7 @@ def revoke_keys(database: Database, name: str) -> int:
 def list_keys(database: Database) -> list[Holder]:
     """List the keys of the database, without anything that opens."""
     with database.read() as session:
-        return [_holder(row) for row in session.scalars(select(KeyRow).order_by(KeyRow.name))]
+        return [_holder(row) for row in session.scalars(select(KeyRow).order_by(KeyRow.name, KeyRow.created_at))]
 
 
 def hash_of(key: str) -> str:
@@ -116,4 +125,5 @@ class KeyRing:
 
 
 def _holder(row: KeyRow) -> Holder:
-    return Holder(row.name, cast(Scope, row.scope), row.owner, row.expires_at, row.last_used_at)
+    limits = Limits(row.quota_bytes, row.quota_recordings, row.quota_jobs)
+    return Holder(row.name, cast(Scope, row.scope), row.owner, row.expires_at, row.last_used_at, limits)

@@ -15,7 +15,9 @@ from dynident_service.keys import Holder, KeyRing, needed_scope
 from dynident_service.metrics import Metrics
 from dynident_service.problem_responses import respond
 from dynident_service.problems import Problem, make_problem
+from dynident_service.quotas import limits_of
 from dynident_service.settings import Settings, is_loopback
+from dynident_service.storage.quotas import Account, act_for
 
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})
 PAGE = "/workbench/"
@@ -36,6 +38,7 @@ class Gate:
         self._app = app
         self._settings = settings
         self._keys = keys
+        self._limits = limits_of(settings)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request through, or answer it with a problem."""
@@ -52,6 +55,8 @@ class Gate:
                 challenge = {"www-authenticate": "Bearer"} if refused.status == 401 else None
                 return await respond(refused, challenge)(scope, receive, send)
             scope[HOLDER] = holder
+            assert holder is not None
+            act_for(Account(holder.name, holder.limits.or_else(self._limits)))
         elif not is_loopback(_host(headers.get("host", ""))):
             detail = "Without API keys the service answers to localhost alone; set DYNIDENT_REQUIRE_KEYS to open it."
             return await respond(make_problem(421, detail))(scope, receive, send)

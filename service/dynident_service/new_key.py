@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import asdict
 from datetime import datetime
 
 from dynident_service.keys import SCOPES, create_key, list_keys, revoke_keys
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.migrate import migrate
+from dynident_service.storage.quotas import Limits
 
 
 def main(arguments: list[str]) -> int:
@@ -19,6 +21,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--scope", choices=SCOPES, default="admin", help="look; send and change; delete, too (default)")
     parser.add_argument("--owner", help="who answers for it")
     parser.add_argument("--days", type=float, help="after how many days it ends; never by default")
+    parser.add_argument("--quota-bytes", type=_number, help="how many bytes of files it may have; 0: any")
+    parser.add_argument("--quota-recordings", type=_number, help="how many recordings it may have; 0: any")
+    parser.add_argument("--quota-jobs", type=_number, help="how many jobs of it may be under way; 0: any")
     parser.add_argument("--list", action="store_true", help="list the keys, without what opens")
     parser.add_argument("--revoke", action="store_true", help="delete the keys of this name")
     asked = parser.parse_args(arguments)
@@ -30,16 +35,29 @@ def main(arguments: list[str]) -> int:
         if asked.list:
             for one in list_keys(database):
                 used = f"used {_day(one.last_used_at)}, ends {_day(one.expires_at)}"
-                print(f"{one.name}: {one.scope}, owner {one.owner or 'not said'}, {used}")
+                print(f"{one.name}: {one.scope}, owner {one.owner or 'not said'}, {used}{_own(one.limits)}")
         elif asked.revoke:
             if revoke_keys(database, asked.name) == 0:
                 print(f"there is no key {asked.name!r}", file=sys.stderr)
                 return 1
         else:
-            print(create_key(database, asked.name, asked.scope, asked.owner, asked.days))
+            limits = Limits(asked.quota_bytes, asked.quota_recordings, asked.quota_jobs)
+            print(create_key(database, asked.name, asked.scope, asked.owner, asked.days, limits))
     finally:
         database.close()
     return 0
+
+
+def _number(said: str) -> int:
+    number = int(said)
+    if number < 0:
+        raise ValueError(said)
+    return number
+
+
+def _own(limits: Limits) -> str:
+    said = [f"{most} {kind}" for kind, most in asdict(limits).items() if most is not None]
+    return f", at most {', '.join(said)}" if said else ""
 
 
 def _day(moment: datetime | None) -> str:

@@ -47,7 +47,7 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
 
     @app.exception_handler(ProblemError)
     async def on_problem(_: Request, error: ProblemError) -> JSONResponse:
-        headers = {"retry-after": "1"} if error.problem.status in (429, 503) else None
+        headers = {"retry-after": error.retry_after} if error.problem.status in (429, 503) else None
         return respond(error.problem, headers)
 
     @app.exception_handler(DynidentError)
@@ -64,6 +64,8 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
         path = request.url.path
         if is_full(error.__cause__):  # while a body was received
             return respond(_no_room())
+        if isinstance(error.__cause__, ProblemError):  # likewise
+            return await on_problem(request, error.__cause__)
         detail = str(error.detail)
         if error.status_code == 405:
             methods = allowed_methods(path)

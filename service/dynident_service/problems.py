@@ -51,6 +51,9 @@ class Problem(BaseModel):
 class ProblemError(Exception):
     """Ends a request with a problem."""
 
+    retry_after = "1"
+    """Seconds after which the same request may be right, where the status says that it may."""
+
     def __init__(self, status: int, detail: str, *, title: str = "", **more: Any) -> None:
         super().__init__(detail)
         self.problem = make_problem(status, detail, title=title, **more)

@@ -14,6 +14,7 @@ from dynident_service.following import Following
 from dynident_service.housekeeping import Housekeeping
 from dynident_service.jobs.engine import Engine
 from dynident_service.models.verdicts import VerdictView
+from dynident_service.quotas import limits_of
 from dynident_service.remembered import Remembered
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
@@ -57,7 +58,7 @@ def open_services(settings: Settings) -> Iterator[Services]:
         housekeeping = Housekeeping(settings, database, objects)
         housekeeping.start()
         awaited = Awaited(settings.request_workers)
-        resources = Resources(database, objects)
+        resources = Resources(database, objects, limits_of(settings))
         try:
             yield Services(settings, database, objects, resources, ledger, engine, housekeeping, awaited, following)
         finally:

@@ -72,6 +72,10 @@ class Client:
         """Ask whether database, objects and engine work; a ProblemError with status 503 if not."""
         return dict(self._transport.get("/readyz"))
 
+    def usage(self) -> list[dict[str, Any]]:
+        """Ask what this key has stored and under way, and how much it may; all keys, of one that allows everything."""
+        return list(self._transport.get("/v1/usage")["items"])
+
     def metrics(self) -> str:
         """Read the figures for Prometheus."""
         return self._transport.get_bytes("/metrics").decode()

@@ -179,13 +179,13 @@ def _failing(claim: Claim, problem: Problem) -> End:
 
 def _store(session: Session, objects: ObjectStore, claim: Claim, outcome: Outcome) -> None:
     result: dict[str, Any] = dict(outcome.result)
+    row = None if claim.resource_id is None else session.get_one(ResourceRow, claim.resource_id)
     if outcome.creates is not None:
-        made = insert_one(session, objects, outcome.creates).id
+        made = insert_one(session, objects, outcome.creates, None if row is None else row.owner).id
         result[f"{outcome.creates.kind}_id"] = made
         if claim.resource_id is not None:
             rest(session, [(claim.resource_id, made, "result")])
-    if claim.resource_id is not None:
-        row = session.get_one(ResourceRow, claim.resource_id)
+    if claim.resource_id is not None and row is not None:
         row.result = result
         own(session, objects, [(claim.resource_id, one) for one in outcome.objects])
 

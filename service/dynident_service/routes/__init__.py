@@ -26,6 +26,7 @@ from dynident_service.routes import (
     simulations,
     system,
     uncertainty,
+    usage,
     validations,
     verdicts,
 )
@@ -57,6 +58,7 @@ ROUTERS = (
     drive_gains.router,
     current_models.router,
     reports.router,
+    usage.router,
 )
 
 __all__ = ["ROUTERS"]

@@ -113,6 +113,7 @@ def _store(
     retry: Retry | None,
     response: Response,
 ) -> Resource:
+    services.resources.check_room("import", (source,))
     stored = services.resources.put(source)
     new = NewResource(
         "import",

@@ -281,6 +281,7 @@ def media_type_of(source: Path) -> str:
 
 def _keep(services: Services, received: _Received) -> tuple[Owned, ...]:
     source, canonical = received.source, received.recording
+    services.resources.check_room("measurement", (source, canonical))
     media_type = media_type_of(source)
     kept = []
     for role, path, kind in (("original", source, media_type), ("recording", canonical, MEDIA_TYPES["parquet"])):

@@ -51,6 +51,8 @@ async def put_meshes(
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as name:
         sent = await to_thread.run_sync(_receive, services, files, Path(name))
+        files_sent = tuple(sent.values())
+        await to_thread.run_sync(services.resources.check_room, "robot", files_sent, robot_id)
         taken = await _taken(request, services, robot.request, sent, meshes_of(robot), Path(name))
         unused = taken.unused
         while True:

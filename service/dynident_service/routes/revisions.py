@@ -52,6 +52,7 @@ async def revise_measurement(
             raise _of_body(error.problem) from error
 
         def store() -> Resource:
+            services.resources.check_room("measurement", (destination,))
             stored = services.resources.put(destination)
             needs = (
                 RestsOn(said.robot_id, "robot", "robot", "/"),

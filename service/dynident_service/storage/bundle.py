@@ -115,7 +115,9 @@ def _closure(first: set[Any], next_of: dict[str, list[str]]) -> set[str]:
 def _of(connection: Connection, row: Any, column: Any, ids: list[str]) -> Iterator[Row]:
     for start in range(0, len(ids), AT_ONCE):
         query = select(row.__table__).where(column.in_(ids[start : start + AT_ONCE]))
-        yield from (dict(one) for one in connection.execute(query).mappings())
+        for one in connection.execute(query).mappings():
+            # Keys are of one service: another one has others, perhaps by the same names.
+            yield {name: value for name, value in one.items() if name != "owner"}
 
 
 def _ids(rows: list[Row]) -> list[str]:
@@ -153,7 +155,8 @@ def _store(connection: Connection, rows: dict[Any, list[Row]], new: set[str]) ->
 
 
 def _add(connection: Connection, table: Any, rows: list[Row]) -> int:
-    kept = [{name: value for name, value in row.items() if (name, value) != ("id", None)} for row in rows]
+    # An owner is a key of another service, whatever the archive says.
+    kept = [{k: value for k, value in row.items() if k != "owner" and (k, value) != ("id", None)} for row in rows]
     if kept:
         connection.execute(insert(table), kept)
     return len(kept)

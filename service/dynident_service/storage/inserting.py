@@ -34,14 +34,16 @@ _KINDS = (
 _INSERTING = {table: insert(table) for table in (RESOURCES, DEPENDENCIES, OBJECTS, RETRIES)}
 
 
-def insert_one(session: Session, objects: ObjectStore, new: NewResource) -> Resource:
-    """Insert a resource within a transaction; the caller commits."""
-    (made,) = insert_all(session, objects, [new])
+def insert_one(session: Session, objects: ObjectStore, new: NewResource, owner: str | None) -> Resource:
+    """Insert a resource of an owner within a transaction; the caller commits."""
+    (made,) = insert_all(session, objects, [new], owner)
     return made
 
 
-def insert_all(session: Session, objects: ObjectStore, several: Sequence[NewResource]) -> list[Resource]:
-    """Insert resources within a transaction; the caller commits.
+def insert_all(
+    session: Session, objects: ObjectStore, several: Sequence[NewResource], owner: str | None
+) -> list[Resource]:
+    """Insert resources of an owner within a transaction; the caller commits.
 
     Raises ProblemError where one rests on what is not there, ObjectGone where one owns what is not there.
     """
@@ -50,11 +52,11 @@ def insert_all(session: Session, objects: ObjectStore, several: Sequence[NewReso
     moment = clock(session)
     made = [_resource(new, moment) for new in several]
     pairs = list(zip(made, several, strict=True))
-    _insert(connection, RESOURCES, [_row(one) for one in made])
+    _insert(connection, RESOURCES, [{**_row(one), "owner": owner} for one in made])
     rest(session, [(one.id, on_id, role) for one in made for role, on_id in one.rests_on])
     own(session, objects, [(one.id, owned) for one in made for owned in one.objects.values()])
     _insert(connection, RETRIES, [_key(one, new.retry) for one, new in pairs if new.retry is not None])
-    jobs = add_jobs(session, [(new.job, one.id) for one, new in pairs if new.job is not None], moment)
+    jobs = add_jobs(session, [(new.job, one.id) for one, new in pairs if new.job is not None], moment, owner)
     job_of = {job.resource_id: job for job in jobs}
     return [replace(one, job=job_of.get(one.id)) for one in made]
 

@@ -310,8 +310,10 @@ class Ledger:
         _again(session, row, row.losses, MOST_LOSSES, reason)
 
 
-def add_jobs(session: Session, several: Sequence[tuple[NewJob, str | None]], moment: datetime) -> list[Job]:
-    """Insert jobs, each for a resource or for none, within a transaction; the caller commits."""
+def add_jobs(
+    session: Session, several: Sequence[tuple[NewJob, str | None]], moment: datetime, owner: str | None = None
+) -> list[Job]:
+    """Insert jobs of an owner, each for a resource or for none, within a transaction; the caller commits."""
     if not several:
         return []
     told = {REQUEST: current_request(), TRACE: traces.current()}
@@ -321,7 +323,7 @@ def add_jobs(session: Session, several: Sequence[tuple[NewJob, str | None]], mom
         for new, resource_id in several
     ]
     rows = [
-        {**vars(job), "function": new.function, "arguments": {**new.arguments, **more}}
+        {**vars(job), "owner": owner, "function": new.function, "arguments": {**new.arguments, **more}}
         for job, (new, _) in zip(jobs, several, strict=True)
     ]
     connection = session.connection()

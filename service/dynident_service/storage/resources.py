@@ -15,6 +15,7 @@ from dynident_service.problems import Dependent, ProblemError, not_found
 from dynident_service.storage.database import Database
 from dynident_service.storage.inserting import insert_all, insert_one, own
 from dynident_service.storage.objects import ObjectStore, Stored, digest
+from dynident_service.storage.quotas import Account, Limits, OverQuota, acting, check, check_bytes, lock
 from dynident_service.storage.reading import WITH_JOBS, complete, read, read_those
 from dynident_service.storage.records import FINAL, Kind, NewResource, Owned, Page, Resource, Retry
 from dynident_service.storage.tables import (
@@ -35,17 +36,19 @@ MOST_DEPENDENTS = 20
 class Resources:
     """Robots, measurements, identifications, … as stored."""
 
-    def __init__(self, database: Database, objects: ObjectStore) -> None:
+    def __init__(self, database: Database, objects: ObjectStore, limits: Limits | None = None) -> None:
         self._database = database
         self._objects = objects
+        self._limits = limits or Limits()
+        """Of accounts that have none of their own."""
 
     def create(self, new: NewResource) -> Resource:
         """Store a resource, what it rests on, its objects and its job, or nothing at all.
 
         A retry (same `Idempotency-Key`, same request) gives the resource of the first time. Raises ObjectGone if an
-        object was swept away since it was put.
+        object was swept away since it was put, OverQuota where who asks may not have as much.
         """
-        return self._create(new.retry, lambda session: insert_one(session, self._objects, new))
+        return self._create(new.retry, [new], lambda session, owner: insert_one(session, self._objects, new, owner))
 
     def create_together(self, several: Sequence[NewResource], last: Callable[[list[str]], NewResource]) -> Resource:
         """Store many resources and, made from their ids, a last one, in one transaction; gives the last one.
@@ -53,11 +56,11 @@ class Resources:
         A retry is one of the last one.
         """
 
-        def inserted(session: Session) -> Resource:
-            ids = [one.id for one in insert_all(session, self._objects, several)]
-            return insert_one(session, self._objects, last(ids))
+        def inserted(session: Session, owner: str | None) -> Resource:
+            ids = [one.id for one in insert_all(session, self._objects, several, owner)]
+            return insert_one(session, self._objects, last(ids), owner)
 
-        return self._create(last([]).retry, inserted)
+        return self._create(last([]).retry, several, inserted)
 
     def known(self, retry: Retry | None) -> Resource | None:
         """Give the resource that an earlier request with this key made, if there was one."""
@@ -115,9 +118,12 @@ class Resources:
     def attach(self, kind: Kind, identifier: str, result: Mapping[str, Any], objects: Sequence[Owned]) -> Resource:
         """Add to what came out for a resource, and to the objects that it owns; those of the same role are let go of.
 
-        A problem 404 if there is no such resource; raises ObjectGone if an object was swept away since it was put.
+        A problem 404 if there is no such resource; raises ObjectGone if an object was swept away since it was put,
+        OverQuota where the owner of the resource may not have as much.
         """
         with self._database.write() as session:
+            payer = self._payer(session, identifier)
+            lock(session, payer)  # before the row: who creates something has it before the rows that this rests on
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
                 raise not_found(kind, identifier)
@@ -129,6 +135,7 @@ class Resources:
             for one in gone:
                 session.delete(one)
             session.flush()
+            check_bytes(session, payer, objects)
             own(session, self._objects, [(identifier, one) for one in objects])
         return self.get(kind, identifier)
 
@@ -164,11 +171,46 @@ class Resources:
             announce(session, session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == identifier)))
             session.delete(row)
 
-    def _create(self, retry: Retry | None, inserted: Callable[[Session], Resource]) -> Resource:
+    def check_room(self, kind: Kind, files: Sequence[Path], attached_to: str | None = None) -> None:
+        """Raise OverQuota where there is no room for a new resource with these files, or for these files of another.
+
+        So that nothing is put in vain; it is looked at again when they come to be owned.
+        """
+        account = acting()
+        with self._database.read() as session:
+            if attached_to is not None:
+                account = self._payer(session, attached_to)
+            if account is None or not (account.limits.bytes or account.limits.recordings):
+                return
+            owned = []
+            for file in files:
+                with file.open("rb") as opened:
+                    owned.append(Owned(file.name, *digest(opened), ""))
+            if attached_to is None:
+                check(session, account, [NewResource(kind, {}, objects=tuple(owned))])
+            else:
+                check_bytes(session, account, owned)
+
+    def _payer(self, session: Session, identifier: str) -> Account | None:
+        """For whom counts what is attached to a resource: its owner, whoever does it. Asks nothing without a limit."""
+        account = acting()
+        if not self._limits.bytes and (account is None or not account.limits.bytes):
+            return None
+        owner = session.scalar(select(ResourceRow.owner).where(ResourceRow.id == identifier))
+        if owner is None or (account is not None and account.name == owner):
+            return None if owner is None else account
+        return Account(owner, self._limits)
+
+    def _create(
+        self, retry: Retry | None, several: Sequence[NewResource], inserted: Callable[[Session, str | None], Resource]
+    ) -> Resource:
+        account = acting()
         try:
             with self._database.write() as session:
-                return inserted(session)
-        except IntegrityError:
+                lock(session, account)
+                check(session, account, several)
+                return inserted(session, None if account is None else account.name)
+        except (IntegrityError, OverQuota):
             # Another request with the same key was faster: its resource is the answer.
             known = self.known(retry)
             if known is None:

@@ -25,6 +25,7 @@ from sqlalchemy import (
     false,
 )
 from sqlalchemy import Table as Tables
+from sqlalchemy import text as sql
 from sqlalchemy.exc import DontWrapMixin
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
@@ -79,6 +80,12 @@ def check_text(*texts: str) -> None:
             raise UnusableText(422, f"{text[:80]!r} holds the character U+0000; leave it out.", title="Unusable text")
 
 
+def _of_owners(column: str, table: str) -> Index:
+    """What belongs to somebody, by whom; where no key is asked for, nothing is written there."""
+    owned = sql("owner IS NOT NULL")
+    return Index(f"ix_{table}_owner_{column}", "owner", column, sqlite_where=owned, postgresql_where=owned)
+
+
 def now() -> datetime:
     """Give the time, in UTC."""
     return datetime.now(UTC)
@@ -104,8 +111,9 @@ class ResourceRow(Table):
     result: Mapped[dict[str, Any] | None]
     tags: Mapped[list[str]] = mapped_column(JSON, default=list, server_default="[]")
     archived: Mapped[bool] = mapped_column(default=False, server_default=false())
+    owner: Mapped[str | None] = mapped_column(Text(200))
 
-    __table_args__ = (Index("ix_resources_kind_id", "kind", "id"),)
+    __table_args__ = (Index("ix_resources_kind_id", "kind", "id"), _of_owners("kind", "resources"))
 
 
 class DependencyRow(Table):
@@ -161,8 +169,9 @@ class JobRow(Table):
     created_at: Mapped[datetime] = mapped_column(default=now)
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
+    owner: Mapped[str | None] = mapped_column(Text(200))
 
-    __table_args__ = (Index("ix_jobs_state_id", "state", "id"),)
+    __table_args__ = (Index("ix_jobs_state_id", "state", "id"), _of_owners("state", "jobs"))
 
 
 class CheckpointRow(Table):
@@ -209,6 +218,9 @@ class KeyRow(Table):
     owner: Mapped[str | None] = mapped_column(Text(200))
     expires_at: Mapped[datetime | None]
     last_used_at: Mapped[datetime | None]
+    quota_bytes: Mapped[int | None] = mapped_column(BigInteger)
+    quota_recordings: Mapped[int | None] = mapped_column(BigInteger)
+    quota_jobs: Mapped[int | None] = mapped_column(BigInteger)
 
 
 def _table(rows: type[Table]) -> Tables:

@@ -1,0 +1,216 @@
+"""Quotas: how much one key may have stored and have computed at a time.
+
+Whoever sends a request acts for an account, the name of its key; without keys there is none, and nothing is counted.
+What an account uses is summed up over its own rows, by an index, and only where there is a limit. Who is about to add
+to it holds the account's lock until that is committed, so that two at once cannot both take the last room: the lock is
+the one writer of SQLite, and an advisory lock on PostgreSQL.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from contextvars import ContextVar
+from dataclasses import astuple, dataclass
+from typing import Any
+
+from sqlalchemy import Select, bindparam, func, select
+from sqlalchemy.orm import Session
+
+from dynident_service.problems import ProblemError
+from dynident_service.storage.records import NewResource, Owned
+from dynident_service.storage.tables import JOBS, OBJECTS, RESOURCES
+
+SENT = ("measurement", "import", "robot")
+"""Kinds whose files are sent, not computed: recordings, and meshes."""
+UNFINISHED = ("queued", "running")
+_OWNER = "owner"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How much there may be at a time; 0 is no limit, `None` what is not said."""
+
+    bytes: int | None = None
+    recordings: int | None = None
+    jobs: int | None = None
+
+    def or_else(self, others: Limits) -> Limits:
+        """Give these, and the others' where nothing is said here."""
+        pairs = zip(astuple(self), astuple(others), strict=True)
+        return Limits(*(theirs if mine is None else mine for mine, theirs in pairs))
+
+
+UNLIMITED = Limits()
+
+
+@dataclass(frozen=True)
+class Account:
+    """For whom a request acts, and how much that one may have."""
+
+    name: str
+    limits: Limits = UNLIMITED
+
+
+@dataclass(frozen=True)
+class Use:
+    """What an account has at a time."""
+
+    bytes: int = 0
+    """Of the files that were sent or simulated; each file once, however many resources have it."""
+    recordings: int = 0
+    """Measurements, and simulations under way, each of which will give one."""
+    jobs: int = 0
+    """Queued or running."""
+
+
+class OverQuota(ProblemError):
+    """An account would have more than it may."""
+
+    retry_after = "5"
+
+
+_acting: ContextVar[Account | None] = ContextVar("dynident_account", default=None)
+
+
+def act_for(account: Account | None) -> None:
+    """Say for whom the request acts that is answered from here on, in this task and in what it starts."""
+    _acting.set(account)
+
+
+def acting() -> Account | None:
+    """Give the account for which this request acts; `None` where no key was asked for, and in jobs."""
+    return _acting.get()
+
+
+_OF_FILES = RESOURCES.c.kind.in_(SENT)
+_FILES = (
+    select(OBJECTS.c.key, OBJECTS.c.size)
+    .join(RESOURCES, RESOURCES.c.id == OBJECTS.c.resource_id)
+    .where(RESOURCES.c.owner == bindparam(_OWNER), _OF_FILES)
+    .distinct()
+    .subquery()
+)
+_BYTES = select(func.coalesce(func.sum(_FILES.c.size), 0))
+_HAS = (
+    select(OBJECTS.c.key)
+    .join(RESOURCES, RESOURCES.c.id == OBJECTS.c.resource_id)
+    .where(RESOURCES.c.owner == bindparam(_OWNER), _OF_FILES, OBJECTS.c.key.in_(bindparam("keys", expanding=True)))
+    .distinct()
+)
+_MEASUREMENTS = select(func.count()).where(RESOURCES.c.owner == bindparam(_OWNER), RESOURCES.c.kind == "measurement")
+_JOBS = select(func.count()).where(JOBS.c.owner == bindparam(_OWNER), JOBS.c.state.in_(UNFINISHED))
+_SIMULATIONS = _JOBS.where(JOBS.c.kind == "simulation")
+
+
+def bytes_of(session: Session, name: str) -> int:
+    """Give the bytes of the files of an account."""
+    return _number(session, _BYTES, name)
+
+
+def use_of(session: Session, name: str) -> Use:
+    """Give what an account has."""
+    return Use(bytes_of(session, name), _recordings(session, name), _number(session, _JOBS, name))
+
+
+def uses(session: Session) -> dict[str | None, Use]:
+    """Give what each account has that has something; `None` has what belongs to nobody. Reads all rows."""
+    files = (
+        select(RESOURCES.c.owner, OBJECTS.c.key, OBJECTS.c.size)
+        .join(RESOURCES, RESOURCES.c.id == OBJECTS.c.resource_id)
+        .where(_OF_FILES)
+        .distinct()
+        .subquery()
+    )
+    unfinished = select(JOBS.c.owner, func.count()).where(JOBS.c.state.in_(UNFINISHED)).group_by(JOBS.c.owner)
+    queries: tuple[Select[Any], ...] = (
+        select(files.c.owner, func.sum(files.c.size)).group_by(files.c.owner),
+        select(RESOURCES.c.owner, func.count()).where(RESOURCES.c.kind == "measurement").group_by(RESOURCES.c.owner),
+        unfinished.where(JOBS.c.kind == "simulation"),
+        unfinished,
+    )
+    size, measured, simulated, jobs = ({name: int(n) for name, n in session.execute(one)} for one in queries)
+    names = size.keys() | measured.keys() | jobs.keys()
+    return {
+        name: Use(size.get(name, 0), measured.get(name, 0) + simulated.get(name, 0), jobs.get(name, 0))
+        for name in names
+    }
+
+
+def lock(session: Session, account: Account | None) -> None:
+    """Keep others from adding to what an account has until this transaction ends, where it has a limit."""
+    if account is None or not any(astuple(account.limits)) or session.get_bind().dialect.name == "sqlite":
+        return
+    digest = hashlib.sha256(f"quota of {account.name}".encode()).digest()
+    session.execute(select(func.pg_advisory_xact_lock(int.from_bytes(digest[:8], "big", signed=True))))
+
+
+def check(session: Session, account: Account | None, several: Sequence[NewResource]) -> None:
+    """Raise OverQuota where an account would have more than it may with these; asks nothing where there is no limit."""
+    if account is None:
+        return
+    jobs = sum(new.job is not None for new in several)
+    if account.limits.jobs and jobs:
+        _check_jobs(account, _number(session, _JOBS, account.name), jobs)
+    recordings = sum(new.kind in ("measurement", "simulation") for new in several)
+    if account.limits.recordings and recordings:
+        _check_recordings(account, _recordings(session, account.name), recordings)
+    to_come = any(new.kind == "simulation" for new in several)
+    owned = [one for new in several if new.kind in SENT for one in new.objects]
+    check_bytes(session, account, owned, at_least=1 if to_come else 0)
+
+
+def check_bytes(session: Session, account: Account | None, owned: Iterable[Owned], at_least: int = 0) -> None:
+    """Raise OverQuota where the files of an account would be larger than they may, with these."""
+    new = {one.key: one.size for one in owned}
+    if account is None or not account.limits.bytes or not (new or at_least):
+        return
+    known = session.scalars(_HAS, {_OWNER: account.name, "keys": list(new)}) if new else ()
+    for key in known:
+        new.pop(key)
+    more = max(at_least, sum(new.values()))
+    used = bytes_of(session, account.name)
+    if more and used + more > account.limits.bytes:
+        raise files_too_large(account, account.limits.bytes, used, more)
+
+
+def files_too_large(account: Account, allowed: int, used: int, more: int) -> OverQuota:
+    """Say that there is no room for files."""
+    return _no_room(
+        f"The key {account.name!r} has {used} bytes of files and may have {allowed} (DYNIDENT_QUOTA_BYTES, or its "
+        f"own); this would add {more}, so nothing was stored."
+    )
+
+
+def _check_recordings(account: Account, used: int, more: int) -> None:
+    allowed = account.limits.recordings or 0
+    if used + more > allowed:
+        raise _no_room(
+            f"The key {account.name!r} has {used} recordings and may have {allowed} (DYNIDENT_QUOTA_RECORDINGS, or its "
+            f"own), so nothing was stored."
+        )
+
+
+def _check_jobs(account: Account, used: int, more: int) -> None:
+    allowed = account.limits.jobs or 0
+    if used + more <= allowed:
+        return
+    help_ = "wait until some have ended, or cancel some" if more <= allowed else "send fewer at a time"
+    detail = (
+        f"The key {account.name!r} has {used} jobs queued or running and may have {allowed} at a time "
+        f"(DYNIDENT_QUOTA_JOBS, or its own); this asks for {more} more: {help_}. Nothing was accepted."
+    )
+    raise OverQuota(429, detail, title="Quota of jobs used up")
+
+
+def _no_room(detail: str) -> OverQuota:
+    help_ = "Delete measurements and imports that are not needed any more: that makes room at once (GET /v1/usage)."
+    return OverQuota(507, f"{detail} {help_}", title="Quota of storage used up")
+
+
+def _recordings(session: Session, name: str) -> int:
+    return _number(session, _MEASUREMENTS, name) + _number(session, _SIMULATIONS, name)
+
+
+def _number(session: Session, query: Select[Any], name: str) -> int:
+    return int(session.execute(query, {_OWNER: name}).scalar_one())
