@@ -128,6 +128,18 @@ def test_messages_that_are_read_many_at_once_say_what_each_says_by_itself(tmp_pa
     assert joints["t"].min() > 4.9  # a stamp that is not filled in is not 1970
 
 
+def test_messages_that_cannot_be_packed_again_are_read_one_by_one(tmp_path, monkeypatch):
+    path = as_mcap(tmp_path / "run")
+    known = whole(path, "mcap")
+
+    def fails(*_: object) -> None:
+        raise KeyError("a type that the package does not write")
+
+    monkeypatch.setattr(messages, "learned", fails)
+    found = whole(path, "mcap")
+    assert np.array_equal(found["force"]["force_x"], known["force"]["force_x"])
+
+
 def test_an_mcap_file_that_is_out_of_order_is_read_by_its_time(tmp_path):
     def mixed(count: int) -> list[int]:
         # Halves of the recording by turns, so that all chunks overlap.

@@ -40,9 +40,10 @@ def _read(path: Path) -> bytes | None:
     """What a file holds; None where there is none, or one that was damaged, which would end the process."""
     try:
         data = path.read_bytes()
-        os.utime(path)
     except OSError:
         return None
+    with suppress(OSError):  # a folder that may only be read
+        os.utime(path)
     digest, code = data[:_DIGEST], data[_DIGEST:]
     return code if sha256(code).digest() == digest else None
 

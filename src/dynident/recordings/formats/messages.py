@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -235,13 +235,15 @@ class _Unpacker:
         key = (packed.topic, len(packed.data))
         if key not in self._layouts:
             message = self._message(packed)
-            self._layouts[key] = learned(
-                packed.data,
-                message,
-                lambda kind: self._store.get_msgdef(kind).fields,
-                lambda one: bytes(self._pack(one, packed.type)),
-                lambda one: _read(packed.type, one),
-            )
+            self._layouts[key] = None
+            with suppress(Exception):  # what can be unpacked and not packed again is unpacked one by one
+                self._layouts[key] = learned(
+                    packed.data,
+                    message,
+                    lambda kind: self._store.get_msgdef(kind).fields,
+                    lambda one: bytes(self._pack(one, packed.type)),
+                    lambda one: _read(packed.type, one),
+                )
         return self._layouts[key]
 
     def _message(self, packed: _Packed) -> Any:
