@@ -17,6 +17,7 @@ from dynident_service import traces
 from dynident_service.access import Access
 from dynident_service.documentation import mount as mount_documentation
 from dynident_service.headers import SafeHeaders
+from dynident_service.jobs.nursery import Nursery
 from dynident_service.keys import KeyRing
 from dynident_service.limits import Admission, BodyLimit, set_threads
 from dynident_service.metrics import Metrics
@@ -41,15 +42,19 @@ PROBLEM = {
 log = logging.getLogger("dynident.service")
 
 
-def create_app(settings: Settings | None = None) -> FastAPI:
-    """Put the application together; nothing is opened before it starts."""
+def create_app(settings: Settings | None = None, nursery: Nursery | None = None) -> FastAPI:
+    """Put the application together; nothing is opened before it starts.
+
+    Applications of one process may share a nursery, which whoever made it closes.
+    """
     settings = settings or Settings()
     metrics = Metrics()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         set_threads(settings)
-        opening = open_services(settings)
+        science = nursery or Nursery()
+        opening = open_services(settings, science)
         services = await to_thread.run_sync(opening.__enter__)
         if settings.traces:
             traces.begin()
@@ -60,6 +65,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             yield
         finally:
             await to_thread.run_sync(opening.__exit__, None, None, None)
+            if nursery is None:
+                science.close()
             if settings.traces:
                 await to_thread.run_sync(traces.end)
 

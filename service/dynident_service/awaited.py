@@ -14,6 +14,7 @@ from anyio import to_thread
 from fastapi import Request
 
 from dynident_service.jobs.calls import Answer, Call
+from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.pool import ChildPool
 from dynident_service.limits import take_long
 from dynident_service.problems import ProblemError
@@ -29,9 +30,9 @@ LONGEST = 120.0
 class Awaited:
     """Has children compute for requests, as many at a time as there are children."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, nursery: Nursery) -> None:
         self._size = size
-        self._pool = ChildPool(size)
+        self._pool = ChildPool(size, nursery)
         self._waiting = 0
         self._turns: anyio.Semaphore | None = None
         self._threads: anyio.CapacityLimiter | None = None

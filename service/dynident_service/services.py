@@ -13,6 +13,7 @@ from dynident_service.awaited import Awaited
 from dynident_service.following import Following
 from dynident_service.housekeeping import Housekeeping
 from dynident_service.jobs.engine import Engine
+from dynident_service.jobs.nursery import Nursery
 from dynident_service.models.verdicts import VerdictView
 from dynident_service.quotas import limits_of
 from dynident_service.remembered import Remembered
@@ -44,7 +45,7 @@ class Services:
 
 
 @contextmanager
-def open_services(settings: Settings) -> Iterator[Services]:
+def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
     """Open the storage, bring the database up to date, and start the engine in the background."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     database = Database(settings.database)
@@ -53,11 +54,11 @@ def open_services(settings: Settings) -> Iterator[Services]:
         objects = ObjectStore(settings.objects, settings.cache_dir)
         ledger = Ledger(database, settings.max_attempts)
         following = Following(ledger)
-        engine = Engine(settings, ledger, following.nudge)
+        engine = Engine(settings, ledger, nursery, following.nudge)
         engine.start()
         housekeeping = Housekeeping(settings, database, objects)
         housekeeping.start()
-        awaited = Awaited(settings.request_workers)
+        awaited = Awaited(settings.request_workers, nursery)
         resources = Resources(database, objects, limits_of(settings))
         try:
             yield Services(settings, database, objects, resources, ledger, engine, housekeeping, awaited, following)

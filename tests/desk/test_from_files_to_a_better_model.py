@@ -51,6 +51,7 @@ def test_a_diagnosis_looks_at_what_the_model_was_identified_from(found: dy.Diagn
     same = diagnosis.diagnose(model.identification, model.recordings.recordings)
     assert found.summary == same.summary
     assert found.recommended == same.recommended
+    assert (found.unknown, found.not_visible) == (same.unknown, same.not_visible)
     assert found.recordings.names == ("run1",)
 
 

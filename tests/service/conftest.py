@@ -11,10 +11,9 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, free_port, serving, wait_for
+from service_helpers import SCIENCE, TWO_JOINTS, app_of, free_port, serving, wait_for
 
 from dynident_client import Client
-from dynident_service.app import create_app
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
@@ -30,6 +29,7 @@ def _jobs_of_the_tests_can_be_imported_by_child_processes() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [str(HERE), os.environ.get("PYTHONPATH", "")])))
         yield
+    SCIENCE.close()
 
 
 @pytest.fixture(scope="session")
@@ -39,7 +39,7 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
 
 @pytest.fixture(scope="session")
 def client(settings: Settings) -> Iterator[TestClient]:
-    with TestClient(create_app(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
+    with TestClient(app_of(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
         yield client
 
 

@@ -10,8 +10,10 @@ from contextlib import contextmanager
 from typing import Any
 
 import uvicorn
+from fastapi import FastAPI
 
 from dynident_service.app import create_app
+from dynident_service.jobs.nursery import Nursery
 from dynident_service.serve import configuration
 from dynident_service.settings import Settings
 
@@ -21,6 +23,14 @@ TWO_JOINTS = {
         {"name": "elbow", "alpha": 0, "d": 0.5, "r": 0},
     ]
 }
+
+
+SCIENCE = Nursery()
+"""Loading the science takes longer than most tests: all services of a test process have their children from here."""
+
+
+def app_of(settings: Settings) -> FastAPI:
+    return create_app(settings, SCIENCE)
 
 
 def wait_for(condition: Callable[[], Any], timeout: float = 30.0) -> Any:
@@ -41,7 +51,7 @@ def free_port() -> int:
 @contextmanager
 def serving(settings: Settings) -> Iterator[str]:
     """A service that listens on a port of its own; gives its address."""
-    server = uvicorn.Server(configuration(create_app(settings), settings))
+    server = uvicorn.Server(configuration(app_of(settings), settings))
     thread = threading.Thread(target=server.run)
     thread.start()
     try:

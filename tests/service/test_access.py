@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
+from service_helpers import app_of
 
-from dynident_service.app import create_app
 from dynident_service.keys import create_key, hash_of
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
@@ -17,7 +17,7 @@ from dynident_service.storage.tables import KeyRow
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
     settings = Settings(data_dir=tmp_path_factory.mktemp("guarded"), host="0.0.0.0", api_keys=["configured"], workers=1)
-    with TestClient(create_app(settings), "http://robot-cell:8000", raise_server_exceptions=False) as client:
+    with TestClient(app_of(settings), "http://robot-cell:8000", raise_server_exceptions=False) as client:
         yield client
 
 
@@ -51,7 +51,7 @@ def test_a_made_key_opens_and_only_its_hash_is_kept(guarded: TestClient) -> None
 
 def test_a_service_without_keys_refuses_to_be_reached_by_others(tmp_path_factory: pytest.TempPathFactory) -> None:
     settings = Settings(data_dir=tmp_path_factory.mktemp("open"), host="0.0.0.0", workers=1)
-    with pytest.raises(RuntimeError, match="API key"), TestClient(create_app(settings)):
+    with pytest.raises(RuntimeError, match="API key"), TestClient(app_of(settings)):
         pass
 
 

@@ -15,7 +15,7 @@ import anyio
 import pytest
 from anyio import to_thread
 from fastapi import Request
-from service_helpers import serving, wait_for
+from service_helpers import SCIENCE, serving, wait_for
 from test_jobs import is_running
 
 from dynident_service import awaited as awaited_module
@@ -41,7 +41,7 @@ class Client:
 
 @pytest.fixture(scope="module")
 def awaited() -> Iterator[Awaited]:
-    made = Awaited(1)
+    made = Awaited(1, SCIENCE)
     yield made
     made.close()
 

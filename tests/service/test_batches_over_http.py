@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, wait_for
+from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import event
 from test_uploads import as_csv, sound, upload
 
-from dynident_service.app import create_app
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
@@ -36,7 +35,7 @@ def body(client: TestClient, robot: dict[str, Any]) -> dict[str, Any]:
 @pytest.fixture
 def idle(tmp_path: Path) -> Iterator[TestClient]:
     """A service that does no job, and whose database is its own."""
-    app = create_app(Settings(data_dir=tmp_path, workers=1))
+    app = app_of(Settings(data_dir=tmp_path, workers=1))
     with TestClient(app, "http://127.0.0.1", raise_server_exceptions=False) as client:
         app.state.services.engine.drain()
         yield client
@@ -95,7 +94,7 @@ def test_a_field_that_does_not_fit_has_its_place_in_the_batch(client: TestClient
 
 def test_a_batch_beyond_the_setting_is_refused_with_its_name(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, max_batch=2)
-    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+    with TestClient(app_of(settings), "http://127.0.0.1") as client:
         item = {"robot_id": "rob_x", "measurement_ids": ["mea_x"]}
         answer = client.post(PATH, json={"items": [item] * 3})
     assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, "/items")

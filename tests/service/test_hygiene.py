@@ -14,12 +14,11 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, wait_for
+from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
 from test_uploads import as_csv, files_in, sound, upload
 
-from dynident_service.app import create_app
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.objects import ObjectStore
@@ -32,7 +31,7 @@ from dynident_service.storage.tables import JobRow, RetryRow
 @pytest.fixture
 def own(tmp_path: Path) -> Iterator[TestClient]:
     """A service of a test's own, which it may damage."""
-    app = create_app(Settings(data_dir=tmp_path / "data", workers=1))
+    app = app_of(Settings(data_dir=tmp_path / "data", workers=1))
 
     @app.get("/broken")
     def broken() -> None:

@@ -11,10 +11,9 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_helpers import wait_for
+from service_helpers import app_of, wait_for
 from sqlalchemy.exc import OperationalError
 
-from dynident_service.app import create_app
 from dynident_service.jobs import engine as engine_module
 from dynident_service.jobs import supervisor
 from dynident_service.jobs.crew import Crew
@@ -100,7 +99,7 @@ def test_a_solver_that_says_nothing_but_computes_is_left_alone(start: Start, wai
 
 def test_a_computation_beyond_its_deadline_is_stopped_and_said_so(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, workers=1, job_deadline_seconds=1.0)
-    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+    with TestClient(app_of(settings), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
         arguments = {"note": str(tmp_path / "note"), "go": str(tmp_path / "never")}
         job_id = services.ledger.enqueue(NewJob("report", "small_jobs:waits", arguments))
@@ -122,7 +121,7 @@ def test_an_engine_that_cannot_start_its_processes_tries_again(tmp_path: Path, m
 
     monkeypatch.setattr(Crew, "__enter__", too_late)
     monkeypatch.setattr(engine_module, "FIRST_PAUSE", 0.2)
-    with TestClient(create_app(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as client:
+    with TestClient(app_of(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as client:
         wait_for(lambda: client.get("/readyz").status_code == 503)
         services: Services = client.app.state.services  # type: ignore[attr-defined]
         job_id = services.ledger.enqueue(NewJob("report", "small_jobs:answer"))

@@ -14,10 +14,9 @@ import pytest
 from alembic import command
 from dask_cluster import Cluster, wrong_clock
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, wait_for
+from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import text
 
-from dynident_service.app import create_app
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
@@ -59,7 +58,7 @@ def test_postgresql_keeps_the_same_tables_and_takes_no_job_twice(postgresql: str
 
 def test_the_service_works_on_postgresql(postgresql: str, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, database_url=postgresql, workers=1)
-    with TestClient(create_app(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
+    with TestClient(app_of(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
         body = {"name": "arm", "description": {"format": "modified_dh", "content": TWO_JOINTS}}
         first, second = (client.post("/v1/robots", json=body, headers={"Idempotency-Key": "k"}) for _ in range(2))
         assert first.json() == second.json()
@@ -76,7 +75,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 def test_jobs_run_on_a_cluster_elsewhere(cluster: Cluster, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
-    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+    with TestClient(app_of(settings), "http://127.0.0.1") as client:
         assert run_a_job(client) == "succeeded"
         cluster.worker.kill()
         job_id = enqueue(client)
@@ -88,7 +87,7 @@ def test_jobs_run_on_a_cluster_elsewhere(cluster: Cluster, tmp_path: Path) -> No
 def test_a_worker_that_is_told_to_terminate_gives_its_job_back_at_once(cluster: Cluster, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
     note, go = tmp_path / "pid", tmp_path / "go"
-    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+    with TestClient(app_of(settings), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
         job_id = services.ledger.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
         wait_for(note.exists, timeout=60)
@@ -107,7 +106,7 @@ def test_a_worker_that_is_told_to_terminate_gives_its_job_back_at_once(cluster: 
 
 def test_a_restarted_scheduler_is_noticed_and_jobs_go_on(cluster: Cluster, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
-    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+    with TestClient(app_of(settings), "http://127.0.0.1") as client:
         assert run_a_job(client) == "succeeded"
         assert client.get("/readyz").status_code == 200
         cluster.end()
@@ -125,7 +124,7 @@ def test_a_restarted_scheduler_is_noticed_and_jobs_go_on(cluster: Cluster, tmp_p
 
 def test_a_scheduler_restarted_at_once_with_new_workers_is_no_harm(cluster: Cluster, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
-    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+    with TestClient(app_of(settings), "http://127.0.0.1") as client:
         assert run_a_job(client) == "succeeded"
         cluster.end()
         cluster.new_scheduler()
@@ -139,7 +138,7 @@ def test_a_scheduler_killed_in_the_middle_of_a_job_ends_it_once(
 ) -> None:
     settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
     note, go = tmp_path / "pid", tmp_path / "go"
-    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+    with TestClient(app_of(settings), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
         job_id = services.ledger.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
         wait_for(note.exists, timeout=60)
@@ -169,7 +168,7 @@ def test_a_worker_whose_clock_is_wrong_keeps_its_job(
     note = tmp_path / "time"
     # Longer than its lease is renewed, and than one that ran out is looked at twice.
     asked = {"steps": 100, "pause": 0.15, "note": str(note)}
-    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+    with TestClient(app_of(settings), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
         job_id = services.ledger.enqueue(NewJob("report", "small_jobs:counts_and_tells_the_time", asked))
         job = wait_for(lambda: ended_of(services, job_id), timeout=120)
@@ -207,7 +206,7 @@ def ended(client: TestClient, job_id: str) -> Any:
 def test_connections_that_are_cut_again_and_again_end_no_job(postgresql: str, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, database_url=postgresql, workers=1)
     cutter = Database(postgresql)
-    with TestClient(create_app(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
+    with TestClient(app_of(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
         assert run_a_job(client) == "succeeded"
         services: Services = client.app.state.services  # type: ignore[attr-defined]
         job_id = services.ledger.enqueue(NewJob("report", "small_jobs:count", {"steps": 40}))

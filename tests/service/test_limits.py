@@ -16,9 +16,8 @@ import anyio
 import httpx2
 import pytest
 from fastapi.testclient import TestClient
-from service_helpers import serving, wait_for
+from service_helpers import app_of, serving, wait_for
 
-from dynident_service.app import create_app
 from dynident_service.limits import MOST_A_THREAD, MOST_VALUES, Admission, take_long
 from dynident_service.settings import Settings
 
@@ -69,7 +68,7 @@ def beginning(length: int) -> bytes:
 @pytest.mark.parametrize("path", ["/v1/robots", "/v1/simulations"])
 @pytest.mark.parametrize("kind", [FORM, "application/x-www-form-urlencoded", "text/csv"])
 def test_no_content_type_lifts_the_limit_of_a_body(small: Settings, path: str, kind: str) -> None:
-    with TestClient(create_app(small), "http://127.0.0.1", raise_server_exceptions=False) as client:
+    with TestClient(app_of(small), "http://127.0.0.1", raise_server_exceptions=False) as client:
         for content in (b"x" * 2_000_000, iter([b"x" * 100_000] * 20)):
             answer = client.post(path, content=content, headers={"content-type": kind})
             assert answer.status_code == 413
@@ -77,7 +76,7 @@ def test_no_content_type_lifts_the_limit_of_a_body(small: Settings, path: str, k
 
 
 def test_only_the_upload_of_a_recording_may_be_large_and_only_as_a_form(small: Settings) -> None:
-    with TestClient(create_app(small), "http://127.0.0.1", raise_server_exceptions=False) as client:
+    with TestClient(app_of(small), "http://127.0.0.1", raise_server_exceptions=False) as client:
         form = client.post("/v1/measurements", files={"file": b"x" * 2_000_000}, data={"metadata": "{}"})
         assert form.status_code == 422
         plain = {"content-type": "application/x-www-form-urlencoded"}

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_helpers import wait_for
+from service_helpers import app_of, wait_for
 from sqlalchemy import select
 
 from dynident_service.app import create_app
@@ -87,7 +87,7 @@ def test_a_problem_names_its_request(client: TestClient) -> None:
 def test_an_unexpected_failure_names_its_request_in_answer_and_log(
     settings: Settings, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    app = create_app(settings)
+    app = app_of(settings)
 
     @app.get("/breaks")
     def breaks() -> None:
@@ -107,7 +107,7 @@ def test_an_unexpected_failure_names_its_request_in_answer_and_log(
 
 def test_a_page_of_another_origin_may_read_the_id(tmp_path: Path) -> None:
     origin = "https://lab.example"
-    with TestClient(create_app(Settings(data_dir=tmp_path, allowed_origins=[origin])), "http://127.0.0.1") as client:
+    with TestClient(app_of(Settings(data_dir=tmp_path, allowed_origins=[origin])), "http://127.0.0.1") as client:
         answer = client.get("/v1/robots", headers={"origin": origin})
     assert "X-Request-ID" in answer.headers["access-control-expose-headers"]
     assert answer.headers["x-request-id"]
@@ -129,7 +129,7 @@ def test_the_line_has_the_name_of_the_key_and_never_the_key(
     tmp_path: Path, told: Callable[[], list[dict[str, Any]]], caplog: pytest.LogCaptureFixture
 ) -> None:
     settings = Settings(data_dir=tmp_path, require_keys=True, api_keys=["0123456789abcdef0123456789abcdef"])  # type: ignore[list-item]
-    with TestClient(create_app(settings), "http://127.0.0.1") as client:
+    with TestClient(app_of(settings), "http://127.0.0.1") as client:
         key = create_key(client.app.state.services.database, "cell 5")  # type: ignore[attr-defined]
         client.get(f"/v1/robots?key={key}", headers={"x-api-key": key})
         client.get("/v1/robots", headers={"x-api-key": "wrong"})

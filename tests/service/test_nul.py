@@ -6,9 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS
+from service_helpers import TWO_JOINTS, app_of
 
-from dynident_service.app import create_app
 from dynident_service.settings import Settings
 
 LISTS = ("robots", "measurements", "designs", "identifications", "comparisons", "diagnoses", "validations", "jobs")
@@ -18,7 +17,7 @@ LISTS = ("robots", "measurements", "designs", "identifications", "comparisons", 
 def either(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
     url = request.getfixturevalue("postgresql") if request.param == "postgresql" else ""
     settings = Settings(data_dir=tmp_path_factory.mktemp("nul"), database_url=url, workers=1)
-    with TestClient(create_app(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
+    with TestClient(app_of(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
         yield client
 
 

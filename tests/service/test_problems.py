@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 from fastapi.testclient import TestClient
+from service_helpers import app_of
 
-from dynident_service.app import create_app
 from dynident_service.problems import fields_of
 from dynident_service.settings import Settings
 
@@ -79,7 +79,7 @@ def test_a_query_that_does_not_fit_names_the_parameter(client: TestClient) -> No
 
 
 def test_something_unexpected_gives_no_stack_trace(settings: Settings) -> None:
-    app = create_app(settings.model_copy(update={"data_dir": settings.data_dir / "unexpected"}))
+    app = app_of(settings.model_copy(update={"data_dir": settings.data_dir / "unexpected"}))
 
     @app.get("/broken")
     def broken() -> None:

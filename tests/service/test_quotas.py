@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from alembic import command
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, wait_for
+from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import event, text
 from test_meshes_over_http import ARM, rod
 from test_nothing_is_lost import Store
@@ -20,7 +20,6 @@ from test_uploads import as_csv, files_in, sound, upload
 
 from dynident.robot import library_table
 from dynident_service import new_key
-from dynident_service.app import create_app
 from dynident_service.keys import KeyRing, Scope, create_key, list_keys
 from dynident_service.services import Services
 from dynident_service.settings import Settings
@@ -44,7 +43,7 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
     """A service that asks for keys; each may have two jobs under way, unless it has limits of its own."""
     settings = Settings(data_dir=tmp_path_factory.mktemp("quotas"), require_keys=True, api_keys=["all"], workers=1)
     settings.quota_jobs = 2
-    with TestClient(create_app(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
+    with TestClient(app_of(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
         yield client
 
 

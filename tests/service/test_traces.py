@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, wait_for
+from service_helpers import TWO_JOINTS, app_of, wait_for
 
 pytest.importorskip("opentelemetry.sdk", reason="the extra [otel] is not installed")
 from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import ExportTraceServiceRequest
@@ -40,7 +40,7 @@ def spans(monkeypatch: pytest.MonkeyPatch) -> InMemorySpanExporter:
 
 @pytest.fixture
 def traced(tmp_path: Path, spans: InMemorySpanExporter) -> Iterator[TestClient]:
-    with TestClient(create_app(Settings(data_dir=tmp_path, workers=1, traces=True)), "http://127.0.0.1") as client:
+    with TestClient(app_of(Settings(data_dir=tmp_path, workers=1, traces=True)), "http://127.0.0.1") as client:
         yield client
 
 
@@ -126,7 +126,7 @@ def test_the_process_that_computes_a_job_goes_on_with_the_trace_of_its_request(
 
 
 def test_nothing_is_traced_or_stored_with_a_job_unless_that_is_asked_for(tmp_path: Path) -> None:
-    with TestClient(create_app(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as client:
+    with TestClient(app_of(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
         services.engine.drain()
         services.ledger.enqueue(NewJob("report", "small_jobs:answer"))

@@ -12,11 +12,10 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, wait_for
+from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import event
 from test_uploads import as_csv, sound, upload
 
-from dynident_service.app import create_app
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.records import NewJob
@@ -28,7 +27,7 @@ resource, what it rests on, its job, its event."""
 
 @pytest.fixture
 def client(tmp_path: Path) -> Iterator[TestClient]:
-    with TestClient(create_app(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as opened:
+    with TestClient(app_of(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as opened:
         yield opened
 
 
@@ -96,10 +95,11 @@ from pathlib import Path
 from dynident_service.services import open_services
 from dynident_service.settings import Settings
 from dynident_service.storage.records import NewJob
-from service_helpers import wait_for
-with open_services(Settings(data_dir=Path(sys.argv[1]), workers=1)) as services:
+from service_helpers import SCIENCE, wait_for
+with open_services(Settings(data_dir=Path(sys.argv[1]), workers=1), SCIENCE) as services:
     job = services.ledger.enqueue(NewJob("report", "small_jobs:answer"))
     wait_for(lambda: services.ledger.get(job).state == "succeeded", 120.0)
-    sys.exit("distributed" in sys.modules)
+SCIENCE.close()
+sys.exit("distributed" in sys.modules)
 """
     assert subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False).returncode == 0

@@ -73,3 +73,25 @@ def test_the_story_goes_on_where_it_was_when_the_service_is_restarted(
         page.context.close()
     # The browser tells of every connection that broke, and of nothing else.
     assert [one for one in heard.complaints if "ERR_" not in one] == []
+
+
+def test_a_view_that_is_asked_for_while_the_service_is_restarted_says_so_and_comes(
+    browser: Any, tmp_path: Path
+) -> None:
+    heard, port = Heard(), free_port()
+    with contextlib.ExitStack() as running:
+        page = listened_page(browser, running.enter_context(started(tmp_path, port)), heard)
+        page.goto("/?view=models")
+        nothing = page.get_by_text("No model yet")
+        nothing.wait_for()
+        page.locator("#views").get_by_text("Robots").click()
+        page.get_by_role("heading", name="Robots").wait_for()
+        running.close()
+        page.locator("#views").get_by_text("Models", exact=True).click()
+        away = page.get_by_text("The service does not answer; it is asked again")
+        away.wait_for()
+        running.enter_context(started(tmp_path, port))
+        nothing.wait_for()
+        away.wait_for(state="detached")
+        page.context.close()
+    assert [one for one in heard.complaints if "ERR_" not in one] == []

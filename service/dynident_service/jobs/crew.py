@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable
 from types import TracebackType
 
+from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.pool import ChildPool
 from dynident_service.jobs.supervisor import supervise
 from dynident_service.jobs.work import Place
@@ -24,13 +25,14 @@ class Crew:
 
     address = "this machine"
 
-    def __init__(self, size: int, place: Place, ledger: Ledger) -> None:
+    def __init__(self, size: int, nursery: Nursery, place: Place, ledger: Ledger) -> None:
         self._size = size
+        self._nursery = nursery
         self._place = place
         self._ledger = ledger
 
     def __enter__(self) -> Crew:
-        self._pool = ChildPool(self._size)
+        self._pool = ChildPool(self._size, self._nursery)
         return self
 
     def slots(self) -> int:

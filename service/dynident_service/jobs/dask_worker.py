@@ -8,6 +8,7 @@ from typing import Any, cast
 from distributed import WorkerPlugin, get_worker, secede
 
 from dynident.version import __version__
+from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.pool import ChildPool
 from dynident_service.jobs.supervisor import PATIENCE, supervise
 from dynident_service.jobs.work import Place
@@ -33,16 +34,18 @@ class Children(WorkerPlugin):
         """Start the children, when the worker starts."""
         if self.version != __version__:
             raise RuntimeError(f"this worker has dynident {__version__}, the service {self.version}; install the same")
-        self.pool = ChildPool(worker.state.nthreads)
+        self.nursery = Nursery()
+        self.pool = ChildPool(worker.state.nthreads, self.nursery)
         self.ledger = Ledger(Database(self.place.database_url), self.place.max_attempts)
 
     def teardown(self, worker: Any) -> None:
         """Kill the children, when the worker ends; what they did is given back."""
         self.pool.close()
+        self.nursery.close()
 
     def __getstate__(self) -> dict[str, Any]:
         """Cross to the worker without what belongs to one worker."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("pool", "ledger")}
+        return {name: value for name, value in self.__dict__.items() if name not in ("nursery", "pool", "ledger")}
 
 
 def run_claim(claim: Claim, place: Place, version: str) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 from dynident_service.jobs.crew import Crew
+from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.work import Place
 from dynident_service.settings import Settings
 from dynident_service.storage.ledger import Claim, Ledger
@@ -37,8 +38,11 @@ EngineState = Literal["starting", "ready", "without workers", "failed", "stopped
 class Engine:
     """Runs in a thread of its own from `start` to `close`."""
 
-    def __init__(self, settings: Settings, ledger: Ledger, news: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, settings: Settings, ledger: Ledger, nursery: Nursery, news: Callable[[], None] = lambda: None
+    ) -> None:
         self._settings = settings
+        self._nursery = nursery
         self._ledger = ledger
         self._news = news
         """Called when a job has begun or ended here, for those who follow it."""
@@ -122,7 +126,7 @@ class Engine:
     def _workers(self) -> Crew | Cluster:
         address = self._settings.dask_scheduler
         if not address:
-            return Crew(self._settings.workers, self._place, self._ledger)
+            return Crew(self._settings.workers, self._nursery, self._place, self._ledger)
         from dynident_service.jobs.cluster import Cluster
 
         return Cluster(address, self._place)

@@ -87,16 +87,16 @@ class Child:
 
 
 class ChildPool:
-    """Idle children; the one that worked last is taken first, as it remembers most."""
+    """Idle children of a nursery, which outlives them; the last to work is taken first, as it remembers most."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, nursery: Nursery) -> None:
         self._size = size
         self._idle: deque[Child] = deque()
         self._busy: set[Child] = set()
         self._lock = threading.Condition()
         self._users = 0
         self.closed = False
-        self._nursery = Nursery()
+        self._nursery = nursery
         for _ in range(size):
             self._idle.append(Child(self._nursery))
 
@@ -159,4 +159,3 @@ class ChildPool:
             child.strike()
         with self._lock:
             self._lock.wait_for(lambda: self._users == 0, patience)
-        self._nursery.close()

@@ -11,7 +11,15 @@ from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
 from dynident.desk.texts import text_table
-from dynident.diagnosis import Diagnosis, Evidence, NextExperiment, RankedEffect, evidence
+from dynident.diagnosis import (
+    Diagnosis,
+    Evidence,
+    Invisible,
+    NextExperiment,
+    RankedEffect,
+    UnknownPattern,
+    evidence,
+)
 from dynident.diagnosis import diagnose as diagnose_model
 from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
 from dynident.effects import EffectChoice
@@ -53,6 +61,16 @@ class DiagnosedModel:
     def candidates(self) -> tuple[RankedEffect, ...]:
         """All families of effects, best first."""
         return self.diagnosis.candidates
+
+    @property
+    def unknown(self) -> tuple[UnknownPattern, ...]:
+        """What the residual still depends on, though no effect of the catalogue explains it."""
+        return self.diagnosis.unknown
+
+    @property
+    def not_visible(self) -> tuple[Invisible, ...]:
+        """Effects that these recordings could not have shown, each with the reason."""
+        return self.diagnosis.not_visible
 
     @property
     def next_experiment(self) -> NextExperiment | None:

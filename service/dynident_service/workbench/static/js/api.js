@@ -2,8 +2,10 @@
 
 const KEY = "dynident.key";
 const RETRY = 1000;
+const PATIENCE = 30000; // ms for which a service that is away, as while it is restarted, is asked again
 const SOON = 5000; // ms for which an answer that was asked for ahead is a new one
 const early = new Map(); // path -> { answer, at }
+let waiting = 0; // questions that are asked again
 
 /** An answer that says what is wrong. */
 export class ProblemError extends Error {
@@ -150,16 +152,42 @@ export async function ask(method, path, options = {}) {
 }
 
 async function send(method, path, { headers = {}, body = undefined, signal = undefined }) {
-  let answer;
   const key = apiKey.get();
-  try {
-    answer = await fetch(path, { method, headers: { ...headers, ...credentials() }, body, signal });
-  } catch (error) {
-    if (error.name === "AbortError") throw error;
-    throw unreachable();
-  }
+  const request = { method, headers: { ...headers, ...credentials() }, body, signal };
+  // What may have been done, and would be done twice, is not asked again.
+  const again = method === "GET" || "idempotency-key" in headers;
+  const answer = await reached(path, request, again ? PATIENCE : 0);
   if (!answer.ok) throw problemFrom(answer.status, await answer.text(), key);
   return answer;
+}
+
+async function reached(path, request, patience) {
+  try {
+    return await fetch(path, request);
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    if (!patience) throw unreachable();
+  }
+  const until = performance.now() + patience;
+  tellWaiting(1);
+  try {
+    while (performance.now() < until) {
+      await new Promise((resolve) => setTimeout(resolve, RETRY));
+      request.signal?.throwIfAborted();
+      const answer = await fetch(path, request).catch((error) => {
+        if (error.name === "AbortError") throw error;
+      });
+      if (answer) return answer;
+    }
+  } finally {
+    tellWaiting(-1);
+  }
+  throw unreachable();
+}
+
+function tellWaiting(more) {
+  waiting += more;
+  document.dispatchEvent(new CustomEvent("service-away", { detail: waiting > 0 }));
 }
 
 function settle(status, text, key, resolve, reject) {

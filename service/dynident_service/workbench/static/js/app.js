@@ -99,6 +99,9 @@ function askForKey() {
 
 document.addEventListener("click", follow);
 document.addEventListener("key-needed", askForKey);
+document.addEventListener("service-away", ({ detail: away }) =>
+  put(document.getElementById("away"), away ? "The service does not answer; it is asked again …" : null),
+);
 addEventListener("popstate", () => show());
 addEventListener("models-changed", () => list.refresh());
 watch(document.getElementById("jobs"));
