@@ -46,12 +46,25 @@ def check_temperature(
             )
 
 
-def check_runs(effects: Sequence[EffectChoice], recordings: Sequence[Recording]) -> None:
-    """Raise where an effect is limited to runs that there are not, or needs to be limited and is not."""
+def check_runs(
+    effects: Sequence[EffectChoice], recordings: Sequence[Recording], validation: Sequence[Recording] = ()
+) -> None:
+    """Raise where an effect is limited to runs that there are not, or needs to be limited and is not.
+
+    Held-out runs may be named besides others: that they carry a load, too.
+    """
     labels = dict.fromkeys(label for recording in recordings for label in recording.run_labels)
     known = {*labels, *(recording.name for recording in recordings)}
+    besides = {label for recording in validation for label in (recording.name, *recording.run_labels)}
     for index, choice in enumerate(effects):
-        strangers = [run for run in choice.runs if run not in known]
+        strangers = [run for run in choice.runs if run not in known | besides]
+        if choice.runs and not strangers and not known & set(choice.runs):
+            raise DynidentError(
+                f"{choice.effect} is said to be in held-out runs alone, of which nothing is identified; name those "
+                f"that have it of {', '.join(labels)} as well",
+                pointer=f"/effects/{index}/runs",
+                title="Unknown run",
+            )
         if strangers:
             raise DynidentError(
                 f"{choice.effect} is said to be in {', '.join(strangers)}; the runs are: {', '.join(labels)}",

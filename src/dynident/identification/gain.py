@@ -9,9 +9,10 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
+from dynident.estimation import Reduction
 from dynident.identification.result import Identification
 
-_SURE, _CHANCE = 2.0, 1.0
+SURE, _CHANCE = 2.0, 1.0
 """t of the gain over the stretches: surely above zero from the first on; below the second, less than its own spread."""
 
 _WORSE = 1.02
@@ -42,9 +43,9 @@ def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
             f"{what} does not survive held-out data: {errors} (t = {t:.1f}){by_chance}. Remove it unless you know that "
             "it is there."
         )
-    elif t < _SURE:
+    elif t < SURE:
         found.append(
-            f"{what} helps, but not surely: {errors}, unevenly over the motion (t = {t:.2f}, where {_SURE:g} would be "
+            f"{what} helps, but not surely: {errors}, unevenly over the motion (t = {t:.2f}, where {SURE:g} would be "
             "sure). Hold out another motion before you rely on it."
         )
     names = grown.model.robot.joint_names
@@ -86,19 +87,25 @@ def _t_of_gain(parent: Identification, grown: Identification) -> float:
     before, after = _stretch_errors(parent, parent.noise), _stretch_errors(grown, parent.noise)
     if len(before) != len(after) or len(before) < _FEWEST:
         # Held-out data of another kind: nothing to compare stretch by stretch.
-        return _SURE
-    gains = before - after
-    spread = float(gains.std(ddof=1))
+        return SURE
+    return t_of(before - after)
+
+
+def t_of(gains: FloatArray) -> float:
+    """t of what was gained in every stretch (s,) of time; 0 where all gain the same, or there is one alone."""
+    spread = float(gains.std(ddof=1)) if len(gains) > 1 else 0.0
     return float(gains.mean() / spread * np.sqrt(len(gains))) if spread > 0 else 0.0
 
 
 def _stretch_errors(model: Identification, noise: FloatArray) -> FloatArray:
     """(s,): squared held-out error of every stretch, each joint in units of its noise (n,)."""
-    data = model.held_out_data
-    if data is None:
-        return np.zeros(0)
+    return np.zeros(0) if model.held_out_data is None else stretch_squares(model.held_out_data, model.values, noise)
+
+
+def stretch_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> FloatArray:
+    """(s,): squared error of every stretch for parameters (b,), each joint in units of its noise (n,)."""
     parts: Sequence[FloatArray] = [
-        equation.squares(model.values) / sigma**2
+        equation.squares(values) / sigma**2
         for equation, sigma in zip(data.equations, np.where(noise > 0, noise, 1.0), strict=True)
     ]
     return np.asarray(np.sum(parts, axis=0))

@@ -11,6 +11,7 @@ from dynident.arrays import FloatArray
 from dynident.effects import LINKS, EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Linearised, Reduction, condition_number, errors, noise_levels, weighted
+from dynident.identification.carrying import carrying, is_open, note_of
 from dynident.identification.checks import (
     check_recordings,
     check_reduction,
@@ -69,7 +70,7 @@ def identify(
     choices = choices or IdentificationChoices()
     check_recordings(robot, recordings, validation)
     check_temperature(choices.effects, recordings, validation)
-    check_runs(choices.effects, recordings)
+    check_runs(choices.effects, recordings, validation)
     ordinary, _ = motions_and_friction(recordings)
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)
     choices, preprocessing = with_constants(choices, ordinary, preprocessing)
@@ -102,7 +103,7 @@ def extend(
     check_shapes_given(new)
     check_recordings(identification.model.robot, recordings, validation)
     check_temperature(new, recordings, validation)
-    check_runs(new, recordings)
+    check_runs(new, recordings, validation)
     grown, idle = identification, []
     for number, choice in enumerate(new):
         told = part(progress, number / len(new), (number + 1) / len(new))
@@ -140,6 +141,26 @@ def _with_one_more(
         part(progress, 0.0, 0.5),
         identification.rows[0],
     )
+    told = part(progress, 0.5, 1.0)
+    grown = _identified_with(identification, new, recordings, validation, told)
+    if grown is None or not any(is_open(choice, validation) for choice in new):
+        return grown
+    found = carrying(grown, identification.model, new, validation)
+    if not found:
+        return grown
+    more = tuple(one.run for one in found)
+    carried = tuple(replace(choice, runs=choice.runs + more) if choice.runs else choice for choice in new)
+    grown = _identified_with(identification, carried, recordings, validation, told)
+    return grown and replace(grown, warnings=(note_of(new, found), *grown.warnings))
+
+
+def _identified_with(
+    identification: Identification,
+    new: tuple[EffectChoice, ...],
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    progress: Progress,
+) -> Identification | None:
     choices = replace(identification.choices, effects=identification.choices.effects + new)
     model = extended_model(identification.model, new, tolerance=choices.tolerance)
     if model.n_parameters == identification.model.n_parameters:
@@ -157,7 +178,7 @@ def _with_one_more(
             choices,
             identification.preprocessing,
             reference,
-            part(progress, 0.5 + 0.5 * number / passes, 0.5 + 0.5 * (number + 1) / passes),
+            part(progress, number / passes, (number + 1) / passes),
             identification.rows,
         )
         reference = grown.next_reference()
