@@ -84,9 +84,9 @@ def _fit(data: Products, columns: IndexArray, noise: FloatArray) -> tuple[FloatA
     for joint, (where, sigma) in enumerate(zip(data.position, noise, strict=True)):
         have = np.flatnonzero(where[columns] >= 0)
         places = where[columns[have]]
-        total = data.total(joint) / sigma**2
-        normal[np.ix_(have, have)] += total[np.ix_(places, places)]
-        right[have] += total[places, -1]
+        total = data.total(joint, np.append(places, -1)) / sigma**2
+        normal[np.ix_(have, have)] += total[:-1, :-1]
+        right[have] += total[:-1, -1]
     scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
     deviations = np.sqrt(_CORRELATION * np.maximum(np.diag(inverse), 0.0)) / scale

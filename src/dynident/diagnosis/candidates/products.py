@@ -128,10 +128,11 @@ class Products:
         """Number of joints."""
         return len(self.stacks)
 
-    def total(self, joint: int) -> FloatArray:
-        """(p_j + 1, p_j + 1): a joint's products over all stretches."""
+    def total(self, joint: int, places: IndexArray) -> FloatArray:
+        """(k, k): a joint's products over all stretches, at some of its places."""
+        where = np.ix_(places, places)
         first, *others = self.stacks[joint]
-        return sum((stack.total for stack in others), first.total)
+        return sum((stack.total[where] for stack in others), first.total[where])
 
     def taken(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): a joint's products at these places, whose shapes are broadcast."""
