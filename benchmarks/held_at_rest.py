@@ -3,8 +3,9 @@
     python benchmarks/held_at_rest.py [--seed 1 | --seed new] [--cases 60] [--processes 2]
 
 Arms of another engine (`engine/`) with friction, gears, springs or nothing hidden in them are identified, diagnosed
-without their halts, and grown by what was recommended. Then the halts of every joint with a dozen or more of them are
-looked at, of the joints that have Stribeck friction which the diagnosis did not name apart from all others.
+without their halts, and grown by what was recommended. Then the halts of every joint are looked at, of the joints that
+have Stribeck friction which the diagnosis did not name apart from all others. Limits are told of joints with a dozen
+halts or more; `named`, what the program then says, of those with fewer as well.
 
 A halt counts where it holds so much beyond the model's friction, as a share of it, and so many times the residual
 where the joint moves. `taken`: joints of whose halts so many count that the program's test would say so; `and alike`:
@@ -20,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from unittest.mock import patch
 
@@ -38,12 +40,13 @@ from scipy import stats
 from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.candidates.gate import ALPHA
 from dynident.diagnosis.search import sticking
-from dynident.diagnosis.search.sticking import halts_of
+from dynident.diagnosis.search.sticking import halts_of, held_at_rest
 from dynident.identification import extend, identify
 
 # The package shows the function of that name, not the module.
 DIAGNOSIS = import_module("dynident.diagnosis.diagnose")
 HALTS = 12
+BY_HALTS = (1, 4, 6, 8, HALTS, 1000)
 LIMITS = ((0.1, 3.0), (0.2, 2.0), (0.2, 3.0), (0.2, 5.0), (0.3, 3.0), (0.3, 5.0))
 """Of the friction, and of the residual where the joint moves: both have to be exceeded."""
 FAMILIES = (
@@ -66,6 +69,7 @@ class Joint:
     joints: int
     """Of the arm: as many are tested."""
     are_alike: bool
+    named: bool
 
 
 def main() -> None:
@@ -75,6 +79,7 @@ def main() -> None:
     joints = [one for some in each(partial(joints_of, folder=given.cache), cases, given.processes) for one in some]
     seconds = time.perf_counter() - start
     show(f"Halts, seed {given.seed}, {len(cases)} cases, {seconds:.0f} s", table(joints))
+    show("Static friction that the program names", named(joints))
 
 
 def joints_of(case: Case, folder: Path) -> list[Joint]:
@@ -89,16 +94,19 @@ def joints_of(case: Case, folder: Path) -> list[Joint]:
     named = {joint for choice in recommended for joint in choice.joints if choice.effect == "stribeck"}
     there = {robot.joint_names[j] for placed in case.hidden if placed.effect == "stribeck" for j in placed.joints}
     comparisons = [compare(grown, recording) for recording in training]
+    *_, held = held_at_rest(grown, training, comparisons, None)
+    by_halts = {robot.joint_names[j] for one in held for j in one.judged.joints}
     found = []
     for j, joint in enumerate(robot.joint_names):
         halts = halts_of(comparisons, j)
-        if len(halts.beyond) < HALTS or joint in there & named:
+        if not len(halts.beyond) or joint in there & named:
             continue
         residual = comparisons[0].noise[j]
         counted = tuple(
             int(((halts.share >= share) & (halts.beyond >= times * residual)).sum()) for share, times in LIMITS
         )
-        found.append(Joint(case.name, joint, joint in there, len(halts.beyond), counted, robot.n, halts.are_alike))
+        same = len(halts.beyond), counted, robot.n, halts.are_alike, joint in by_halts
+        found.append(Joint(case.name, joint, joint in there, *same))
     print(*found, sep="\n", flush=True)
     return found
 
@@ -107,13 +115,23 @@ def table(joints: Sequence[Joint]) -> list[tuple[str, ...]]:
     """What limits would take for static friction, with and without Stribeck friction that was not named."""
     rows = [("joints", "number", "share, times", "taken", "and alike", "counted")]
     for hidden, words in ((True, "Stribeck, not named"), (False, "all others")):
-        own = [one for one in joints if one.hidden == hidden]
+        own = [one for one in joints if one.hidden == hidden and one.halts >= HALTS]
         for k, (share, times) in enumerate(LIMITS):
             taken = [one for one in own if is_taken(one, k)]
             counted = np.quantile([one.counted[k] / one.halts for one in own] or [0.0], 0.95)
             alike = sum(one.are_alike for one in taken)
             limits = f"{share:g}, {times:g}"
             rows.append((words, str(len(own)), limits, str(len(taken)), str(alike), f"{counted:.2f}"))
+    return rows
+
+
+def named(joints: Sequence[Joint]) -> list[tuple[str, ...]]:
+    """Of how many joints the program says that they have it, by the number of their halts."""
+    rows = [("joints", "halts", "number", "named")]
+    for hidden, words in ((True, "Stribeck, not named"), (False, "all others")):
+        for least, most in pairwise(BY_HALTS):
+            own = [one for one in joints if one.hidden == hidden and least <= one.halts < most]
+            rows.append((words, f"{least} to {most - 1}", str(len(own)), str(sum(one.named for one in own))))
     return rows
 
 

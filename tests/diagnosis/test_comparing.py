@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hidden_effects import BAND, NAMES, NOISE, ROBOT, experiment, motions, recorded
@@ -124,6 +126,23 @@ def test_a_line_over_the_angle_is_found_at_its_number_of_cycles(run):
         ripple = recorded(motion, lambda m, load, k=k: 1.5 * np.sin(k * m.q[:, 4:5]) * np.eye(6)[4], 6, "ripple")
         lines = angle_lines([compare(run.identification, ripple)], ROBOT)
         assert any(joint == 4 and abs(value - k) < 0.5 for joint, value in lines.clear)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_line_is_found_where_a_joint_is_nearly_always_near_the_points_that_it_goes_to(seed):
+    rng, t = np.random.default_rng(seed), np.arange(8000) / 200.0
+    points = np.cumsum(np.concatenate([[0.0], rng.choice([-1.0, 1.0], 20) * rng.uniform(0.3, 0.9, 20)]))
+    # Quintic moves of a second, and two at each point, where something else is off by as much.
+    number, since = np.divmod(t, 3.0)
+    share, k = np.clip(since, 0.0, 1.0), number.astype(int)
+    q = points[k] + np.diff(points)[k] * share**3 * (10 - 15 * share + 6 * share**2)
+    residual = 0.3 * np.sin(12.0 * q) + 0.3 * rng.normal(size=20)[k] * (since > 1.0) + rng.normal(0.0, 0.05, len(t))
+    shape = (len(t), ROBOT.n)
+    seen = SimpleNamespace(
+        q=np.tile(q[:, None], ROBOT.n), residual=np.tile(residual[:, None], ROBOT.n), telling=np.ones(shape, dtype=bool)
+    )
+    clear = angle_lines([seen], ROBOT).clear
+    assert min(abs(line - 12.0) for joint, line in clear if joint == 4) < 0.3
 
 
 def test_noise_alone_has_neither_patterns_nor_a_place_where_it_fails(comparison):

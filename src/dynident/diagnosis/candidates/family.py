@@ -43,6 +43,13 @@ def family_wise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> FloatArray
     return np.asarray(np.minimum(1.0, 2.0 * np.minimum(by_gains, by_scores)))
 
 
+def chance_of(gains: FloatArray) -> float:
+    """How often chance would look as good as what one candidate gains in every stretch (s,), nothing else tried."""
+    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, len(gains)))
+    signs[0] = 1.0
+    return float(_of_gains(gains[None], signs)[0])
+
+
 def _of_gains(gains: FloatArray, signs: FloatArray) -> FloatArray:
     """(c,): the share of turns in which any candidate gains as evenly."""
     values = _roots(gains)

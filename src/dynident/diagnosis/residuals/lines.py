@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from dynident.arrays import FloatArray
+from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.robot.model import Robot
 
@@ -51,10 +51,14 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
         low, span = float(q.min()), float(q.max() - q.min())
         if span < _LEAST_ANGLE:
             continue
+        # Each part of the range counts alike: a joint that goes from point to point is nearly always near the points,
+        # and the spectrum would be that of where it dwells.
+        part = _place(q, low, span, _BINS)
+        weight = 1.0 / np.bincount(part, minlength=_BINS)[part]
         # The same as the sum over all rows, but for the rounding of q to a sixteenth of the shortest wave.
         n_bins = int(np.ceil(span * _HIGHEST_LINE / (2 * np.pi) * 16))
-        place = np.minimum(((q - low) / span * n_bins).astype(np.intp), n_bins - 1)
-        sums = np.bincount(place, weights=residual - residual.mean(), minlength=n_bins)
+        varying = weight * (residual - float(weight @ residual / weight.sum()))
+        sums = np.bincount(_place(q, low, span, n_bins), weights=varying, minlength=n_bins)
         size = fft.next_fast_len(9 * n_bins, real=True)
         k = 2 * np.pi * fft.rfftfreq(size, span / n_bins)
         shown = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
@@ -69,13 +73,18 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
     return AngleLines(tuple(clear), tuple(faint))
 
 
+def _place(q: FloatArray, low: float, span: float, count: int) -> IndexArray:
+    """(m,): in which of so many parts of its range an angle is."""
+    return np.asarray(np.minimum(((q - low) / span * count).astype(np.intp), count - 1))
+
+
 def _slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> tuple[float, float]:
     """The wave of at most two cycles over the joint's range that explains most beside a parabola, and the share of it.
 
     A spectrum cannot tell so few cycles from a trend.
     """
     waves = np.arange(_LOWEST_LINE, 4 * np.pi / span, 0.05 / span)
-    place = np.minimum(((q - low) / span * _BINS).astype(np.intp), _BINS - 1)
+    place = _place(q, low, span, _BINS)
     counts = np.bincount(place, minlength=_BINS).astype(np.float64)
     filled = counts > 0
     if not len(waves) or filled.sum() < 10:

@@ -18,7 +18,7 @@ from dynident.diagnosis.candidates.scoring import contributed, held_out_errors, 
 from dynident.effects import effect_by_id
 from dynident.estimation.least_squares import floored
 
-_KINDS = ("interleaved", "contiguous")
+KINDS = ("interleaved", "contiguous")
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def _judged(
     data: Products, blocks: Blocks, pool: Pool, candidates: Sequence[Candidate], noise: FloatArray
 ) -> list[JudgedCandidate]:
     """Judge candidates that are all about the same rows."""
-    found = [scored(data, blocks, candidates, noise, kind) for kind in _KINDS]
+    found = [scored(data, blocks, candidates, noise, kind) for kind in KINDS]
     bars = [Bar.of(before, noise) for before, _ in found]
     acting = acted_on(pool)
     return [

@@ -14,14 +14,14 @@ import numpy as np
 from scipy import stats
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.family import evenness
+from dynident.diagnosis.candidates.family import chance_of, evenness
 from dynident.diagnosis.candidates.gate import ALPHA, JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Candidate, Pool, pool_of
-from dynident.diagnosis.candidates.scoring import fitted_errors
+from dynident.diagnosis.candidates.scoring import fitted_errors, score_candidates
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.search.rungs import helpful
-from dynident.diagnosis.search.state import Finding
+from dynident.diagnosis.search.state import KINDS, Finding
 from dynident.effects import CATALOGUE, Effect, EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend
@@ -53,6 +53,9 @@ _LEFT = 0.5
 
 _HALF_OCTAVES = 6
 """So many below the grid: a peak an eighth as wide as its narrowest leaves nothing where a joint moves."""
+
+_WORTH_A_LOOK = 0.05
+"""How likely the halts may be by chance, one joint alone, for what moves to be asked as well."""
 
 _NOTICED = 1.005
 """Times the error where the joint moves from which on anybody would notice that it grew."""
@@ -128,11 +131,13 @@ def held_at_rest(
     for joint in range(len(names)):
         halts = halts_of(final, joint)
         noise = float(final[0].noise[joint])
-        p = halts.p(noise) * len(names)
-        if p > ALPHA or not halts.are_alike:
+        if halts.p(noise) > _WORTH_A_LOOK or not halts.are_alike:
             continue
         tried = _best(grown, recordings, joint, halts, asked)
         if tried is None:
+            continue
+        p = min(1.0, len(names) * _together(halts.p(noise), tried.p))
+        if p > ALPHA:
             continue
         try:
             larger = extend(grown, [tried.candidate.choice], recordings)
@@ -154,13 +159,27 @@ def held_at_rest(
     return grown, final, tuple(found)
 
 
+def _together(at_rest: float, moving: float) -> float:
+    """How likely halts and moving rows are by chance: of halts alone and of both the smaller, at half the level each.
+
+    Halts are no part of any fit, so the two are independent (Fisher's sum of logarithms): six halts that all hold more
+    than the friction are few, but not where the moving rows ask for the same friction.
+    """
+    both = stats.combine_pvalues([at_rest, moving], method="fisher").pvalue
+    return 2.0 * float(min(at_rest, both))
+
+
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """A candidate beside the model: what of its column is left, and its amplitudes."""
+    """A candidate beside the model: what of its column is left, and its amplitudes.
+
+    `p`: how likely what it gains where joints move is by chance, nothing else tried; 1 where that was not asked.
+    """
 
     candidate: Candidate
     separability: float
     amplitudes: FloatArray
+    p: float = 1.0
 
     @property
     def size(self) -> float:
@@ -201,6 +220,16 @@ class _Beside:
             found.append(_Fitted(candidate, separability, own))
         return sorted(found, key=lambda one: one.width)
 
+    def asked(self, one: _Fitted) -> _Fitted:
+        """The same with what speaks for it where joints move: the weaker of both kinds of folds."""
+        rows = self.data.beside(self._base, np.array(self.data.kinds(one.candidate.columns)))
+        base, noise = np.array(self._base, dtype=np.intp), self.grown.noise
+        p = 0.0
+        for kind in KINDS:
+            before, (score,) = score_candidates(rows, base, [one.candidate], noise, kind)
+            p = max(p, chance_of(((before - score.after) / noise**2).sum(axis=1)))
+        return replace(one, p=p)
+
     def helps(self, one: _Fitted) -> bool:
         """Whether it makes nothing worse where joints move."""
         return bool(helpful(self.data, self._base, [one.candidate.columns], self.grown.noise))
@@ -230,7 +259,7 @@ def _best(
         beside = _Beside.of(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
         found = next(iter(beside.fitted), None)
         if found is not None and 1 / _LIKE <= found.size / needed <= _LIKE and beside.helps(found):
-            return found
+            return beside.asked(found)
     return None
 
 
