@@ -11,8 +11,9 @@ from dynident_service.jobs.pool import Child, ChildPool
 from dynident_service.jobs.vitals import Vitals
 from dynident_service.jobs.work import Place
 from dynident_service.problems import make_problem
-from dynident_service.storage.ledger import Claim, Ledger
+from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.patience import AWAY, patiently, reason_of
+from dynident_service.storage.turns import Claim
 
 LOOK = 0.25
 """How often, in seconds, the supervisor looks whether the job is to be cancelled."""
