@@ -153,6 +153,23 @@ def test_what_no_service_would_have_written_is_refused(elsewhere: Elsewhere, con
     elsewhere.refuses(changed(content, table, lambda row: {**row, **change}, number), word)
 
 
+@pytest.mark.parametrize(("table", "column"), [("resources", "archived"), ("jobs", "losses"), ("job_events", "id")])
+@pytest.mark.parametrize("everywhere", [False, True])
+def test_a_column_that_is_left_out_is_refused_unless_older_versions_had_none(
+    elsewhere: Elsewhere, content: Content, table: str, column: str, everywhere: bool
+) -> None:
+    name = f"tables/{table}.jsonl"
+    rows = [json.loads(line) for line in content[name].splitlines()]
+    for row in rows if everywhere else rows[1:]:
+        del row[column]
+    left_out = {**content, name: b"".join(json.dumps(row).encode() + b"\n" for row in rows)}
+    if everywhere and column != "id":
+        if elsewhere.database.is_sqlite:  # one server for all tests: nothing may stay
+            assert elsewhere.reads(left_out)
+    elif len(rows) > 1:
+        elsewhere.refuses(left_out, "has no id" if everywhere else "other columns")
+
+
 def recording_of(content: Content) -> int:
     rows = [json.loads(line) for line in content["tables/objects.jsonl"].splitlines()]
     return next(k for k, row in enumerate(rows) if row["role"] == "recording")

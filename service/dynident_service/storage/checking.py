@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -15,27 +15,27 @@ from dynident_service.storage.tables import Text, UtcDateTime
 LARGEST, LARGEST_BIG = 2**31 - 1, 2**63 - 1
 
 
-def check_rows(table: Table, rows: Iterable[Mapping[str, Any]]) -> None:
+def check_rows(table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
     """Raise ValueError for a row that lacks a column, or has what the column cannot hold on some database."""
-    columns = list(table.columns)
+    named = set(rows[0]) if rows else set()
+    lacking = [one.name for one in table.columns if one.name not in named and not _may_be_left_out(one)]
+    if rows and lacking:
+        raise ValueError(f"{table.name} has no {lacking[0]}")
     for number, row in enumerate(rows, 1):
-        for column in columns:
+        if set(row) != named:
+            raise ValueError(f"row {number} of {table.name} has other columns than the first one")
+        for column in table.columns:
             value = row.get(column.name)
             if value is None:
-                if column.name in row or not _may_be_left_out(column):
-                    _check_absence(column, table, number)
+                if column.name in row and not column.nullable:
+                    raise ValueError(f"row {number} of {table.name} has no {column.name}")
             elif not _fits(column.type, value):
                 raise ValueError(f"row {number} of {table.name} has {str(value)[:40]!r} as its {column.name}")
 
 
 def _may_be_left_out(column: Column[Any]) -> bool:
     """Older versions did not have every column."""
-    return column.default is not None or column.server_default is not None
-
-
-def _check_absence(column: Column[Any], table: Table, number: int) -> None:
-    if not (column.nullable or column.autoincrement is True):
-        raise ValueError(f"row {number} of {table.name} has no {column.name}")
+    return column.nullable or column.default is not None or column.server_default is not None
 
 
 def _fits(kind: TypeEngine[Any], value: Any) -> bool:
