@@ -13,6 +13,12 @@ import pytest  # noqa: E402
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="also run the tests that take more than a few seconds")
+    parser.addoption(
+        "--installation",
+        default="sqlite_and_folder",
+        choices=("sqlite_and_folder", "postgresql_and_s3", "postgresql_s3_and_cluster"),
+        help="what the service is made of that the tests of the client speak to",
+    )
     parser.addoption("--thorough", action="store_true", help="with all their cases: about an hour; implies --slow")
 
 

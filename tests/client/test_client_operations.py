@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,10 +9,9 @@ from typing import Any
 
 import httpx2
 import pytest
+from contract import CONTRACT, OPERATIONS, operation_of
 
 from dynident_client import Client, JobCancelled, JobFailed, ProblemError
-
-CONTRACT = json.loads((Path(__file__).parents[2] / "openapi" / "openapi.json").read_text(encoding="utf-8"))
 
 ANSWER = {"id": "x1", "job_id": "job_1", "status": "queued", "items": [], "cursor": None, "state": "queued"}
 COLLECTIONS = (
@@ -113,17 +111,6 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
     return made
 
 
-def operation_of(request: httpx2.Request) -> str:
-    """The operation of the contract that a request is."""
-    found = [
-        (template.count("{"), operations[request.method.lower()]["operationId"])
-        for template, operations in CONTRACT["paths"].items()
-        if re.fullmatch(re.sub(r"{\w+}", "[^/]+", template), request.url.path) and request.method.lower() in operations
-    ]
-    assert found, f"{request.method} {request.url.path} is not in the contract"
-    return min(found)[1]
-
-
 def test_every_operation_of_the_contract_has_a_client_method(tmp_path: Path) -> None:
     file = tmp_path / "run.csv"
     file.write_text("t,q1\n0,0\n")
@@ -132,8 +119,7 @@ def test_every_operation_of_the_contract_has_a_client_method(tmp_path: Path) -> 
         for call in calls(file):
             call(client)
     reached = {operation_of(request) for request in recorder.requests}
-    wanted = {operation["operationId"] for path in CONTRACT["paths"].values() for operation in path.values()}
-    assert wanted - reached == set()
+    assert OPERATIONS - reached == set()
 
 
 def test_what_the_client_sends_has_the_fields_of_the_contract(tmp_path: Path) -> None:

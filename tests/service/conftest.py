@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_helpers import SCIENCE, TWO_JOINTS, app_of, free_port, serving, wait_for
+from installations import installed
+from service_helpers import SCIENCE, TWO_JOINTS, app_of, free_port, wait_for
 
 from dynident_client import Client
 from dynident_service.services import Services
@@ -95,10 +96,18 @@ def _ended(services: Services, job_id: str) -> Any:
 
 
 @pytest.fixture(scope="module")
-def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+def installation(pytestconfig: pytest.Config) -> str:
+    """What the service is made of that `live` speaks to."""
+    return str(pytestconfig.getoption("--installation"))
+
+
+@pytest.fixture(scope="module")
+def live(
+    request: pytest.FixtureRequest, installation: str, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Client]:
     """A client of a service that listens on a port of its own."""
-    settings = Settings(data_dir=tmp_path_factory.mktemp("live"), workers=2, port=0, log_level="warning")
-    with serving(settings) as url, Client(url) as client:
+    folder = tmp_path_factory.mktemp("live")
+    with installed(installation, folder, lambda: request.getfixturevalue("postgresql")) as url, Client(url) as client:
         yield client
 
 

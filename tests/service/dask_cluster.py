@@ -30,11 +30,12 @@ int clock_gettime(clockid_t which, struct timespec *told) {
 
 
 class Cluster:
-    """A scheduler and a worker as processes of their own."""
+    """A scheduler and a worker, or more that are started, as processes of their own."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._port = free_port()
+        self._workers: list[subprocess.Popen[bytes]] = []
         self.address = f"tcp://127.0.0.1:{self._port}"
         self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", str(self._port))
         self.worker = self.new_worker()
@@ -42,13 +43,14 @@ class Cluster:
     def new_worker(self, **more: str) -> subprocess.Popen[bytes]:
         """Start a worker, with more in its environment."""
         self.worker = self._start("dask_worker", self.address, "--nthreads", "1", "--no-nanny", **more)
+        self._workers.append(self.worker)
         return self.worker
 
     def new_scheduler(self) -> None:
         self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", str(self._port))
 
     def end(self) -> None:
-        for process in (self.worker, self.scheduler):
+        for process in (*self._workers, self.scheduler):
             process.kill()
             process.wait()
 

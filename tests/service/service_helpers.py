@@ -49,9 +49,13 @@ def free_port() -> int:
 
 
 @contextmanager
-def serving(settings: Settings) -> Iterator[str]:
-    """A service that listens on a port of its own; gives its address."""
-    server = uvicorn.Server(configuration(app_of(settings), settings))
+def serving(settings: Settings, *, with_science_of_its_own: bool = False) -> Iterator[str]:
+    """A service that listens on a port of its own; gives its address.
+
+    `with_science_of_its_own`: its children see the environment as it is now, not as it was when others were started.
+    """
+    app = create_app(settings) if with_science_of_its_own else app_of(settings)
+    server = uvicorn.Server(configuration(app, settings))
     thread = threading.Thread(target=server.run)
     thread.start()
     try:

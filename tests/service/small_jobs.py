@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from obstore.exceptions import PermissionDeniedError
 from sqlalchemy.exc import OperationalError
 
 from dynident.errors import DynidentError
@@ -110,6 +111,10 @@ def loses_the_database(task: Task) -> Outcome:
         note.write_text("lost")
         raise OperationalError("SELECT", {}, Exception("server closed the connection unexpectedly"))
     return Outcome()
+
+
+def meets_a_store_that_refuses(task: Task) -> Outcome:
+    raise PermissionDeniedError("403 Forbidden: the key has expired")
 
 
 def twice(number: int) -> int:

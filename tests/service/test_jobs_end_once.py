@@ -66,6 +66,19 @@ def test_a_job_that_lost_the_database_in_its_middle_is_begun_again_and_not_blame
     assert (job.state, job.attempt) == ("succeeded", 2)
 
 
+def test_a_job_whose_store_refuses_for_minutes_is_begun_again_more_and_more_seldom_and_cancelled_at_once(
+    start: Start, wait: Wait, services: Services
+) -> None:
+    job_id = start("meets_a_store_that_refuses")
+    time.sleep(5.0)
+    job = services.ledger.get(job_id)
+    assert job.state in ("queued", "running")  # and not given up
+    assert 2 <= job.attempt <= 6
+    wait_for(lambda: services.ledger.get(job_id).state == "running", 20.0)
+    services.ledger.cancel(job_id)
+    assert wait(job_id, 2.0).state == "cancelled"
+
+
 def test_a_process_that_is_stopped_is_noticed_and_its_job_done_by_another(
     start: Start, wait: Wait, services: Services, soon_still: None, tmp_path: Path
 ) -> None:

@@ -19,9 +19,10 @@ from dynident_service.keys import create_key
 from dynident_service.logs import FIELDS, answering, configure, working_on
 from dynident_service.services import Services
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import REQUEST, Ledger
+from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.records import NewJob
 from dynident_service.storage.tables import JobRow
+from dynident_service.storage.turns import REQUEST
 
 
 @pytest.fixture

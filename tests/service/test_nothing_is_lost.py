@@ -151,6 +151,17 @@ def test_a_file_stays_as_long_as_anybody_owns_it(store: Store) -> None:
     assert sweep(store.database, store.objects, AT_ONCE) == 1
 
 
+def test_what_a_disk_changed_without_a_mark_on_the_file_is_mended_by_the_next_upload(store: Store) -> None:
+    resource = store.make()
+    file = store.file_of(resource)
+    assert store.objects.path(file.name) == file  # looked at, and found as it should be
+    before = file.stat()
+    file.write_bytes(CONTENT[:-1] + b"?")
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    store.make()
+    assert file.read_bytes() == CONTENT
+
+
 @pytest.mark.parametrize("damage", [CONTENT[:-1], CONTENT[:-1] + b"?"], ids=["cut", "changed"])
 def test_a_damaged_file_is_noticed_on_reading_and_mended_by_the_next_upload(store: Store, damage: bytes) -> None:
     resource = store.make()

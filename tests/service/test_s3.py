@@ -137,6 +137,24 @@ def test_a_cut_object_is_noticed_however_it_is_read_and_mended_by_the_next_uploa
     assert objects.get(key) == CONTENT
 
 
+@pytest.mark.parametrize("size", [0, len(CONTENT), CHUNK, CHUNK + 1, 2 * CHUNK])
+def test_a_changed_object_of_the_same_size_is_mended_by_the_next_upload_and_a_sound_one_is_not_sent_again(
+    s3: S3, objects: ObjectStore, log: Path, size: int
+) -> None:
+    content = os.urandom(size)
+    key = objects.put_bytes(content).key
+    before = len(s3.requests(log))
+    assert not objects.put_bytes(content).created
+    asked = [one for one in s3.requests(log)[before:] if place(key) in one]
+    assert asked
+    assert all('"HEAD ' in one for one in asked)
+    if size:
+        s3.write(place(key), bytes(content[:-1] + bytes([content[-1] ^ 1])))
+        assert objects.is_damaged(key)
+        assert objects.put_bytes(content).created
+        assert not objects.is_damaged(key)
+
+
 def test_the_doctor_names_what_is_missing_cut_or_changed_and_whose_it_is(
     s3: S3, objects: ObjectStore, resources: tuple[Database, Resources]
 ) -> None:

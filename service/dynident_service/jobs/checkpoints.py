@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable
 
 from dynident_service.storage.checkpoints import Checkpointing
-from dynident_service.storage.ledger import Claim
 from dynident_service.storage.patience import INFRASTRUCTURE, reason_of
+from dynident_service.storage.turns import Claim
 
 EVERY = 3.0
 """Seconds from one checkpoint to the next: about as much work is lost where a worker is killed."""

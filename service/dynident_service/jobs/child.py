@@ -33,12 +33,13 @@ from dynident_service.settings import LogSettings
 from dynident_service.storage.checkpoints import Checkpointing
 from dynident_service.storage.database import Database
 from dynident_service.storage.inserting import insert_one, own, rest
-from dynident_service.storage.ledger import Claim, Ledger, LostClaim
+from dynident_service.storage.ledger import Ledger, LostClaim
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import INFRASTRUCTURE, patiently, reason_of
 from dynident_service.storage.resources import Resources
 from dynident_service.storage.space import is_full
 from dynident_service.storage.tables import ResourceRow
+from dynident_service.storage.turns import Claim
 
 PROGRESS_INTERVAL = 0.1
 SMALLEST_STEP = 0.005

@@ -13,7 +13,7 @@ from distributed import Client, fire_and_forget
 from dynident.version import __version__
 from dynident_service.jobs.dask_worker import PLUGIN, Children, run_claim
 from dynident_service.jobs.work import Place
-from dynident_service.storage.ledger import Claim
+from dynident_service.storage.turns import Claim
 
 LOOK = 2.0
 """How often, in seconds, a cluster is asked for its workers."""

@@ -15,7 +15,8 @@ from dynident_service.jobs.pool import ChildPool
 from dynident_service.jobs.supervisor import supervise
 from dynident_service.jobs.work import Place
 from dynident_service.logs import working_on
-from dynident_service.storage.ledger import Claim, Ledger
+from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.turns import Claim
 
 log = logging.getLogger("dynident.supervisor")
 

@@ -14,8 +14,9 @@ from dynident_service.jobs.supervisor import PATIENCE, supervise
 from dynident_service.jobs.work import Place
 from dynident_service.logs import working_on
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import Claim, Ledger
+from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.patience import patiently
+from dynident_service.storage.turns import Claim
 
 PLUGIN = "dynident-children"
 _lock = threading.Lock()

@@ -16,7 +16,8 @@ from dynident_service.jobs.crew import Crew
 from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.work import Place
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import Claim, Ledger
+from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.turns import Claim
 
 if TYPE_CHECKING:
     from dynident_service.jobs.cluster import Cluster

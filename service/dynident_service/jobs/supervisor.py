@@ -11,8 +11,9 @@ from dynident_service.jobs.pool import Child, ChildPool
 from dynident_service.jobs.vitals import Vitals
 from dynident_service.jobs.work import Place
 from dynident_service.problems import make_problem
-from dynident_service.storage.ledger import Claim, Ledger
+from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.patience import AWAY, patiently, reason_of
+from dynident_service.storage.turns import Claim
 
 LOOK = 0.25
 """How often, in seconds, the supervisor looks whether the job is to be cancelled."""
@@ -28,6 +29,10 @@ PATIENCE = 15 * 60.0
 LAST_PATIENCE = 3.0
 """The same while the service ends."""
 AWAY_PAUSE = 1.0
+FIRST_REST, LONGEST_REST = 0.1, 15.0
+"""Seconds before a job that met no database or no object store is begun again: twice as long each time. A store that
+refuses for some minutes (its keys have expired, say) takes no job down."""
+REST_LOOK = 0.2
 log = logging.getLogger("dynident.supervisor")
 
 
@@ -53,10 +58,24 @@ def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> No
     if isinstance(ended, Receipt):
         pool.put_back(child, ended)
         if ended.trouble:
+            _rest(claim, pool, ledger)
             patiently(lambda: ledger.lost(claim, ended.trouble), PATIENCE)
     else:
         pool.replace(child)
         patiently(lambda: ended(ledger), PATIENCE)
+
+
+def _rest(claim: Claim, pool: ChildPool, ledger: Ledger) -> None:
+    """Wait before a job is begun again, as long as it is wanted; its lease lasts longer than that."""
+    until = time.monotonic() + min(LONGEST_REST, FIRST_REST * 2.0 ** min(claim.attempt, 10))
+    while time.monotonic() < until and not pool.closed:
+        try:
+            if ledger.standing(claim) != "held":
+                return
+        except AWAY as error:
+            log.warning("job %s: %s", claim.job_id, reason_of(error))
+            time.sleep(AWAY_PAUSE)
+        time.sleep(REST_LOOK)
 
 
 def _watch(claim: Claim, child: Child, ledger: Ledger, deadline: float) -> Receipt | End:

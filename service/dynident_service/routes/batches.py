@@ -8,6 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from fastapi import APIRouter, Response
+from pydantic import TypeAdapter
 
 from dynident.errors import DynidentError
 from dynident_service.models.batches import BatchItem, BatchRequest, BatchView
@@ -111,8 +112,13 @@ def _refusal(wrong: list[Problem], number: int) -> Problem:
     return make_problem(422, detail + more, title=wrong[0].title, errors=fields[:MOST_FIELDS])
 
 
+def members(batch: Resource) -> list[str]:
+    """Give the ids of the identifications of a stored batch."""
+    return TypeAdapter(list[str]).validate_python((batch.result or {})[IDENTIFICATIONS])
+
+
 def _show(services: Services, batch: Resource) -> BatchView:
-    ids = (batch.result or {})[IDENTIFICATIONS]
+    ids = members(batch)
     jobs = services.ledger.of_resources(ids)
     items = [BatchItem(id=one, job_id=jobs[one][0], status=jobs[one][1]) for one in ids if one in jobs]
     states = Counter(item.status for item in items)

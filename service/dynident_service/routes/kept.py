@@ -31,8 +31,13 @@ class Kept:
     deleted: str
 
 
+VIEWS: dict[Kind, type[Computed[Any, Any]]] = {}
+"""How each kind that has these routes is shown."""
+
+
 def keep(router: APIRouter, kept: Kept) -> None:
     """Add the three routes of a kind."""
+    VIEWS[kept.kind] = kept.view
 
     def listed(services: ServicesDep, query: ListQueryDep, on_id: str | None = None) -> object:
         return page_of(services, kept.kind, query, lambda one: computed(kept.view, one), on_id)

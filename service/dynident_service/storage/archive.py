@@ -11,8 +11,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import lzma
 import os
+import struct
 import zipfile
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from datetime import datetime
@@ -26,6 +29,19 @@ from dynident_service.storage.tables import UtcDateTime
 
 FORMAT = 1
 CHUNK = 1 << 20
+LONGEST_ROW = 64 * CHUNK
+"""Bytes of a line; the largest body of a request makes less."""
+DENSEST = 200
+"""A ZIP whose files are so many times as large as itself holds nothing but a trap: recordings and tables pack to a
+twentieth at best."""
+LISTED = 200
+"""More bytes than the list of a ZIP needs for each file of ours."""
+LAST = 66_000
+"""Bytes at the end of a ZIP, among which it says how long its list is."""
+NO_SIZE = 2**32 - 1
+"""Where a longer record says it."""
+_BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError, OSError)
+"""What comes of a ZIP that is cut, locked, packed in a way that nobody knows, or made by hand."""
 Row = dict[str, Any]
 Content = Literal["everything", "robot"]
 
@@ -41,6 +57,9 @@ class Files(Protocol):
 
     def size(self, name: str) -> int | None:
         """Tell how large a file is; `None` where it is not there."""
+
+    def check(self) -> None:
+        """Raise DynidentError where the files are a trap."""
 
 
 class Folder:
@@ -64,6 +83,9 @@ class Folder:
         path = self._path / name
         return path.stat().st_size if path.is_file() else None
 
+    def check(self) -> None:
+        """Do nothing: what lies in a folder has its size already."""
+
 
 class Zipped:
     """Files in a ZIP, which holds them as they are."""
@@ -85,6 +107,14 @@ class Zipped:
             return self._zipped.getinfo(name).file_size
         except KeyError:
             return None
+
+    def check(self) -> None:
+        """Raise DynidentError where the files are a trap."""
+        file = self._zipped.fp
+        whole = 0 if file is None else file.seek(0, os.SEEK_END)
+        unpacked = sum(one.file_size for one in self._zipped.infolist())
+        if unpacked > DENSEST * whole:
+            raise unusable(f"it has {whole} bytes and would be unpacked to {unpacked}")
 
 
 class _Whole:
@@ -108,6 +138,19 @@ class _Whole:
             self._unfinished.unlink()
 
 
+def check_listing(source: Path, most: int) -> None:
+    """Raise DynidentError for a ZIP that lists far more files than these, before the list is in memory."""
+    with source.open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - LAST))
+        end = file.read()
+    for mark, place, form in ((b"PK\5\6", 12, "<L"), (b"PK\6\6", 40, "<Q")):
+        at = end.rfind(mark)
+        if at >= 0 and len(end) >= at + place + struct.calcsize(form):
+            (size,) = struct.unpack_from(form, end, at + place)
+            if size > most * LISTED and not (form == "<L" and size == NO_SIZE):
+                raise unusable(f"its list of files has {size} bytes, and none of its kind has more than {most} files")
+
+
 def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, Any]]) -> int:
     """Write the rows of a table; tells how many."""
     number = 0
@@ -119,18 +162,35 @@ def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, Any]]) -> i
 
 
 def read_rows(files: Files, table: Any) -> Iterator[Row]:
-    """Read the rows of a table, those of its columns that there are; none where the archive has no such table."""
+    """Read the rows of a table, those of its columns that there are; none where the archive has no such table.
+
+    Raises DynidentError for a line that is no row.
+    """
     name = f"tables/{table.name}.jsonl"
     if files.size(name) is None:
         return
-    columns = {column.name: isinstance(column.type, UtcDateTime) for column in table.columns}
-    with files.read(name) as file:
-        for line in file:
-            yield {
-                name: datetime.fromisoformat(value) if columns[name] and value is not None else value
-                for name, value in json.loads(line).items()
-                if name in columns
-            }
+    times = {column.name: isinstance(column.type, UtcDateTime) for column in table.columns}
+    number = 0
+    try:
+        with files.read(name) as file:
+            while line := file.readline(LONGEST_ROW):
+                number += 1
+                yield _row(line, times)
+    except (*_BROKEN, KeyError, ValueError, TypeError, RecursionError) as error:
+        raise unusable(f"row {number} of {table.name} is none ({type(error).__name__})") from error
+
+
+def _row(line: bytes, times: Mapping[str, bool]) -> Row:
+    if len(line) >= LONGEST_ROW:
+        raise ValueError("too long")
+    said = json.loads(line)
+    if not isinstance(said, dict):
+        raise TypeError("no object")
+    return {
+        name: datetime.fromisoformat(value) if times[name] and value is not None else value
+        for name, value in said.items()
+        if name in times
+    }
 
 
 def write_object(files: Files, key: str, chunks: Iterable[bytes]) -> None:
@@ -147,18 +207,21 @@ def write_object(files: Files, key: str, chunks: Iterable[bytes]) -> None:
 def read_object(files: Files, key: str, target: IO[bytes]) -> int:
     """Copy an object out of the archive, compared with its hash; tells its size."""
     sha256, size = hashlib.sha256(), 0
+    for chunk in _pieces(files, key):
+        sha256.update(chunk)
+        size += target.write(chunk)
+    if sha256.hexdigest() != key:
+        raise unusable(f"the object {key} is damaged")
+    return size
+
+
+def _pieces(files: Files, key: str) -> Iterator[bytes]:
     try:
         with files.read(f"objects/{key}") as file:
             while chunk := file.read(CHUNK):
-                sha256.update(chunk)
-                size += target.write(chunk)
-    except (KeyError, FileNotFoundError, zipfile.BadZipFile) as error:
-        raise DynidentError(
-            f"the archive lacks the object {key}, or it is damaged", title="Unusable archive"
-        ) from error
-    if sha256.hexdigest() != key:
-        raise DynidentError(f"the object {key} of the archive is damaged", title="Unusable archive")
-    return size
+                yield chunk
+    except (*_BROKEN, KeyError) as error:
+        raise unusable(f"it lacks the object {key}, or that is damaged") from error
 
 
 def write_manifest(
@@ -182,7 +245,7 @@ def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Row:
     try:
         with files.read("manifest.json") as file:
             said = json.loads(file.read(CHUNK))
-    except (KeyError, FileNotFoundError, ValueError) as error:
+    except (*_BROKEN, KeyError, ValueError) as error:
         raise DynidentError(
             "this is no whole archive of dynident: it has no manifest", title="Unusable archive"
         ) from error
@@ -200,6 +263,11 @@ def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Row:
         )
         raise DynidentError(detail, title="Unusable archive")
     return said
+
+
+def unusable(detail: str) -> DynidentError:
+    """Say that an archive cannot be used, and why."""
+    return DynidentError(f"the archive cannot be used: {detail}", title="Unusable archive")
 
 
 def _plain(value: Any) -> str:

@@ -19,6 +19,7 @@ from dynident_service.storage.archive import (
     Files,
     Folder,
     Zipped,
+    check_listing,
     read_manifest,
     read_object,
     read_rows,
@@ -65,16 +66,21 @@ def files_to_write(target: Path) -> Iterator[Files]:
 
 
 @contextmanager
-def files_to_read(source: Path) -> Iterator[Files]:
-    """Open an archive to read it; DynidentError where there is none."""
+def files_to_read(source: Path, most: int | None = None) -> Iterator[Files]:
+    """Open an archive to read it; DynidentError where there is none, or one of far more files than `most`."""
     if source.is_dir():
         yield Folder(source)
         return
     try:
-        with zipfile.ZipFile(source) as zipped:
-            yield Zipped(zipped)
-    except (FileNotFoundError, zipfile.BadZipFile) as error:
+        if most is not None:
+            check_listing(source, most)
+        zipped = zipfile.ZipFile(source)
+    except (OSError, zipfile.BadZipFile, NotImplementedError) as error:
         raise DynidentError(f"{source} is no archive of dynident: {error}", title="Unusable archive") from error
+    with zipped:
+        files = Zipped(zipped)
+        files.check()
+        yield files
 
 
 def back_up(database: Database, objects: ObjectStore, target: Path) -> Amount:

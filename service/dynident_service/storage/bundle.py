@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, get_args
 
 from sqlalchemy import Connection, insert, select
+from sqlalchemy.exc import DataError, IntegrityError
 
 from dynident.errors import DynidentError
 from dynident_service.storage.archive import (
+    Files,
     Row,
     read_manifest,
     read_rows,
+    unusable,
     write_manifest,
     write_object,
     write_rows,
@@ -26,10 +30,13 @@ from dynident_service.storage.backup import (
     put_object,
     revision_of,
 )
+from dynident_service.storage.checking import check_rows
 from dynident_service.storage.database import Database
 from dynident_service.storage.identifiers import PREFIXES
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import FINAL, Kind, Owned
+from dynident_service.storage.patience import reason_of
+from dynident_service.storage.reading import OF_JOBS, OF_RESOURCES
+from dynident_service.storage.records import FINAL, Job, Kind, Owned, Resource
 from dynident_service.storage.tables import DependencyRow, JobEventRow, JobRow, ObjectRow, ResourceRow
 from dynident_service.storage.tombstones import announce, hold
 
@@ -40,8 +47,13 @@ PARTS: tuple[tuple[Any, Any], ...] = (
     (ObjectRow, ObjectRow.resource_id),
     (JobRow, JobRow.resource_id),
 )
+TABLES = (*(table for table, _ in PARTS), JobEventRow)
 _ID = re.compile("([a-z]{3})_[0-9a-hjkmnp-tv-z]{26}")
 _KEY = re.compile("[0-9a-f]{64}")
+_MEDIA_TYPE = re.compile(r"[\w.+-]+/[\w.+-]+(; ?[\w-]+=[\w.-]+)*", re.ASCII)
+EVENTS = frozenset({"state", "progress"})
+MOST_FILES = 100_000
+"""A robot has a few for each recording and each model."""
 KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
 
 
@@ -62,27 +74,35 @@ def export_robot(database: Database, objects: ObjectStore, robot_id: str, target
     return Amount(sum(counts.values()), len(owned), sum(owned.values()))
 
 
-def import_robot(database: Database, objects: ObjectStore, source: Path, scratch: Path) -> tuple[str, Amount]:
+def import_robot(
+    database: Database, objects: ObjectStore, source: Path, scratch: Path, look_at: Callable[[Resource], object]
+) -> tuple[str, Amount]:
     """Read the bundle of a robot; tells the robot's id, which stays as it was. What is there already is left alone.
 
-    Raises DynidentError where the archive is none of a robot, was changed, or names what it does not hold.
+    `look_at` raises whatever it likes for a resource that this service could not show. Raises DynidentError where the
+    archive is none of a robot, was changed, or holds anything that no service would have written; then nothing is
+    imported.
     """
-    with files_to_read(source) as files:
+    with files_to_read(source, MOST_FILES) as files:
         with database.engine.connect() as connection:
             robot = str(read_manifest(files, "robot", known_revisions(connection))["subject"])
-            rows = {table: list(read_rows(files, table.__table__)) for table, _ in PARTS}
-            rows[JobEventRow] = list(read_rows(files, JobEventRow.__table__))
+            rows = {
+                table: list(read_rows(files, table.__table__)) for table in (*(one for one, _ in PARTS), JobEventRow)
+            }
+            _check(files, rows, robot, look_at)
             known = {row["id"] for row in _of(connection, ResourceRow, ResourceRow.id, _ids(rows[ResourceRow]))}
-        _check(rows, robot)
         new = {row["id"] for row in rows[ResourceRow]} - known
         keys = {row["key"] for row in rows[ObjectRow] if row["resource_id"] in new}
         with database.write() as session:
             announce(session, keys)
         size = sum(put_object(files, objects, key, scratch) for key in sorted(keys))
         owned = [Owned(row["role"], row["key"], row["size"], "") for row in rows[ObjectRow] if row["key"] in keys]
-        with database.write() as session:
-            hold(session, objects, owned)
-            number = _store(session.connection(), rows, new)
+        try:
+            with database.write() as session:
+                hold(session, objects, owned)
+                number = _store(session.connection(), rows, new)
+        except (IntegrityError, DataError) as error:
+            raise unusable(f"it does not go with what is stored here: {reason_of(error)}") from error
     return robot, Amount(number, len(keys), size)
 
 
@@ -124,24 +144,84 @@ def _ids(rows: list[Row]) -> list[str]:
     return [str(row["id"]) for row in rows]
 
 
-def _check(rows: dict[Any, list[Row]], robot: str) -> None:
+def _check(files: Files, rows: dict[Any, list[Row]], robot: str, look_at: Callable[[Resource], object]) -> None:
     """An archive from elsewhere says nothing that a service itself would not have written."""
+    try:
+        for table, several in rows.items():
+            check_rows(table.__table__, several)
+    except ValueError as error:
+        raise unusable(str(error)) from error
     ids = set(_ids(rows[ResourceRow]))
     jobs = set(_ids(rows[JobRow]))
     for row in rows[ResourceRow]:
-        found = _ID.fullmatch(str(row["id"]))
-        if row["kind"] not in get_args(Kind) or found is None or KINDS.get(found[1]) != row["kind"]:
-            raise _unusable(f"{row['id']!r} is no id of a {row['kind']}")
+        if row["kind"] not in get_args(Kind) or not _is_id(row["id"], row["kind"]):
+            raise unusable(f"{row['id']!r} is no id of a {row['kind']}")
     sound = (
-        all({row["dependent_id"], row["on_id"]} <= ids for row in rows[DependencyRow])
-        and all(row["resource_id"] in ids and _KEY.fullmatch(row["key"]) for row in rows[ObjectRow])
-        and all(row["resource_id"] in ids and row["state"] in FINAL for row in rows[JobRow])
-        and all(row["job_id"] in jobs for row in rows[JobEventRow])
+        len(ids) == len(rows[ResourceRow])
+        and len(jobs) == len(rows[JobRow]) == len({row["resource_id"] for row in rows[JobRow]})
+        and all({row["dependent_id"], row["on_id"]} <= ids for row in rows[DependencyRow])
+        and all(row["resource_id"] in ids for row in rows[ObjectRow])
+        and all(
+            row["resource_id"] in ids and row["state"] in FINAL and _is_id(row["id"], "job") for row in rows[JobRow]
+        )
+        and all(row["job_id"] in jobs and row["event"] in EVENTS for row in rows[JobEventRow])
     )
     if not sound:
-        raise _unusable("it names what it does not hold, or what has not been computed")
+        raise unusable("it names what it does not hold, or twice, or what has not been computed")
     if (robot, "robot") not in {(row["id"], row["kind"]) for row in rows[ResourceRow]}:
-        raise _unusable("it holds no robot")
+        raise unusable("it holds no robot")
+    _check_objects(files, rows[ObjectRow])
+    _check_order(rows[DependencyRow])
+    for one in _resources(rows):
+        try:
+            look_at(one)
+        except Exception as error:
+            raise unusable(f"the {one.kind} {one.id} is none: {reason_of(error)}") from error
+
+
+def _is_id(identifier: str, kind: str) -> bool:
+    found = _ID.fullmatch(identifier)
+    return found is not None and KINDS.get(found[1]) == kind
+
+
+def _check_objects(files: Files, rows: list[Row]) -> None:
+    for row in rows:
+        if not _KEY.fullmatch(row["key"]) or not _MEDIA_TYPE.fullmatch(row["media_type"]):
+            raise unusable(f"{row['key'][:80]!r} of the type {row['media_type'][:80]!r} is no file")
+        found = files.size(f"objects/{row['key']}")
+        if found != row["size"]:
+            raise unusable(f"the file {row['key']} has {found} bytes instead of {row['size']}")
+
+
+def _check_order(rows: list[Row]) -> None:
+    """Nothing rests on itself, by whatever detour: whoever follows what something rests on comes to an end."""
+    on: dict[str, set[str]] = {}
+    for row in rows:
+        on.setdefault(row["dependent_id"], set()).add(row["on_id"])
+    try:
+        TopologicalSorter(on).prepare()
+    except CycleError as error:
+        raise unusable(f"{error.args[1][0]} rests on itself") from error
+
+
+def _resources(rows: dict[Any, list[Row]]) -> Iterator[Resource]:
+    """The resources as they will be read."""
+    needs: dict[str, list[tuple[str, str]]] = {}
+    owned: dict[str, dict[str, Owned]] = {}
+    for row in rows[DependencyRow]:
+        needs.setdefault(row["dependent_id"], []).append((row["role"], row["on_id"]))
+    for row in rows[ObjectRow]:
+        one = Owned(row["role"], row["key"], row["size"], row["media_type"])
+        owned.setdefault(row["resource_id"], {})[row["role"]] = one
+    jobs: dict[str, Any] = {row["resource_id"]: {name: row.get(name) for name in OF_JOBS} for row in rows[JobRow]}
+    for row in rows[ResourceRow]:
+        said: dict[str, Any] = {name: row.get(name) for name in OF_RESOURCES}
+        yield Resource(
+            **{**said, "tags": tuple(said["tags"] or ()), "archived": bool(said["archived"])},
+            rests_on=tuple(sorted(needs.get(row["id"], ()))),
+            objects=owned.get(row["id"], {}),
+            job=Job(**jobs[row["id"]]) if row["id"] in jobs else None,
+        )
 
 
 def _store(connection: Connection, rows: dict[Any, list[Row]], new: set[str]) -> int:
@@ -160,7 +240,3 @@ def _add(connection: Connection, table: Any, rows: list[Row]) -> int:
     if kept:
         connection.execute(insert(table), kept)
     return len(kept)
-
-
-def _unusable(detail: str) -> DynidentError:
-    return DynidentError(f"the bundle cannot be used: {detail}", title="Unusable archive")

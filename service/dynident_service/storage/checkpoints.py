@@ -5,8 +5,8 @@ from __future__ import annotations
 from sqlalchemy import select
 
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import Claim
 from dynident_service.storage.tables import CheckpointRow, JobRow
+from dynident_service.storage.turns import Claim
 
 MOST = 20_000_000
 """Bytes of a checkpoint that are kept; a larger one is not worth its place in the database."""

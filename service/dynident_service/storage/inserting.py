@@ -17,11 +17,11 @@ from sqlalchemy.orm import Session
 from dynident_service.problems import unusable
 from dynident_service.storage.database import AT_ONCE, clock
 from dynident_service.storage.identifiers import new_identifier
-from dynident_service.storage.ledger import add_jobs
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 from dynident_service.storage.tables import DEPENDENCIES, OBJECTS, RESOURCES, RETRIES
 from dynident_service.storage.tombstones import hold
+from dynident_service.storage.turns import add_jobs
 
 IDS = "ids"
 Row = dict[str, Any]

@@ -7,21 +7,20 @@ for dead and comes back cannot overwrite what its successor does.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal, cast
 
-from sqlalchemy import Row, bindparam, delete, func, insert, select
+from sqlalchemy import Connection, Row, bindparam, exists, func, select
 from sqlalchemy.orm import Session
 
-from dynident_service import traces
-from dynident_service.logs import current_request
-from dynident_service.problems import Problem, ProblemError, make_problem, not_found
+from dynident_service.problems import Problem, ProblemError, not_found
+from dynident_service.storage import turns
 from dynident_service.storage.database import AT_ONCE, Database, clock
-from dynident_service.storage.identifiers import new_identifier
 from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
-from dynident_service.storage.tables import EVENTS, JOBS, CheckpointRow, JobEventRow, JobRow
+from dynident_service.storage.tables import EVENTS, JOBS, JobRow
+from dynident_service.storage.turns import Claim
 
 LEASE = timedelta(seconds=30)
 """Longer than anybody waits for a lock, by the clock of the database."""
@@ -32,14 +31,8 @@ SECOND_LOOK = 5.0
 while, its holder renews it as soon as it can."""
 MOST_LOSSES = 50
 """A job whose worker was lost so often takes it down, most probably."""
-REQUEST = "dynident.request"
-"""Where the arguments of a job have the request that submitted it; its function is not given that."""
-
-TRACE = "dynident.trace"
-"""And its span, where it was traced."""
 
 # What is asked again and again is put together once.
-_ADD_JOBS, _ADD_EVENTS = insert(JOBS), insert(EVENTS)
 _NEWEST = (
     select(EVENTS.c.job_id, func.max(EVENTS.c.id))
     .where(EVENTS.c.job_id.in_(bindparam("ids", expanding=True)))
@@ -55,25 +48,12 @@ _HISTORY = (
 _AFTER = select(EVENTS.c.job_id, EVENTS.c.id).where(EVENTS.c.id > bindparam("after")).order_by(EVENTS.c.id)
 _LAST = select(func.max(EVENTS.c.id))
 _HAS_EXPIRED = (JOBS.c.state == "running") & (JOBS.c.lease_until < bindparam("moment"))
-_WAITING = select(JOBS.c.id).where((JOBS.c.state == "queued") | _HAS_EXPIRED).limit(1)
+_LOOK = select(exists().where(_HAS_EXPIRED), exists().where(JOBS.c.state == "queued"))
+_RUNNING = select(func.count()).where(JOBS.c.state == "running")
+_OUR_RUNNING = _RUNNING.where(JOBS.c.id.in_(bindparam("own", expanding=True)))
 Standing = Literal["held", "cancel", "lost"]
 Claimed = tuple[str, int, datetime | None]
 """A job, its attempt, and until when it was held."""
-
-
-@dataclass(frozen=True)
-class Claim:
-    """The right to work on a job; the attempt fences off earlier holders."""
-
-    job_id: str
-    attempt: int
-    function: str
-    arguments: Mapping[str, Any]
-    resource_id: str | None
-    request_id: str | None = None
-    """The request that submitted the job, for the log."""
-    trace: str | None = None
-    """The span of that request, where it was traced."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +83,7 @@ class Ledger:
     def enqueue(self, new: NewJob, resource_id: str | None = None) -> str:
         """Add a job."""
         with self._database.write() as session:
-            (job,) = add_jobs(session, [(new, resource_id)], clock(session))
+            (job,) = turns.add_jobs(session, [(new, resource_id)], clock(session))
             return job.id
 
     def claim(self, slots: int, own: Collection[str] | None = None) -> list[Claim]:
@@ -112,19 +92,20 @@ class Ledger:
         A slot is taken by each running job of `own`, the ids of those that were given to these slots; by whichever job
         runs where that is not known.
         """
-        if not self._has_work():
-            return []
+        with self._database.read() as session:
+            connection = session.connection()
+            expired, queued = connection.execute(_LOOK, {"moment": clock(session)}).one()
+            if not expired:
+                self._expired = {}
+                if not queued or _running(connection, own) >= slots:
+                    return []  # without a transaction that writes, which others would wait for
         with self._database.write() as session:
-            expired = select(JobRow).where(JobRow.state == "running", JobRow.lease_until < clock(session))
-            rows = session.scalars(expired.with_for_update(skip_locked=True)).all()
-            for row in self._expired_for_long(rows):
-                self._lose(session, row, "its worker was lost")
-            taken = select(func.count()).where(JobRow.state == "running")
-            if own is not None:
-                taken = taken.where(JobRow.id.in_(own))
-            running = session.scalar(taken) or 0
-            queued = select(JobRow).where(JobRow.state == "queued").order_by(JobRow.id).limit(max(0, slots - running))
-            return [_start(session, row) for row in session.scalars(queued.with_for_update(skip_locked=True))]
+            connection, moment = session.connection(), clock(session)
+            if expired:
+                for row in self._expired_for_long(turns.find_expired(connection, moment)):
+                    turns.bury(session, row, MOST_LOSSES, "its worker was lost", losses=1)
+            free = slots - _running(connection, own)
+            return turns.take(connection, free, moment, moment + PICK_UP) if free > 0 else []
 
     def standing(self, claim: Claim) -> Standing:
         """Tell whether a claim still holds, without renewing it."""
@@ -137,66 +118,53 @@ class Ledger:
     def renew(self, claim: Claim) -> Standing:
         """Renew the lease of a claim."""
         with self._database.write() as session:
-            row = _held(session, claim)
-            if row is None:
-                return "lost"
-            row.lease_until = clock(session) + LEASE
-            return "cancel" if row.cancel_requested else "held"
+            cancelled = turns.hold_on(session.connection(), claim, clock(session) + LEASE)
+        return "lost" if cancelled is None else "cancel" if cancelled else "held"
 
     def progress(self, claim: Claim, fraction: float, message: str) -> None:
         """Record how far a job is; raises LostClaim if nobody waits for it any more."""
         with self._database.write() as session:
-            row = _held(session, claim)
-            if row is None or row.cancel_requested:
+            if not turns.go_on(session.connection(), claim, fraction, message):
                 raise LostClaim(claim.job_id)
-            row.fraction, row.message = fraction, message[:300]
-            _record(session, row, "progress", {"fraction": fraction, "message": row.message})
 
     def succeed(self, claim: Claim, store: Callable[[Session], None]) -> None:
         """Finish a job: its results are stored and its state is set in one transaction, or neither."""
         with self._database.write() as session:
-            row = _held(session, claim)
-            if row is None or row.cancel_requested:
+            # First of all: who wants to cancel it waits until it has ended.
+            if not turns.go_on(session.connection(), claim, 1.0, "done"):
                 raise LostClaim(claim.job_id)
             store(session)
-            row.fraction, row.message = 1.0, "done"
-            _record(session, row, "progress", {"fraction": 1.0, "message": "done"})
-            _finish(session, row, "succeeded")
+            session.flush()
+            turns.end(session, claim.job_id, "succeeded")
 
     def fail(self, claim: Claim, problem: Problem) -> None:
         """Finish a job that cannot be done, with the reason."""
-        with self._database.write() as session:
-            row = _held(session, claim)
-            if row is not None:
-                _finish(session, row, "failed", problem)
+        self._end(claim, "failed", problem)
 
     def stopped(self, claim: Claim) -> None:
         """Record that a job was stopped as asked."""
-        with self._database.write() as session:
-            row = _held(session, claim)
-            if row is not None:
-                _finish(session, row, "cancelled")
+        self._end(claim, "cancelled")
 
     def lost(self, claim: Claim, reason: str) -> None:
         """Record that a job could not go on through no fault of its own: it is queued again."""
         with self._database.write() as session:
-            row = _held(session, claim)
+            row = turns.find_held(session.connection(), claim)
             if row is not None:
-                self._lose(session, row, reason)
+                turns.bury(session, row, MOST_LOSSES, reason, losses=1)
 
     def died(self, claim: Claim, reason: str) -> None:
         """Record that the process of a job died by itself: it is queued again, unless that happened too often."""
         with self._database.write() as session:
-            row = _held(session, claim)
+            row = turns.find_held(session.connection(), claim)
             if row is not None:
-                self._bury(session, row, reason)
+                turns.bury(session, row, self._max_attempts, reason, deaths=1)
 
     def release(self, claim: Claim) -> None:
         """Give a job back that could not be worked on, through no fault of its own."""
         with self._database.write() as session:
-            row = _held(session, claim)
+            row = turns.find_held(session.connection(), claim)
             if row is not None:
-                _requeue(session, row)
+                turns.requeue(session.connection(), row)
 
     def cancel(self, job_id: str) -> Job:
         """Ask for a job to be stopped; one that has not begun is cancelled at once, one that ended is left as it is."""
@@ -205,7 +173,8 @@ class Ledger:
             if row is None:
                 raise not_found("job", job_id)
             if row.state == "queued":
-                _finish(session, row, "cancelled")
+                turns.end(session, job_id, "cancelled")
+                session.refresh(row)
             elif row.state == "running":
                 row.cancel_requested = True
             elif row.state != "cancelled":
@@ -285,11 +254,12 @@ class Ledger:
             waited = 0.0 if oldest is None else max(0.0, (clock(session) - oldest).total_seconds())
         return Strain(waited, int(deaths or 0), int(losses or 0))
 
-    def _has_work(self) -> bool:
-        with self._database.read() as session:
-            return session.connection().execute(_WAITING, {"moment": clock(session)}).first() is not None
+    def _end(self, claim: Claim, state: State, problem: Problem | None = None) -> None:
+        with self._database.write() as session:
+            if turns.find_held(session.connection(), claim) is not None:
+                turns.end(session, claim.job_id, state, problem)
 
-    def _expired_for_long(self, rows: Sequence[JobRow]) -> list[JobRow]:
+    def _expired_for_long(self, rows: Sequence[Row[Any]]) -> list[Row[Any]]:
         """Those whose leases had run out already when they were looked at before, some time ago."""
         moment = time.monotonic()
         before, self._expired = self._expired, {}
@@ -300,37 +270,6 @@ class Ledger:
             if moment - since >= SECOND_LOOK:
                 found.append(row)
         return found
-
-    def _bury(self, session: Session, row: JobRow, reason: str) -> None:
-        row.deaths += 1
-        _again(session, row, row.deaths, self._max_attempts, reason)
-
-    def _lose(self, session: Session, row: JobRow, reason: str) -> None:
-        row.losses += 1
-        _again(session, row, row.losses, MOST_LOSSES, reason)
-
-
-def add_jobs(
-    session: Session, several: Sequence[tuple[NewJob, str | None]], moment: datetime, owner: str | None = None
-) -> list[Job]:
-    """Insert jobs of an owner, each for a resource or for none, within a transaction; the caller commits."""
-    if not several:
-        return []
-    told = {REQUEST: current_request(), TRACE: traces.current()}
-    more = {name: value for name, value in told.items() if value is not None}
-    jobs = [
-        Job(new_identifier("job"), new.kind, resource_id, "queued", 0.0, "", None, 0, moment, None, None)
-        for new, resource_id in several
-    ]
-    rows = [
-        {**vars(job), "owner": owner, "function": new.function, "arguments": {**new.arguments, **more}}
-        for job, (new, _) in zip(jobs, several, strict=True)
-    ]
-    connection = session.connection()
-    connection.execute(_ADD_JOBS, rows)
-    events = [{"job_id": job.id, "event": "state", "data": {"state": "queued"}} for job in jobs]
-    connection.execute(_ADD_EVENTS, events)
-    return jobs
 
 
 def as_job(row: JobRow | Row[Any]) -> Job:
@@ -350,45 +289,7 @@ def as_job(row: JobRow | Row[Any]) -> Job:
     )
 
 
-def _held(session: Session, claim: Claim) -> JobRow | None:
-    query = select(JobRow).where(JobRow.id == claim.job_id, JobRow.attempt == claim.attempt, JobRow.state == "running")
-    return session.scalar(query.with_for_update())
-
-
-def _again(session: Session, row: JobRow, times: int, most: int, reason: str) -> None:
-    """Queue a job again, unless it is not wanted any more or was begun too often."""
-    if row.cancel_requested:
-        _finish(session, row, "cancelled")
-    elif times >= most:
-        detail = f"The job was given up after {times} attempts: the last time {reason}."
-        _finish(session, row, "failed", make_problem(500, detail, title="Job given up"))
-    else:
-        _requeue(session, row)
-
-
-def _start(session: Session, row: JobRow) -> Claim:
-    row.state, row.attempt = "running", row.attempt + 1
-    row.started_at = clock(session)
-    row.lease_until = row.started_at + PICK_UP
-    _record(session, row, "state", {"state": "running"})
-    arguments = dict(row.arguments)
-    request_id, trace = arguments.pop(REQUEST, None), arguments.pop(TRACE, None)
-    return Claim(row.id, row.attempt, row.function, arguments, row.resource_id, request_id, trace)
-
-
-def _requeue(session: Session, row: JobRow) -> None:
-    row.state, row.lease_until, row.started_at = "queued", None, None
-    row.fraction, row.message = 0.0, ""
-    _record(session, row, "state", {"state": "queued"})
-
-
-def _finish(session: Session, row: JobRow, state: State, problem: Problem | None = None) -> None:
-    session.execute(delete(CheckpointRow).where(CheckpointRow.job_id == row.id))
-    row.state, row.lease_until, row.finished_at = state, None, clock(session)
-    row.error = None if problem is None else problem.model_dump(exclude_none=True)
-    data = {"state": state} if row.error is None else {"state": state, "error": row.error}
-    _record(session, row, "state", data)
-
-
-def _record(session: Session, row: JobRow, event: str, data: dict[str, Any]) -> None:
-    session.add(JobEventRow(job_id=row.id, event=event, data=data))
+def _running(connection: Connection, own: Collection[str] | None) -> int:
+    if own is None:
+        return int(connection.execute(_RUNNING).scalar_one())
+    return int(connection.execute(_OUR_RUNNING, {"own": list(own)}).scalar_one()) if own else 0

@@ -53,7 +53,7 @@ class ObjectStore:
 
     def put_hashed(self, file: BinaryIO, key: str, size: int) -> Stored:
         """Store what a file holds, whose hash and size are known; what is there but damaged is written anew."""
-        if self._is_whole(key, size):
+        if self._is_whole(file, key, size):
             return Stored(key, size, created=False)
         file.seek(0)
         # The key is the hash of the content: a concurrent writer of the same key writes the same bytes.
@@ -156,11 +156,22 @@ class ObjectStore:
         """Raise unless the store takes and gives an object."""
         self.get(self.put_bytes(PROBE).key)
 
-    def _is_whole(self, key: str, size: int) -> bool:
+    def _is_whole(self, file: BinaryIO, key: str, size: int) -> bool:
+        """Tell whether an object is there already as a file is.
+
+        A remote one is held against the file by what its store says of the bytes that it was sent: nothing is read.
+        A store that says it in another way than S3 does is sent the file once more, which costs as much as reading.
+        """
+        if self._folder is None:
+            try:
+                found = obstore.head(self._store, _path(key))
+            except FileNotFoundError:
+                return False
+            told = (found["e_tag"] or "").removeprefix("W/").strip('"')
+            return int(found["size"]) == size and told == _etag(file)
         if self.size(key) != size:
             return False
-        if self._folder is None:
-            return True  # remote stores look after what they keep; reading it all would cost as much as writing it
+        self._verified.pop(self._folder / _path(key), None)  # what a disk has lost since leaves no mark on a file
         try:
             self._verify(self._folder / _path(key), key)
         except ProblemError:
@@ -218,6 +229,18 @@ def digest(file: BinaryIO) -> tuple[str, int]:
         sha256.update(chunk)
         size += len(chunk)
     return sha256.hexdigest(), size
+
+
+def _etag(file: BinaryIO) -> str:
+    """What S3 says of a file that was sent to it as `put_hashed` does: its MD5, or that of those of its parts."""
+    file.seek(0)
+    parts = []
+    while chunk := file.read(CHUNK):
+        parts.append(hashlib.md5(chunk, usedforsecurity=False))
+    if len(parts) > 1:
+        together = b"".join(part.digest() for part in parts)
+        return f"{hashlib.md5(together, usedforsecurity=False).hexdigest()}-{len(parts)}"
+    return (parts[0] if parts else hashlib.md5(usedforsecurity=False)).hexdigest()
 
 
 def _checked(chunks: Iterable[Any], key: str) -> Iterator[bytes]:

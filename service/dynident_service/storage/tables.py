@@ -230,3 +230,4 @@ def _table(rows: type[Table]) -> Tables:
 # For statements without the ORM, which takes several times as long over each.
 RESOURCES, DEPENDENCIES, OBJECTS = _table(ResourceRow), _table(DependencyRow), _table(ObjectRow)
 JOBS, EVENTS, RETRIES = _table(JobRow), _table(JobEventRow), _table(RetryRow)
+CHECKPOINTS = _table(CheckpointRow)

@@ -60,10 +60,11 @@ def import_robot(
     data_dir: DataDir = None,
 ) -> None:
     """Read a robot with all that belongs to it, under the same ids; what is there already is left alone."""
+    from dynident_service.routes.shown import look_at
     from dynident_service.storage.bundle import import_robot as read
 
     with _storage(data_dir, must_exist=False) as (database, objects, scratch):
-        robot_id, amount = read(database, objects, source, scratch)
+        robot_id, amount = read(database, objects, source, scratch, look_at)
         typer.echo(robot_id)
         _tell("imported", amount)
 
