@@ -13,7 +13,10 @@ from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.robot.model import Robot
 
-_LINE_RATIO = 12.0
+_LINE_RATIO = 24.0
+"""Times its surroundings from which on a line stands out. On 36 arms of MuJoCo's, half of them going from point to point,
+ripples of 1 to 2 % of a joint's largest torque had 54 and more, and 2 of 220 joints without one a line of 25."""
+
 _LINES_A_JOINT = 2
 _LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
 _BINS = 200
@@ -51,10 +54,11 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
         low, span = float(q.min()), float(q.max() - q.min())
         if span < _LEAST_ANGLE:
             continue
-        # Each part of the range counts alike: a joint that goes from point to point is nearly always near the points,
-        # and the spectrum would be that of where it dwells.
+        # No part of the range counts for more than the middle one: a joint that goes from point to point is nearly
+        # always near the points, and the spectrum would be that of where it dwells.
         part = _place(q, low, span, _BINS)
-        weight = 1.0 / np.bincount(part, minlength=_BINS)[part]
+        count = np.bincount(part, minlength=_BINS)
+        weight = 1.0 / np.maximum(count, np.median(count[count > 0]))[part]
         # The same as the sum over all rows, but for the rounding of q to a sixteenth of the shortest wave.
         n_bins = int(np.ceil(span * _HIGHEST_LINE / (2 * np.pi) * 16))
         varying = weight * (residual - float(weight @ residual / weight.sum()))
