@@ -14,8 +14,8 @@ from dynident.diagnosis.comparing.compare import Comparison
 from dynident.robot.model import Robot
 
 _LINE_RATIO = 24.0
-"""Times its surroundings from which on a line stands out. On 36 arms of MuJoCo's, half of them going from point to point,
-ripples of 1 to 2 % of a joint's largest torque had 54 and more, and 2 of 220 joints without one a line of 25."""
+"""Times its surroundings from which on a line stands out. On 36 arms of MuJoCo's, many of them going from point to
+point, ripples of 1 to 2 % of a joint's largest torque had 54 and more, and 2 of 220 joints without one a line of 25."""
 
 _LINES_A_JOINT = 2
 _LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
