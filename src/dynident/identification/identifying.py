@@ -141,16 +141,17 @@ def _with_one_more(
         part(progress, 0.0, 0.5),
         identification.rows[0],
     )
-    told = part(progress, 0.5, 1.0)
+    looked_for = any(is_open(choice, validation) for choice in new)
+    told = part(progress, 0.5, 0.75 if looked_for else 1.0)
     grown = _identified_with(identification, new, recordings, validation, told)
-    if grown is None or not any(is_open(choice, validation) for choice in new):
+    if grown is None or not looked_for:
         return grown
     found = carrying(grown, identification.model, new, validation)
     if not found:
         return grown
     more = tuple(one.run for one in found)
     carried = tuple(replace(choice, runs=choice.runs + more) if choice.runs else choice for choice in new)
-    grown = _identified_with(identification, carried, recordings, validation, told)
+    grown = _identified_with(identification, carried, recordings, validation, part(progress, 0.75, 1.0))
     return grown and replace(grown, warnings=(note_of(new, found), *grown.warnings))
 
 
