@@ -13,6 +13,23 @@ OPERATIONS = frozenset(
     str(operation["operationId"]) for path in CONTRACT["paths"].values() for operation in path.values()
 )
 
+COLLECTIONS = (
+    "robots",
+    "imports",
+    "measurements",
+    "designs",
+    "simulations",
+    "identifications",
+    "comparisons",
+    "diagnoses",
+    "series",
+    "validations",
+    "drive_gains",
+    "current_models",
+    "reports",
+)
+"""What a client has of resources that are listed."""
+
 
 def operation_of(request: httpx2.Request) -> str:
     """The operation of the contract that a request is."""

@@ -9,26 +9,11 @@ from typing import Any
 
 import httpx2
 import pytest
-from contract import CONTRACT, OPERATIONS, operation_of
+from contract import COLLECTIONS, CONTRACT, OPERATIONS, operation_of
 
 from dynident_client import Client, JobCancelled, JobFailed, ProblemError
 
 ANSWER = {"id": "x1", "job_id": "job_1", "status": "queued", "items": [], "cursor": None, "state": "queued"}
-COLLECTIONS = (
-    "robots",
-    "imports",
-    "measurements",
-    "designs",
-    "simulations",
-    "identifications",
-    "comparisons",
-    "diagnoses",
-    "series",
-    "validations",
-    "drive_gains",
-    "current_models",
-    "reports",
-)
 STREAM = {"content-type": "text/event-stream"}
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from contract import OPERATIONS, operation_of
+from contract import COLLECTIONS, OPERATIONS, operation_of
 from installations import LARGER, SMALLEST
 from oracles import pinocchio_torque
 
@@ -29,21 +29,6 @@ from dynident_client.records import Measurement, Robot
 
 GAINS = (20.0, 8.0)
 MASS = 3.0
-COLLECTIONS = (
-    "robots",
-    "imports",
-    "measurements",
-    "designs",
-    "simulations",
-    "identifications",
-    "comparisons",
-    "diagnoses",
-    "series",
-    "validations",
-    "drive_gains",
-    "current_models",
-    "reports",
-)
 CENTRE = (0.4, 0.0, 0.0)
 DRIVES = {"turn": {"drive_gain": GAINS[0]}, "swing": {"drive_gain": GAINS[1]}}
 EFFECTS = ["rigid_body", "coulomb", "viscous"]

@@ -37,17 +37,21 @@ def family_wise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> FloatArray
     count, n_stretches = gains.shape
     if not count or n_stretches < 2:
         return np.ones(count)
-    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, n_stretches))
-    signs[0] = 1.0
+    signs = _turns(n_stretches)
     by_gains, by_scores = _of_gains(gains, signs), _of_scores(scores, signs)
     return np.asarray(np.minimum(1.0, 2.0 * np.minimum(by_gains, by_scores)))
 
 
 def chance_of(gains: FloatArray) -> float:
     """How often chance would look as good as what one candidate gains in every stretch (s,), nothing else tried."""
-    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, len(gains)))
+    return float(_of_gains(gains[None], _turns(len(gains)))[0])
+
+
+def _turns(n_stretches: int) -> FloatArray:
+    """(draws, s): turns of the signs, of which the first turns none."""
+    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, n_stretches))
     signs[0] = 1.0
-    return float(_of_gains(gains[None], signs)[0])
+    return signs
 
 
 def _of_gains(gains: FloatArray, signs: FloatArray) -> FloatArray:
