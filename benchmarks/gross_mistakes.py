@@ -18,6 +18,8 @@ whose columns are right. An exchange or a sign that is named then is wrong; `ref
 Short motions: runs of 8 s from point to point, hidden effects and all, each by itself: what is said of right ones, and
 of a few mistakes planted in each how many do harm, are noticed, and are undone by what is named.
 
+Few moves: the same of arms that go from point to point for 8 s while half of the joints stay at each move.
+
 Drawn friction: of arms whose joints' friction is drawn, each by itself, about a share of their limits that is drawn,
 too: how many right recordings are said to have a torque that is too large, and of how many gains it is noticed.
 """
@@ -28,7 +30,7 @@ import argparse
 import os
 import secrets
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,8 +39,9 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 from common import show
-from engine import Arm, Bandwidth, Instruments, Plan, record, usual_drives
+from engine import Arm, Bandwidth, Instruments, Plan, point_to_point_motion, record, usual_drives
 from engine.drives import Drives
+from engine.motions import Motion as Reference
 from engine.motions import fourier_motion
 from engine.robots import arm_by_name, as_described
 from hiding.drawing import Wanted, draw_cases
@@ -99,6 +102,7 @@ def main() -> None:
     show("Other faults", _other_faults(seed))
     show("Drawn friction", _drawn_frictions(seed))
     show("Short motions", _short_motions(seed, options.cases))
+    show("Few moves", _few_moves(seed))
     show("Delays and gains", amounts)
     rows = [("mistake", "planted", "harmful", "noticed", "cured", "refused")]
     for kind in dict.fromkeys(one[0] for one in planted):
@@ -195,24 +199,44 @@ def _short_motions(seed: int, cases: int) -> list[tuple[str, ...]]:
     rng = np.random.default_rng([seed, 8])
     for case in draw_cases(Wanted(seed, cases, manners=Manners(motions=("point-to-point",)))):
         robot = as_described(arm_by_name(case.arm), case.noise)
-        names = [f"{kind}{joint + 1}" for kind in ("q", "tau") for joint in range(robot.n)]
-        said, counts = [], np.zeros(3, dtype=int)
-        runs = recorded(case, None).runs
-        for run in runs:
+        runs = []
+        for run in recorded(case, None).runs:
             n = int(np.searchsorted(run.t - run.t[0], BRIEF))
-            short = recording_from_arrays(run.t[:n], run.q[:n], run.tau[:n], joint_names=robot.joint_names)
-            checks = checks_against(robot)(short, names[: robot.n], names[robot.n :]) or ()
-            said += [one.name for one in checks if one.status != "ok"]
-            motion = motion_of(short)
-            if motion is None:
-                continue
-            possible = list(mistakes_among(np.ones(robot.n, dtype=bool)))
-            for k in rng.permutation(len(possible))[:FEW]:
-                harm, noticed, cured, _ = _tried(robot, motion, possible[k])
-                counts += np.array([True, noticed, cured]) if harm >= HARMLESS else 0
-        rows.append((case.name, str(len(runs)), ", ".join(said) or "nothing", *map(str, counts)))
-        print(*rows[-1], flush=True)
+            runs.append(recording_from_arrays(run.t[:n], run.q[:n], run.tau[:n], joint_names=robot.joint_names))
+        rows.append((case.name, *_short(robot, runs, rng)))
     return rows
+
+
+def _few_moves(seed: int) -> list[tuple[str, ...]]:
+    rows = [("arm", "runs", "said of right ones", "harmful", "noticed", "cured")]
+    rng = np.random.default_rng([seed, 9])
+    for name in FAULTY:
+        robot = arm_by_name(name)
+        runs = [_run(robot, _half_stay(robot, rng), rng) for _ in range(FAULTS)]
+        rows.append((name, *_short(robot, runs, rng)))
+    return rows
+
+
+def _half_stay(robot: Robot, rng: np.random.Generator) -> Reference:
+    return point_to_point_motion(robot, BRIEF, int(rng.integers(2**31)), Arm.step, moving=0.5)
+
+
+def _short(robot: Robot, runs: Sequence[Recording], rng: np.random.Generator) -> tuple[str, ...]:
+    """Number of short runs, what is said of them as they are, and of a few mistakes planted in each."""
+    said, counts = [], np.zeros(3, dtype=int)
+    names = [f"{kind}{joint + 1}" for kind in ("q", "tau") for joint in range(robot.n)]
+    for short in runs:
+        checks = checks_against(robot)(short, names[: robot.n], names[robot.n :]) or ()
+        said += [one.name for one in checks if one.status != "ok"]
+        motion = motion_of(short)
+        if motion is None:
+            continue
+        possible = list(mistakes_among(np.ones(robot.n, dtype=bool)))
+        for k in rng.permutation(len(possible))[:FEW]:
+            harm, noticed, cured, _ = _tried(robot, motion, possible[k])
+            counts += np.array([True, noticed, cured]) if harm >= HARMLESS else 0
+    print(len(runs), said, *counts, flush=True)
+    return (str(len(runs)), ", ".join(said) or "nothing", *map(str, counts))
 
 
 def _leaning(arm: str, rng: np.random.Generator) -> tuple[Robot, Motion]:
@@ -237,17 +261,16 @@ def _scaled(arm: str, rng: np.random.Generator) -> tuple[Robot, Motion]:
 
 def _moved(robot: Robot, rng: np.random.Generator, drives: Drives | None = None) -> Motion:
     """Filtered rows of a robot, with the engine's usual drives or others."""
-    arm = Arm(robot, drives or usual_drives(robot), (), Bandwidth(8.0))
-    run = record(
-        arm,
-        fourier_motion(robot, 16.0, int(rng.integers(2**31)), arm.step),
-        Instruments(2**18, 0.006, 250.0),
-        int(rng.integers(2**31)),
-        Plan(0, 0.0),
-    )
-    motion = motion_of(recording_from_arrays(run.t, run.q, run.tau, joint_names=robot.joint_names))
+    motion = motion_of(_run(robot, fourier_motion(robot, 16.0, int(rng.integers(2**31)), Arm.step), rng, drives))
     assert motion is not None
     return motion
+
+
+def _run(robot: Robot, motion: Reference, rng: np.random.Generator, drives: Drives | None = None) -> Recording:
+    """A recording of a robot with the engine's usual drives or others."""
+    arm = Arm(robot, drives or usual_drives(robot), (), Bandwidth(8.0))
+    run = record(arm, motion, Instruments(2**18, 0.006, 250.0), int(rng.integers(2**31)), Plan(0, 0.0))
+    return recording_from_arrays(run.t, run.q, run.tau, joint_names=robot.joint_names)
 
 
 def _recordings(seed: int, cases: int, folder: Path) -> Iterator[tuple[str, Robot, Recording]]:

@@ -10,9 +10,6 @@ import numpy as np
 from dynident.robot import Robot
 from engine.motions import FloatArray, Motion
 
-_MOVING = 0.9
-"""How many of the joints take part in a move, on average: some stay where they are."""
-
 _SHORTEST, _LONGEST = 0.6, 2.2
 """Longest time (s) that a joint may take for a move, drawn between these: slow moves are short ones."""
 
@@ -48,8 +45,11 @@ def point_to_point_motion(
     step: float = 0.5e-3,
     pace: float = 1.0,
     dwells: tuple[float, float] = (0.1, 0.6),
+    moving: float = 0.9,
 ) -> Motion:
     """Jerk-limited moves between random postures, with pauses of so many seconds (least, most) at each of them.
+
+    In each move a joint takes part with the chance `moving`: some stay where they are.
 
     The seed draws as well how: by a polynomial of fifth degree or with a stretch of constant speed, and whether all
     joints arrive together or each as soon as it can. The recording may end within a move.
@@ -59,7 +59,7 @@ def point_to_point_motion(
     law = _LAWS[int(rng.integers(len(_LAWS)))]
     together = bool(rng.random() < 0.5)
     q, dq, ddq = (np.zeros((len(t), robot.n), dtype=np.float64) for _ in range(3))
-    for number, move in enumerate(_moves(robot, law, duration, rng, pace, dwells, together=together)):
+    for number, move in enumerate(_moves(robot, law, duration, rng, pace, dwells, moving, together=together)):
         # The first posture is held from the beginning; every move ends in one that is held until the next.
         later = slice(int(np.searchsorted(t, move.start)) if number else 0, None)
         share = np.clip((t[later, None] - move.start) / move.time, 0.0, 1.0)
@@ -77,6 +77,7 @@ def _moves(
     rng: np.random.Generator,
     pace: float,
     dwells: tuple[float, float],
+    moving: float,
     *,
     together: bool,
 ) -> Iterator[_Move]:
@@ -90,7 +91,7 @@ def _moves(
         there = middle + 0.85 * half * rng.uniform(-1, 1, robot.n)
         longest = rng.uniform(_SHORTEST, _LONGEST)
         reach = np.minimum(longest * speed / law.speed, longest**2 * strength / law.acceleration)
-        way = np.where(rng.random(robot.n) < _MOVING, np.clip(there - here, -reach, reach), 0.0)
+        way = np.where(rng.random(robot.n) < moving, np.clip(there - here, -reach, reach), 0.0)
         time = np.maximum(law.speed * np.abs(way) / speed, np.sqrt(law.acceleration * np.abs(way) / strength))
         # Nothing is that quick; and a joint that stays needs some time for its way of nothing.
         time = np.maximum(np.max(time) if together else time, 0.05)

@@ -39,6 +39,10 @@ short 0.7, by chance; planted mistakes of which nothing else tells give 2.7 and 
 _AGAINST = 0.5
 """What friction that drives its joint counts, in the same logarithm: there is no such friction."""
 
+OTHERS = np.concatenate([1.0 - np.eye(BLOCKS), np.ones((1, BLOCKS))])
+"""(blocks + 1, blocks): of which blocks a sum is made: of all but each, and of all. What only one block has must not be
+left of a difference by rounding."""
+
 _LEAST, _MOST = 0.02, 3.0
 _RIDGE = 1e-6
 _QUIET = 1e-12
@@ -119,8 +123,8 @@ class Judge:
         grams, moving = self._grams(motion), moving_joints(motion)
         measured = grams[:, :, -1, -1].sum(axis=0)
         values, squares = self._solved(grams)
-        blocks = _log_shares(squares[:-1], measured / BLOCKS)[:, moving]
-        whole = _log_shares(squares[-1], measured)[moving]
+        blocks = log_shares(squares[:-1], measured / BLOCKS)[:, moving]
+        whole = log_shares(squares[-1], measured)[moving]
         rest = squares[:-1].sum(axis=0)
         against = sum(self._drives(grams, values[:-1], int(k), float(rest[k])) for k in np.flatnonzero(moving))
         return Left(blocks.mean(axis=1), float(whole.mean()), against, moving)
@@ -178,7 +182,7 @@ class Judge:
         robot, c = self._robot, self.n_columns
         reference, memory = np.zeros(10 * robot.tree.n), np.zeros((len(motion.q), self._observation.n_memory))
         entries = self._observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
-        moves = np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0))
+        moves = moves_of(motion)
         blocks = [motion.block == block for block in range(BLOCKS)]
         inner, parts = np.zeros((BLOCKS, robot.n, c, c)), {}
         for joint, (positions, columns) in enumerate(self._layout):
@@ -193,8 +197,7 @@ class Judge:
     def _fitted(self, grams: FloatArray, noise: FloatArray) -> FloatArray:
         """(blocks + 1, c): parameters of the blocks but each, and of all; where motion says nothing, the smallest."""
         each = np.einsum("bjik,j->bik", grams, 1.0 / noise**2)
-        whole = each.sum(axis=0)
-        others = np.concatenate([whole - each, whole[None]])
+        others = np.tensordot(OTHERS, each, axes=1)
         scale = np.sqrt(np.maximum(np.einsum("bii->bi", others)[:, :-1], np.finfo(float).tiny))
         normal = others[:, :-1, :-1] / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(self.n_columns)
         right = others[:, :-1, -1] / scale
@@ -217,10 +220,15 @@ class Judge:
         return friction, next(k for k in friction if role_of(columns[k]) == "dry")
 
 
-def _log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
+def log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
     """Logarithm of the share of a torque that is left, of squares (..., n) of it and what was measured (n,)."""
     shares = np.sqrt(np.maximum(squares, 0.0) / np.maximum(measured, np.finfo(float).tiny))
     return np.asarray(np.log(np.clip(shares, _LEAST, _MOST)))
+
+
+def moves_of(motion: Motion) -> BoolArray:
+    """(m, n): where each joint moves."""
+    return np.asarray(np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0)))
 
 
 def moving_joints(motion: Motion) -> BoolArray:

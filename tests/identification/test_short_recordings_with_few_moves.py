@@ -1,0 +1,83 @@
+"""Half a dozen moves in which half of the joints stay: what so little data say of the order of columns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from oracles import Motion, arm, pinocchio_torque, record
+
+from dynident.identification.mistakes import Mistake, mistakes_in
+from dynident.identification.mistakes.described import Description, left_by_description
+from dynident.identification.mistakes.judge import BLOCKS, Judge
+from dynident.identification.mistakes.search import motion_of
+from dynident.recordings import Recording
+
+ROBOT = arm("ur10")
+EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
+MOVES, SECONDS, RATE = 5, 8.0, 200.0
+
+
+def moves(seed: int) -> Motion:
+    """From posture to posture, each joint staying in half of the moves."""
+    rng = np.random.default_rng([seed, 7])
+    t = np.arange(round(SECONDS * RATE)) / RATE
+    each, n = SECONDS / MOVES, ROBOT.n
+    way = rng.uniform(-1.0, 1.0, size=(MOVES, n)) * (rng.random((MOVES, n)) > 0.5)
+    start = np.array([0.0, -1.2, 1.2, 0.0, 0.0, 0.0]) + np.vstack([np.zeros(n), np.cumsum(way, axis=0)[:-1]])
+    move, time = np.minimum((t / each).astype(int), MOVES - 1), 0.8 * each
+    s = np.clip((t - move * each) / time, 0.0, 1.0)[:, None]
+    q = start[move] + (10 * s**3 - 15 * s**4 + 6 * s**5) * way[move]
+    dq = (30 * s**2 - 60 * s**3 + 30 * s**4) * way[move] / time
+    ddq = (60 * s - 180 * s**2 + 120 * s**3) * (s < 1.0) * way[move] / time**2
+    return Motion(t, q, dq, ddq)
+
+
+def recorded(seed: int, order: tuple[int, ...] = (0, 1, 2, 3, 4, 5)) -> Recording:
+    """With friction that falls from rest and grows with the load, which nothing that is fitted has."""
+    motion, rng = moves(seed), np.random.default_rng([seed, 1])
+    torque = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
+    falling = 0.04 * np.sign(motion.dq) * (1 + 0.5 * np.exp(-np.abs(motion.dq) / 0.2))
+    friction = EFFORT * (falling + 0.03 * motion.dq) + 0.1 * np.abs(torque) * np.sign(motion.dq)
+    noise = 0.005 * EFFORT * rng.normal(size=torque.shape)
+    return record(ROBOT, motion, (torque + friction + noise)[:, list(order)])
+
+
+@pytest.mark.parametrize("seed", [5, 14])
+def test_right_columns_stay_right_where_a_fit_explains_another_order_better_by_chance(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, _ = mistakes_in(ROBOT, recorded(seed)) or ((), 1.0)
+    assert found == ()
+    # The description's masses alone tell it.
+    monkeypatch.setattr(Description, "refutes", lambda self, mistake: False)
+    found, _ = mistakes_in(ROBOT, recorded(seed)) or ((), 1.0)
+    assert found
+
+
+@pytest.mark.parametrize("seed", [2, 3, 13])
+def test_of_several_orders_that_explain_more_the_one_is_named_that_the_description_bears_out(seed: int) -> None:
+    found, _ = mistakes_in(ROBOT, recorded(seed, (0, 2, 1, 3, 4, 5))) or ((), 1.0)
+    assert [one.mistake for one in found] == [Mistake("torques swapped", (1, 2))]
+
+
+def test_a_description_without_masses_refutes_nothing() -> None:
+    bare = replace(ROBOT, inertias=None)
+    motion = motion_of(recorded(5))
+    assert motion is not None
+    assert left_by_description(bare, motion) is None
+    assert not Description(bare, motion, Judge(bare).left(motion)).refutes(Mistake("joints swapped", (4, 5)))
+
+
+def test_what_one_part_of_a_recording_has_leaves_nothing_but_what_the_others_have() -> None:
+    judge, rng = Judge(ROBOT), np.random.default_rng(4)
+    c = judge.n_columns
+    rows = rng.normal(size=(BLOCKS, 2 * c, c + 1))
+    # Next to nothing but in one block: a difference of sums would be rounding.
+    rows[:, :, 0] *= np.where(np.arange(BLOCKS) == 4, 1e3, 1e-9)[:, None]
+    grams = np.repeat(np.einsum("bmi,bmk->bik", rows, rows)[:, None] / ROBOT.n, ROBOT.n, axis=1)
+    others = np.delete(rows, 4, axis=0).reshape(-1, c + 1)
+    told, *_ = np.linalg.lstsq(others[:, :-1], others[:, -1])
+    found = judge._fitted(grams, np.ones(ROBOT.n))[4]
+    assert others[:, :-1] @ found == pytest.approx(others[:, :-1] @ told, abs=1e-4)
