@@ -9,7 +9,7 @@ import pytest
 from oracles import Motion, arm, pinocchio_torque, record
 
 from dynident.identification.mistakes import Mistake, mistakes_in
-from dynident.identification.mistakes.described import Description, left_by_description
+from dynident.identification.mistakes.described import SecondOpinion, left_by_description
 from dynident.identification.mistakes.judge import BLOCKS, Judge
 from dynident.identification.mistakes.search import motion_of
 from dynident.recordings import Recording
@@ -51,7 +51,7 @@ def test_right_columns_stay_right_where_a_fit_explains_another_order_better_by_c
     found, _ = mistakes_in(ROBOT, recorded(seed)) or ((), 1.0)
     assert found == ()
     # The description's masses alone tell it.
-    monkeypatch.setattr(Description, "refutes", lambda self, mistake: False)
+    monkeypatch.setattr(SecondOpinion, "refutes", lambda self, mistake: False)
     found, _ = mistakes_in(ROBOT, recorded(seed)) or ((), 1.0)
     assert found
 
@@ -67,7 +67,7 @@ def test_a_description_without_masses_refutes_nothing() -> None:
     motion = motion_of(recorded(5))
     assert motion is not None
     assert left_by_description(bare, motion) is None
-    assert not Description(bare, motion, Judge(bare).left(motion)).refutes(Mistake("joints swapped", (4, 5)))
+    assert not SecondOpinion(bare, motion, Judge(bare).left(motion)).refutes(Mistake("joints swapped", (4, 5)))
 
 
 def test_what_one_part_of_a_recording_has_leaves_nothing_but_what_the_others_have() -> None:

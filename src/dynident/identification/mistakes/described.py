@@ -19,7 +19,7 @@ _RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Description:
+class SecondOpinion:
     """What a robot's description says of mistakes in a motion of which a fit leaves `now`.
 
     In few moves a fit of all parameters explains by chance: another order of the columns of a short right motion left

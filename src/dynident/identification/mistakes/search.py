@@ -13,7 +13,7 @@ from dynident.arrays import FloatArray, IntArray
 from dynident.effects import OFFSETS
 from dynident.errors import DynidentError
 from dynident.identification.mistakes.delays import BESIDE_OFFSETS, Delay, delay_of
-from dynident.identification.mistakes.described import Description
+from dynident.identification.mistakes.described import SecondOpinion
 from dynident.identification.mistakes.frictions import excess_of, nearer_to_others
 from dynident.identification.mistakes.judge import BLOCKS, Judge, Left, moving_joints
 from dynident.identification.mistakes.scales import heavy_joints, load_of, nearer_to_masses
@@ -135,7 +135,7 @@ def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None
     sizes = _Sizes(load_of(robot, motion), judge.frictions(motion), _excess(judge, robot, motion))
     possible = [one for one in mistakes_among(now.moving) if _may_be(one, robot, motion, sizes)]
     tried = [(one, judge.left(one.mended(motion))) for one in possible]
-    described = Description(robot, motion, now)
+    described = SecondOpinion(robot, motion, now)
     for best, left in sorted(tried, key=lambda pair: pair[1].score):
         if not now.surely_above(left, best.kind) or left.usual > _CURED:
             return None
