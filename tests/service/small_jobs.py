@@ -117,6 +117,11 @@ def meets_a_store_that_refuses(task: Task) -> Outcome:
     raise PermissionDeniedError("403 Forbidden: the key has expired")
 
 
+def niceness() -> int:
+    """Say how far a computation that a request waits for stands back."""
+    return os.getpriority(os.PRIO_PROCESS, 0)
+
+
 def twice(number: int) -> int:
     """A call, not a job."""
     return 2 * number

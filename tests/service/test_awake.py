@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -22,6 +23,7 @@ from dynident_service import awaited as awaited_module
 from dynident_service import following as following_module
 from dynident_service.awaited import Awaited
 from dynident_service.following import LATEST, Following
+from dynident_service.jobs.child import STANDS_BACK
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.ledger import Ledger
@@ -57,6 +59,13 @@ def ask(awaited: Awaited, name: str, client: Client | None = None, longest: floa
 
 def test_a_request_gets_what_a_child_computed(awaited: Awaited) -> None:
     assert [ask(awaited, "twice", number=n) for n in range(3)] == [0, 2, 4]
+
+
+def test_what_a_request_waits_for_stands_back_behind_who_answers_and_before_jobs(awaited: Awaited) -> None:
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    if own > 19 - 2 * STANDS_BACK:
+        pytest.skip("these tests stand back themselves, so far that nothing can stand behind them")
+    assert ask(awaited, "niceness") == own + STANDS_BACK
 
 
 def test_what_goes_wrong_in_the_child_is_the_answer(awaited: Awaited) -> None:

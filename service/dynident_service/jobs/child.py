@@ -46,8 +46,8 @@ SMALLEST_STEP = 0.005
 HEARTBEAT = 2.0
 SWITCH = 0.05
 """Seconds from one try to the next to take the interpreter from a solver that holds it: each costs a little."""
-NICENESS = 10
-"""How far a computation stands back behind the process that answers requests."""
+STANDS_BACK = 5
+"""How far what a request waits for stands back behind the process that answers; a job does behind that, too."""
 REST = 1.0
 """Seconds after which a job is given back that the infrastructure failed, so that it does not come again at once."""
 End = Callable[[Ledger], None]
@@ -241,6 +241,8 @@ def work(jobs: int, lifeline: int) -> None:
             line.send(answer(order, _peak_memory()))
             continue
         assert isinstance(order, Order)
+        if workshop is None:
+            _give_way()
         if workshop is None or workshop.place != order.place:
             workshop = Workshop(order.place)
         claim, trouble = order.claim, ""
@@ -255,13 +257,13 @@ def work(jobs: int, lifeline: int) -> None:
 
 
 def _give_way() -> None:
-    """Leave the processor to who answers requests, where both want it.
+    """Leave the processor to who is more urgent, where both want it.
 
     Linux shares it among sessions first, where it groups them, and each child has one of its own.
     """
-    os.nice(NICENESS)
+    niceness = os.nice(STANDS_BACK)
     with suppress(OSError), open("/proc/self/autogroup", "w") as group:
-        group.write(str(NICENESS))
+        group.write(str(niceness))
 
 
 def _trace() -> None:

@@ -9,6 +9,7 @@ from dynident.identification.mistakes.scales import scales_of
 from dynident.identification.mistakes.search import (
     MOST_JOINTS,
     Finding,
+    Judges,
     delay_among,
     excess_in,
     mistakes_of,
@@ -55,17 +56,17 @@ def checks_against(robot: Robot) -> ModelChecks:
         whole = whole_motion_of(recording) if robot.n <= MOST_JOINTS else None
         if whole is None:
             return None
-        motion = thinned(whole[0])
-        found = mistakes_of(robot, motion)
+        motion, judges = thinned(whole[0]), Judges(robot)
+        found = mistakes_of(robot, motion, judges)
         if found is None:
             return None
         mistakes, left = found
         wrong = {_CHECK[one.mistake.kind] for one in mistakes}
         fine = f"No other order or sign of the columns explains the torque clearly better: {left:.0%} are left of it."
-        amounts = () if mistakes else _scales(robot, motion, recording, tau)
+        amounts = () if mistakes else _scales(robot, motion, recording, tau, judges)
         if not mistakes and all(one.status == "ok" for one in amounts):
             # Torques in different units have no delay that could be told.
-            amounts = (*_delay(robot, *whole, tau), *amounts)
+            amounts = (*_delay(robot, *whole, tau, judges), *amounts)
         passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _AMOUNTS]
         if not mistakes:
             amounts = (*_gravity(robot, motion, tau, left), *amounts)
@@ -123,8 +124,8 @@ def _mounting(found: Mounting) -> Check:
     )
 
 
-def _delay(robot: Robot, motion: Motion, period: float, tau: Sequence[str]) -> tuple[Check, ...]:
-    found = delay_among(robot, motion, period)
+def _delay(robot: Robot, motion: Motion, period: float, tau: Sequence[str], judges: Judges) -> tuple[Check, ...]:
+    found = delay_among(robot, motion, period, judges)
     if found is None:
         return ()
     word = "late" if found.seconds > 0 else "early"
@@ -144,8 +145,10 @@ def _delay(robot: Robot, motion: Motion, period: float, tau: Sequence[str]) -> t
     return (told,)
 
 
-def _scales(robot: Robot, motion: Motion, recording: Recording, tau: Sequence[str]) -> tuple[Check, ...]:
-    found = scales_of(robot, motion, excess_in(robot, motion))
+def _scales(
+    robot: Robot, motion: Motion, recording: Recording, tau: Sequence[str], judges: Judges
+) -> tuple[Check, ...]:
+    found = scales_of(robot, motion, excess_in(robot, motion, judges))
     if found is None:
         return ()
     if not found:

@@ -81,9 +81,10 @@ def mistakes_in(robot: Robot, recording: Recording) -> tuple[tuple[Finding, ...]
     return None if motion is None else mistakes_of(robot, motion)
 
 
-def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], float] | None:
-    """The same of rows that are filtered already."""
-    judge, beside = Judge(robot), _BesideOffsets(robot)
+def mistakes_of(robot: Robot, motion: Motion, judges: Judges | None = None) -> tuple[tuple[Finding, ...], float] | None:
+    """The same of rows that are filtered already, `judges` those of the robot, if they are at hand."""
+    judges = judges or Judges(robot)
+    judge = judges.plain
     if len(motion.q) * int(moving_joints(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
         return None
     found: list[Finding] = []
@@ -94,9 +95,9 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
             break
         fall = now.score - step.left.score
         mended = step.mistake.mended(motion)
-        if judge is not beside.judge and beside.fall(motion, mended) < BESIDE_OFFSETS * fall:
+        if judge is judges.plain and _fall_of(judges.beside_offsets, motion, mended) < BESIDE_OFFSETS * fall:
             # A constant torque explains the same: what else there is, is looked for beside it.
-            judge = beside.judge
+            judge = judges.beside_offsets
             now = judge.left(motion)
             continue
         least = _CERTAIN_OF_JOINTS if step.mistake.is_of_whole_joints else _CERTAIN
@@ -107,19 +108,27 @@ def mistakes_of(robot: Robot, motion: Motion) -> tuple[tuple[Finding, ...], floa
     return tuple(found), now.usual
 
 
-class _BesideOffsets:
-    """Tells what is left of a torque beside a constant one on each joint; built when it is asked for."""
+class Judges:
+    """What judges motions of a robot: its links and friction, or those beside a constant torque on each joint.
+
+    Each is built when it is first asked for, and serves whatever is asked of the robot.
+    """
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
 
     @cached_property
-    def judge(self) -> Judge:
+    def plain(self) -> Judge:  # noqa: D102
+        return Judge(self._robot)
+
+    @cached_property
+    def beside_offsets(self) -> Judge:  # noqa: D102
         return Judge(self._robot, (OFFSETS,))
 
-    def fall(self, motion: Motion, mended: Motion) -> float:
-        """By how much less is left without a mistake."""
-        return self.judge.left(motion).score - self.judge.left(mended).score
+
+def _fall_of(judge: Judge, motion: Motion, mended: Motion) -> float:
+    """By how much less is left without a mistake."""
+    return judge.left(motion).score - judge.left(mended).score
 
 
 class _Step(NamedTuple):
@@ -173,29 +182,29 @@ def _may_be(one: Mistake, robot: Robot, motion: Motion, sizes: _Sizes) -> bool:
     return by_masses and nearer_to_others(robot, sizes.frictions, joint, one.factor)
 
 
-def excess_in(robot: Robot, motion: Motion) -> dict[int, float]:
+def excess_in(robot: Robot, motion: Motion, judges: Judges | None = None) -> dict[int, float]:
     """The joints whose friction is too large for the robot, and how many times."""
-    return _excess(Judge(robot), robot, motion)
+    return _excess((judges or Judges(robot)).plain, robot, motion)
 
 
 def _excess(judge: Judge, robot: Robot, motion: Motion) -> dict[int, float]:
     return excess_of(robot, judge.frictions(motion), heavy_joints(robot, motion))
 
 
-def delay_among(robot: Robot, motion: Motion, period: float) -> Delay | None:
+def delay_among(robot: Robot, motion: Motion, period: float, judges: Judges | None = None) -> Delay | None:
     """By how much the torque of a motion is late: all filtered rows, in their order, `period` s apart.
 
     None where they are too few to tell.
     """
-    judge = Judge(robot)
+    judges = judges or Judges(robot)
+    judge = judges.plain
     if len(thinned(motion).q) * int(moving_joints(motion).sum()) < _ROWS_PER_COLUMN * judge.n_columns:
         return None
-    beside = _BesideOffsets(robot)
     return delay_of(
         motion,
         period,
         lambda tried: judge.left(thinned(tried)),
-        lambda tried: beside.judge.left(thinned(tried)),
+        lambda tried: judges.beside_offsets.left(thinned(tried)),
     )
 
 
