@@ -101,6 +101,40 @@ def test_a_parallelogram_groups_as_the_same_machine_with_tied_joints() -> None:
     np.testing.assert_allclose(bases[0].grouping, bases[1].grouping, atol=1e-6)
 
 
+def test_a_parallelogram_has_the_base_parameters_of_its_crank_with_the_follower_and_the_masses_of_the_coupler() -> None:
+    from machines import bar
+
+    from dynident.robot.modified_dh import robot_from_modified_dh
+
+    crank, coupler = 0.3, 0.5
+    table = {
+        "gravity": [0, -9.81, 0],
+        "joints": [
+            {"name": "crank", "antecedent": "base", "start": 1.0, "limits": {"position": [0.4, 2.6]}}
+            | {"mass_properties": bar(crank, 2.0)},
+            {"name": "coupler", "d": crank, "passive": True, "start": -1.0, "mass_properties": bar(coupler, 3.0)},
+            {"name": "follower", "antecedent": "base", "d": coupler, "passive": True, "start": 1.0}
+            | {"mass_properties": bar(crank, 1.5)},
+        ],
+        "loops": [
+            {
+                "name": "pin",
+                "kind": "planar",
+                "between": [{"joint": "coupler", "at": [coupler, 0, 0]}, {"joint": "follower", "at": [crank, 0, 0]}],
+            }
+        ],
+    }
+    robot = robot_from_modified_dh("parallelogram", table)
+    signals = Signals(robot)
+    base = base_parameters(robot, columns_of(LINKS, signals), signals)
+    # The coupler goes round without turning: by hand, its mass sits at the end of the crank, and nothing else of it is
+    # felt; the follower turns as the crank does.
+    assert base.groupings == ("ZZ1 + 0.09 M2 + ZZ3", "MX1 + 0.3 M2 + MX3", "MY1 + MY3")
+    by_name = dict(zip(base.names, range(len(base.names)), strict=True))
+    felt = {name for name, k in by_name.items() if np.abs(base.grouping[:, k]).max(initial=0.0) > 1e-9}
+    assert felt == {"ZZ1", "MX1", "MY1", "M2", "ZZ3", "MX3", "MY3"}
+
+
 def test_a_five_bar_has_the_torque_of_a_model_derived_by_hand() -> None:
     robot = machine("five_bar")
     q, dq, ddq = states(robot, 30)
