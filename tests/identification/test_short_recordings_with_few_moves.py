@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from oracles import Motion, arm, pinocchio_torque, record
 
-from dynident.identification.mistakes import Mistake, mistakes_in
+from dynident.identification.mistakes import Mistake, gravity, mistakes_in
 from dynident.identification.mistakes.described import SecondOpinion, left_by_description
 from dynident.identification.mistakes.judge import BLOCKS, Judge
 from dynident.identification.mistakes.search import motion_of
 from dynident.recordings import Recording
+from dynident.robot.pinocchio_model import described_torque
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
@@ -81,3 +82,17 @@ def test_what_one_part_of_a_recording_has_leaves_nothing_but_what_the_others_hav
     told, *_ = np.linalg.lstsq(others[:, :-1], others[:, -1])
     found = judge._fitted(grams, np.ones(ROBOT.n))[4]
     assert others[:, :-1] @ found == pytest.approx(others[:, :-1] @ told, abs=1e-4)
+
+
+@pytest.mark.parametrize(("taken_out", "is_refused"), [(0.0, False), (1.0, True)])
+def test_gravity_that_the_description_bears_out_is_not_said_to_be_missing_for_a_share_that_few_moves_do_not_tell(
+    taken_out: float, is_refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motion = motion_of(recorded(3))
+    assert motion is not None
+    load = described_torque(ROBOT, motion.q, np.zeros_like(motion.q), np.zeros_like(motion.q))
+    given = replace(motion, tau=motion.tau - taken_out * load)
+    told = gravity.Shares(gravity=0.76, motion=5.9)
+    monkeypatch.setattr(gravity, "shares_of", lambda *_: told)
+    monkeypatch.setattr(gravity, "left_of", lambda robot, _: 0.08 if robot.gravity.any() else 0.07)
+    assert gravity.compensated(ROBOT, given) == (told if is_refused else None)
