@@ -20,6 +20,7 @@ from dynident.excitation import (
     TrajectoryRequest,
     design_experiment,
 )
+from dynident.excitation.limits.bounds import bounds_of
 from dynident.excitation.surroundings.clearance import Clearances, Hindrances, Part
 from dynident.excitation.surroundings.loop_rooms import LoopRooms
 from dynident.robot import Limits, Robot
@@ -98,6 +99,16 @@ def test_a_limit_of_a_passive_joint_can_be_stated_for_one_experiment() -> None:
     design = design_experiment(wide(limited=False), replace(QUICK, limits={"left_rod": Limits(position=ROD)}))
     rod, _ = angles_and_condition(everywhere(design))
     assert ROD[0] <= rod.min() < rod.max() <= ROD[1]
+
+
+@pytest.mark.parametrize("by_description", [True, False])
+def test_a_rate_of_a_passive_joint_that_is_not_kept_is_told(by_description: bool) -> None:
+    table = five_bar()
+    if by_description:
+        table["joints"][1]["limits"] = {"velocity": 2.0}
+    stated = {} if by_description else {"left_rod": Limits(velocity=2.0)}
+    told = bounds_of(robot_from_modified_dh("rated", table), stated).notes
+    assert "Of joints that follow others positions alone are limited; not kept: velocity of left_rod." in told
 
 
 def test_limits_that_no_posture_keeps_are_refused_with_the_joint() -> None:

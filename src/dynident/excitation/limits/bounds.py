@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ _ACCELERATION_PER_VELOCITY = 4.0
 _JERK_PER_ACCELERATION = 20.0
 """1/s: full acceleration is reached within 50 ms."""
 _HAIR = 1e-6
+_RATES = ("velocity", "acceleration", "jerk")
 
 
 class ImpossibleLimitsError(DynidentError):
@@ -162,13 +163,17 @@ def bounds_of(
 
 
 def _not_of_followers(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
-    """Say which stated limits of joints that follow others are not kept: all but those of their positions."""
+    """Say which limits of joints that follow others are not kept: all but those of their positions.
+
+    Of the description's own the rates; a joint without a drive has no torque of its own.
+    """
+    followers = [joint for joint in robot.tree.joints if joint.name not in robot.joint_names]
     names = [
-        f"{kind.name} of {name}"
-        for name, limits in stated.items()
-        if name not in robot.joint_names
-        for kind in fields(limits)
-        if kind.name != "position" and getattr(limits, kind.name) is not None
+        f"{kind} of {joint.name}"
+        for joint in followers
+        for kind in ("velocity", "acceleration", "jerk", "effort", "power")
+        if getattr(stated.get(joint.name, Limits()), kind) is not None
+        or (kind in _RATES and getattr(joint.limits, kind) is not None)
     ]
     if not names:
         return []
