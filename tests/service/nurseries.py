@@ -12,6 +12,9 @@ from pathlib import Path
 from dynident_service.jobs import child, engine, nursery
 from dynident_service.jobs.nursery import Nursery
 
+HEARTBEAT = 0.4
+"""Seconds from one to the next, so that one who has none is found out soon."""
+
 
 class OfTests(Nursery):
     """One with the science."""
@@ -39,6 +42,7 @@ def bring_up_without_science() -> None:
 
 def main() -> None:
     what = sys.argv.pop(1)
+    child.HEARTBEAT = HEARTBEAT
     if what != "standing_back":
         child.NICENESS = 0
     if what != "with_science":
