@@ -1,4 +1,4 @@
-"""The processes that children of the tests are forked from: started otherwise than the service does it, where that is faster.
+"""The processes that children of the tests are forked from, which begin sooner than those of the service.
 
 Their children do not stand back behind other processes: beside the other tests, each would wait for a processor. Those
 `without_science` begin at once; what a job needs of it, its child loads.
