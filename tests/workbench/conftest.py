@@ -20,6 +20,7 @@ from dynident_service.settings import Settings
 sys.path.append(str(Path(__file__).parents[1] / "service"))
 from service_helpers import SCIENCE, serving
 
+SERVICE_TESTS = Path(__file__).parents[1] / "service"
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = [
     "--no-sandbox",
@@ -82,11 +83,12 @@ def free_port() -> int:
 
 
 @contextlib.contextmanager
-def started(folder: Path, port: int | None = None) -> Iterator[str]:
-    """Run a service in a process of its own, as users start it."""
+def started(folder: Path, port: int | None = None, *, science: bool = True) -> Iterator[str]:
+    """Run a service in a process of its own, as users start it; without the science where it is to do nothing."""
     port = port or free_port()
     settings = {"DYNIDENT_PORT": str(port), "DYNIDENT_DATA_DIR": str(folder), "DYNIDENT_WORKERS": "2"}
-    command = [sys.executable, "-c", "from dynident_service.serve import serve; serve()"]
+    program = ("-m", "dynident_service") if science else (str(SERVICE_TESTS / "service_without_science.py"),)
+    command = [sys.executable, *program]
     with (folder / "log.txt").open("wb") as log:
         process = subprocess.Popen(command, env={**os.environ, **settings}, stdout=log, stderr=subprocess.STDOUT)
         try:
