@@ -10,6 +10,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from loaded_command import loaded_command
 from nbclient import NotebookClient
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -47,15 +48,22 @@ def test_its_notebook_is_one_file_with_its_figures_and_what_is_not_run_is_text()
     assert text.count("](data:image/svg+xml;base64,") == 7
 
 
+def in_jupyter(folder: Path) -> nbformat.NotebookNode:
+    """The page as a notebook, after all of its cells were run in a folder."""
+    written = nbformat.reads(NOTEBOOKS["notebook"]("tutorial"), as_version=4)
+    return NotebookClient(written, timeout=600, resources={"metadata": {"path": str(folder)}}).execute()
+
+
 @pytest.mark.slow
 def test_its_commands_find_the_spring_in_jupyter_and_the_next_experiment_decides(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Its cells of the shell find the command as in the environment of the kernel.
-    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-    monkeypatch.setenv("COLUMNS", "120")
-    written = nbformat.reads(NOTEBOOKS["notebook"]("tutorial"), as_version=4)
-    done = NotebookClient(written, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    with loaded_command(tmp_path_factory.mktemp("bin")) as programs:
+        # Its cells of the shell find the command there, and all others as in the environment of the kernel.
+        found = (str(programs), str(Path(sys.executable).parent), os.environ["PATH"])
+        monkeypatch.setenv("PATH", os.pathsep.join(found))
+        monkeypatch.setenv("COLUMNS", "120")
+        done = in_jupyter(tmp_path)
     of_cells = ["".join(one.get("text", "") for one in cell.get("outputs", [])) for cell in done.cells]
     told = " ".join("".join(of_cells).split())
     # Of one recording, of both, and in Python.

@@ -29,11 +29,17 @@ int clock_gettime(clockid_t which, struct timespec *told) {
 """
 
 
+PRELOADED = Path(__file__).parent
+SCIENCE, SMALL_JOBS = PRELOADED / "worker_of_tests.py", PRELOADED / "worker_without_science.py"
+"""What the workers of a cluster load before they begin: for jobs that need the science, and for small ones."""
+
+
 class Cluster:
     """A scheduler and a worker, or more that are started, as processes of their own."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, preloaded: Path = SMALL_JOBS) -> None:
         self._folder = folder
+        self._preloaded = str(preloaded)
         self._port = free_port()
         self._workers: list[subprocess.Popen[bytes]] = []
         self.address = f"tcp://127.0.0.1:{self._port}"
@@ -42,7 +48,8 @@ class Cluster:
 
     def new_worker(self, **more: str) -> subprocess.Popen[bytes]:
         """Start a worker, with more in its environment."""
-        self.worker = self._start("dask_worker", self.address, "--nthreads", "1", "--no-nanny", **more)
+        given = ("--nthreads", "1", "--no-nanny", "--preload", self._preloaded)
+        self.worker = self._start("dask_worker", self.address, *given, **more)
         self._workers.append(self.worker)
         return self.worker
 

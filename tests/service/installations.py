@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from dask_cluster import Cluster
+from dask_cluster import SCIENCE, Cluster
 from s3_server import BUCKET, s3_server
 from service_helpers import serving
 from sqlalchemy import make_url, text
@@ -40,7 +40,7 @@ def installed(name: str, folder: Path, postgresql: Callable[[], str]) -> Iterato
                 "database_url": stack.enter_context(_new_database(postgresql(), f"{name}_{os.urandom(4).hex()}")),
             }
         if name == "postgresql_s3_and_cluster":
-            cluster = Cluster(folder)
+            cluster = Cluster(folder, SCIENCE)
             stack.callback(cluster.end)
             cluster.new_worker()
             more["dask_scheduler"] = cluster.address

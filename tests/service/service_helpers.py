@@ -11,11 +11,14 @@ from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
+from nurseries import OfTests
+from sqlalchemy import update
 
 from dynident_service.app import create_app
-from dynident_service.jobs.nursery import Nursery
 from dynident_service.serve import configuration
 from dynident_service.settings import Settings
+from dynident_service.storage.database import Database
+from dynident_service.storage.tables import JOBS
 
 TWO_JOINTS = {
     "joints": [
@@ -25,7 +28,7 @@ TWO_JOINTS = {
 }
 
 
-SCIENCE = Nursery()
+SCIENCE = OfTests()
 """Loading the science takes longer than most tests: all services of a test process have their children from here."""
 
 
@@ -48,13 +51,20 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def let_leases_run_out(database: Database) -> None:
+    """Let the time go by, for who looks at the jobs that are held, after which one that nobody renews is another's."""
+    with database.engine.begin() as connection:
+        connection.execute(update(JOBS).where(JOBS.c.state == "running").values(lease_until=JOBS.c.created_at))
+
+
 @contextmanager
 def serving(settings: Settings, *, with_science_of_its_own: bool = False) -> Iterator[str]:
     """A service that listens on a port of its own; gives its address.
 
     `with_science_of_its_own`: its children see the environment as it is now, not as it was when others were started.
     """
-    app = create_app(settings) if with_science_of_its_own else app_of(settings)
+    science = OfTests() if with_science_of_its_own else SCIENCE
+    app = create_app(settings, science)
     server = uvicorn.Server(configuration(app, settings))
     thread = threading.Thread(target=server.run)
     thread.start()
@@ -64,3 +74,5 @@ def serving(settings: Settings, *, with_science_of_its_own: bool = False) -> Ite
     finally:
         server.should_exit = True
         thread.join()
+        if with_science_of_its_own:
+            science.close()

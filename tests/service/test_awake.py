@@ -16,6 +16,7 @@ import anyio
 import pytest
 from anyio import to_thread
 from fastapi import Request
+from nurseries import StandingBack
 from service_helpers import SCIENCE, serving, wait_for
 from test_jobs import is_running
 
@@ -61,11 +62,15 @@ def test_a_request_gets_what_a_child_computed(awaited: Awaited) -> None:
     assert [ask(awaited, "twice", number=n) for n in range(3)] == [0, 2, 4]
 
 
-def test_what_a_request_waits_for_stands_back_behind_who_answers_and_before_jobs(awaited: Awaited) -> None:
+def test_what_a_request_waits_for_stands_back_behind_who_answers_and_before_jobs() -> None:
+    nursery = StandingBack()
+    awaited = Awaited(1, nursery)
     own = os.getpriority(os.PRIO_PROCESS, 0)
     if own > 19 - 2 * STANDS_BACK:
         pytest.skip("these tests stand back themselves, so far that nothing can stand behind them")
     assert ask(awaited, "niceness") == own + STANDS_BACK
+    awaited.close()
+    nursery.close()
 
 
 def test_what_goes_wrong_in_the_child_is_the_answer(awaited: Awaited) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from nurseries import HEARTBEAT
 from service_helpers import app_of, wait_for
 from sqlalchemy.exc import OperationalError
 
@@ -26,9 +27,12 @@ Start = Callable[..., str]
 Wait = Callable[..., Any]
 
 
+STILL_FOR = 3 * HEARTBEAT
+
+
 @pytest.fixture
 def soon_still(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(supervisor, "STILL_FOR", 2.5)  # longer than from one heartbeat to the next
+    monkeypatch.setattr(supervisor, "STILL_FOR", STILL_FOR)
     monkeypatch.setattr(supervisor, "VITALS", 0.2)
 
 
@@ -103,7 +107,7 @@ def test_a_computation_that_stands_still_is_given_up_with_the_reason(
 
 def test_a_solver_that_says_nothing_but_computes_is_left_alone(start: Start, wait: Wait, soon_still: None) -> None:
     numbers, took = 10**8, 0.0
-    while took < 4.0:  # longer than a process may stand still
+    while took < 1.5 * STILL_FOR:  # longer than a process may stand still
         began = time.monotonic()
         job = wait(start("holds_the_interpreter", numbers=numbers), timeout=120)
         assert (job.state, job.attempt) == ("succeeded", 1)

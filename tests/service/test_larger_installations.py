@@ -14,11 +14,12 @@ import pytest
 from alembic import command
 from dask_cluster import Cluster, wrong_clock
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, app_of, wait_for
+from service_helpers import TWO_JOINTS, app_of, let_leases_run_out, wait_for
 from sqlalchemy import text
 
 from dynident_service.services import Services
 from dynident_service.settings import Settings
+from dynident_service.storage import ledger as ledger_module
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.migrate import configuration, migrate
@@ -73,6 +74,12 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     made.end()
 
 
+@pytest.fixture
+def soon_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the service hands out that never arrives is missed sooner."""
+    monkeypatch.setattr(ledger_module, "PICK_UP", timedelta(seconds=10))
+
+
 def test_jobs_run_on_a_cluster_elsewhere(cluster: Cluster, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
     with TestClient(app_of(settings), "http://127.0.0.1") as client:
@@ -122,7 +129,9 @@ def test_a_restarted_scheduler_is_noticed_and_jobs_go_on(cluster: Cluster, tmp_p
         assert client.get(f"/v1/jobs/{job_id}").json()["attempt"] == 1
 
 
-def test_a_scheduler_restarted_at_once_with_new_workers_is_no_harm(cluster: Cluster, tmp_path: Path) -> None:
+def test_a_scheduler_restarted_at_once_with_new_workers_is_no_harm(
+    cluster: Cluster, soon_missed: None, tmp_path: Path
+) -> None:
     settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
     with TestClient(app_of(settings), "http://127.0.0.1") as client:
         assert run_a_job(client) == "succeeded"
@@ -134,7 +143,7 @@ def test_a_scheduler_restarted_at_once_with_new_workers_is_no_harm(cluster: Clus
 
 @pytest.mark.parametrize("with_its_worker", [pytest.param(False, marks=pytest.mark.thorough), True])
 def test_a_scheduler_killed_in_the_middle_of_a_job_ends_it_once(
-    cluster: Cluster, tmp_path: Path, with_its_worker: bool
+    cluster: Cluster, soon_missed: None, tmp_path: Path, with_its_worker: bool
 ) -> None:
     settings = Settings(data_dir=tmp_path, dask_scheduler=cluster.address)
     note, go = tmp_path / "pid", tmp_path / "go"
@@ -148,6 +157,7 @@ def test_a_scheduler_killed_in_the_middle_of_a_job_ends_it_once(
         if with_its_worker:
             cluster.worker.kill()
             cluster.worker.wait()
+            let_leases_run_out(services.database)
         cluster.new_scheduler()
         go.touch()
         cluster.new_worker()

@@ -12,7 +12,7 @@ from typing import Any
 
 import httpx2
 import pytest
-from service_helpers import free_port, wait_for
+from service_helpers import free_port, let_leases_run_out, wait_for
 from test_jobs import is_running
 
 from dynident_service.storage.database import Database
@@ -21,6 +21,7 @@ from dynident_service.storage.records import NewJob
 
 pytestmark = pytest.mark.slow
 
+SERVICE = Path(__file__).with_name("service_without_science.py")
 Serve = Callable[..., tuple[subprocess.Popen[bytes], httpx2.Client]]
 
 
@@ -38,7 +39,7 @@ def serve(tmp_path: Path) -> Iterator[Serve]:
             "DYNIDENT_LOG_LEVEL": "warning",
             **more,
         }
-        process = subprocess.Popen([sys.executable, "-m", "dynident_service"], env={**os.environ, **variables})
+        process = subprocess.Popen([sys.executable, SERVICE], env={**os.environ, **variables})
         running.append(process)
         client = httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30)
         wait_for(lambda: answers(client), timeout=60)
@@ -52,14 +53,19 @@ def serve(tmp_path: Path) -> Iterator[Serve]:
 
 
 @pytest.fixture
-def ledger_of_service(tmp_path: Path) -> Iterator[Ledger]:
+def database_of_service(tmp_path: Path) -> Iterator[Database]:
     database = Database(f"sqlite:///{tmp_path / 'data' / 'dynident.sqlite3'}")
-    yield Ledger(database)
+    yield database
     database.close()
 
 
+@pytest.fixture
+def ledger_of_service(database_of_service: Database) -> Ledger:
+    return Ledger(database_of_service)
+
+
 def test_a_killed_service_loses_no_job_and_leaves_no_process_behind(
-    serve: Serve, ledger_of_service: Ledger, tmp_path: Path
+    serve: Serve, ledger_of_service: Ledger, database_of_service: Database, tmp_path: Path
 ) -> None:
     process, _ = serve()
     note = tmp_path / "pids"
@@ -72,8 +78,9 @@ def test_a_killed_service_loses_no_job_and_leaves_no_process_behind(
     note.unlink()
     assert ledger_of_service.get(waiting).state == "queued"
 
+    let_leases_run_out(database_of_service)
     _, client = serve()
-    wait_for(note.exists, timeout=60)  # begun again, once the lease of the dead had run out
+    wait_for(note.exists, timeout=60)  # begun again
     assert client.get(f"/v1/jobs/{running}").json()["attempt"] == 2
     client.post(f"/v1/jobs/{running}/cancel")
     wait_for(lambda: state(client, running) == "cancelled", timeout=60)

@@ -10,10 +10,17 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pytest
 from two_link_arm import write_recording
 
+from dynident_service.settings import Settings
+
+sys.path.append(str(Path(__file__).parents[1] / "service"))
+from service_helpers import SCIENCE, serving
+
+SERVICE_TESTS = Path(__file__).parents[1] / "service"
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = [
     "--no-sandbox",
@@ -38,17 +45,33 @@ class Heard:
     hosts: set[str] = field(default_factory=set)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _the_science_is_left_to_nobody() -> Iterator[None]:
+    yield
+    SCIENCE.close()
+
+
+@contextlib.contextmanager
+def beside(folder: Path, **more: Any) -> Iterator[str]:
+    """Run a service in this process, with the science that is loaded once for all of them; gives its address.
+
+    `started` is the other way, as users start it: it takes as long as many a test.
+    """
+    with serving(Settings(data_dir=folder, workers=2, port=0, log_level="warning", **more)) as address:
+        yield address
+
+
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A service of its own, as users start it; gives its address."""
-    with started(tmp_path_factory.mktemp("workbench")) as address:
+    """A service of its own; gives its address."""
+    with beside(tmp_path_factory.mktemp("workbench")) as address:
         yield address
 
 
 @pytest.fixture
 def locked_service(tmp_path: Path) -> Iterator[str]:
     """A service that asks for a key."""
-    with started(tmp_path, DYNIDENT_REQUIRE_KEYS="true", DYNIDENT_API_KEYS='["open-sesame"]') as address:
+    with beside(tmp_path, require_keys=True, api_keys=["open-sesame"]) as address:
         yield address
 
 
@@ -60,15 +83,14 @@ def free_port() -> int:
 
 
 @contextlib.contextmanager
-def started(folder: Path, port: int | None = None, **more: str) -> Iterator[str]:
-    """Run a service in a process of its own."""
+def started(folder: Path, port: int | None = None, *, science: bool = True) -> Iterator[str]:
+    """Run a service in a process of its own, as users start it; without the science where it is to do nothing."""
     port = port or free_port()
     settings = {"DYNIDENT_PORT": str(port), "DYNIDENT_DATA_DIR": str(folder), "DYNIDENT_WORKERS": "2"}
-    command = [sys.executable, "-c", "from dynident_service.serve import serve; serve()"]
+    program = ("-m", "dynident_service") if science else (str(SERVICE_TESTS / "service_without_science.py"),)
+    command = [sys.executable, *program]
     with (folder / "log.txt").open("wb") as log:
-        process = subprocess.Popen(
-            command, env={**os.environ, **settings, **more}, stdout=log, stderr=subprocess.STDOUT
-        )
+        process = subprocess.Popen(command, env={**os.environ, **settings}, stdout=log, stderr=subprocess.STDOUT)
         try:
             _wait_until_it_answers(process, port, folder / "log.txt")
             yield f"http://127.0.0.1:{port}"
@@ -102,7 +124,7 @@ def page(browser: playwright.Browser, service: str, heard: Heard) -> Iterator[pl
 def first_page(browser: playwright.Browser, tmp_path: Path, heard: Heard) -> Iterator[playwright.Page]:
     """A page of a service that nobody has used yet, listened to."""
     (tmp_path / "service").mkdir()
-    with started(tmp_path / "service") as address:
+    with beside(tmp_path / "service") as address:
         yield from _listened_to(browser, address, heard)
 
 

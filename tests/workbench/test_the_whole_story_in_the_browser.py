@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright")
 
-from conftest import Heard, free_port, listened_page, started
+from conftest import Heard, beside, free_port, listened_page, started
 from storytelling import Keyboard, Mouse, Story
 from test_signals_in_the_browser import foreign
 from test_workbench import ask
@@ -36,7 +36,7 @@ def test_two_people_tell_their_stories_at_once_one_of_them_on_a_telephone(
     browser: Any, recordings: tuple[Path, Path], tmp_path: Path
 ) -> None:
     heard = Heard()
-    with started(tmp_path) as service:
+    with beside(tmp_path) as service:
         desk, telephone = (listened_page(browser, service, heard, width) for width in (1440, 390))
         stories = [Story(Mouse(desk), recordings, "at the desk"), Story(Mouse(telephone), recordings, "on the way")]
         for steps in zip_longest(*(one.told() for one in stories)):
@@ -80,7 +80,7 @@ def test_a_view_that_is_asked_for_while_the_service_is_restarted_says_so_and_com
 ) -> None:
     heard, port = Heard(), free_port()
     with contextlib.ExitStack() as running:
-        page = listened_page(browser, running.enter_context(started(tmp_path, port)), heard)
+        page = listened_page(browser, running.enter_context(started(tmp_path, port, science=False)), heard)
         page.goto("/?view=models")
         nothing = page.get_by_text("No model yet")
         nothing.wait_for()
@@ -90,7 +90,7 @@ def test_a_view_that_is_asked_for_while_the_service_is_restarted_says_so_and_com
         page.locator("#views").get_by_text("Models", exact=True).click()
         away = page.get_by_text("The service does not answer; it is asked again")
         away.wait_for()
-        running.enter_context(started(tmp_path, port))
+        running.enter_context(started(tmp_path, port, science=False))
         nothing.wait_for()
         away.wait_for(state="detached")
         page.context.close()

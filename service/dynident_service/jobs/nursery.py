@@ -17,6 +17,8 @@ import subprocess
 import sys
 import threading
 import warnings
+from collections.abc import Sequence
+from typing import ClassVar
 
 from dynident_service.jobs import child
 from dynident_service.logs import configure
@@ -32,6 +34,9 @@ RUNNING = 1 << 20
 
 class Nursery:
     """Starts the process, and asks it for children."""
+
+    PROGRAM: ClassVar[Sequence[str]] = ("-m", "dynident_service.jobs.nursery")
+    """What Python is told to run: `main`, whatever was done before it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -75,7 +80,7 @@ class Nursery:
         ours, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "dynident_service.jobs.nursery", str(theirs.fileno())],
+                [sys.executable, *self.PROGRAM, str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),),
                 stdin=subprocess.DEVNULL,
                 env={**os.environ, **ONE_THREAD},

@@ -1,0 +1,54 @@
+"""The processes that children of the tests are forked from, which begin sooner than those of the service.
+
+Their children do not stand back behind other processes: beside the other tests, each would wait for a processor. Those
+`without_science` begin at once; what a job needs of it, its child loads.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from dynident_service.jobs import child, engine, nursery
+from dynident_service.jobs.nursery import Nursery
+
+HEARTBEAT = 0.4
+"""Seconds from one to the next, so that one who has none is found out soon."""
+
+
+class OfTests(Nursery):
+    """One with the science."""
+
+    PROGRAM = (str(Path(__file__)), "with_science")
+
+
+class WithoutScience(Nursery):
+    """One for small jobs."""
+
+    PROGRAM = (str(Path(__file__)), "without_science")
+
+
+class StandingBack(Nursery):
+    """One for small jobs whose children stand back as those of the service do."""
+
+    PROGRAM = (str(Path(__file__)), "standing_back")
+
+
+def bring_up_without_science() -> None:
+    """Let a service, or a worker of a cluster, in this process have its children from there, and load none itself."""
+    Nursery.PROGRAM = WithoutScience.PROGRAM
+    engine._load_science = lambda: None
+
+
+def main() -> None:
+    what = sys.argv.pop(1)
+    child.HEARTBEAT = HEARTBEAT
+    if what != "standing_back":
+        child.STANDS_BACK = 0
+    if what != "with_science":
+        nursery.PRELOADED = ()
+    nursery.main()
+
+
+if __name__ == "__main__":
+    main()

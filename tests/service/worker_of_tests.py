@@ -1,0 +1,9 @@
+"""What a Dask worker of the tests loads before it begins: its children do not stand back."""
+
+from __future__ import annotations
+
+from nurseries import OfTests
+
+from dynident_service.jobs.nursery import Nursery
+
+Nursery.PROGRAM = OfTests.PROGRAM

@@ -1,0 +1,7 @@
+"""What a Dask worker loads before it begins that does small jobs alone."""
+
+from __future__ import annotations
+
+from nurseries import bring_up_without_science
+
+bring_up_without_science()
