@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import NAMES, ROBOT, compared
+from hidden_effects import NAMES, ROBOT, compared, experiment
 
 from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.result import UnknownPattern, Variable
 from dynident.diagnosis.search.state import Finding
-from dynident.diagnosis.wrong_names import misnamed
+from dynident.diagnosis.wrong_names import helps_only_at_first, misnamed
 from dynident.effects import EffectChoice
 
 JOINT = 2
@@ -70,3 +70,21 @@ def test_a_group_of_friction_is_not_taken_back_for_one_of_its_joints():
     finding = replace(finding, judged=replace(finding.judged, joints=(JOINT, JOINT + 1)))
     pattern = UnknownPattern(NAMES[JOINT], "acceleration", 0.9)
     assert misnamed([finding], [EffectChoice("presliding", group)], [pattern], [final]) == []
+
+
+@pytest.mark.parametrize(
+    ("effect", "share", "others", "only_at_first"),
+    [
+        ("drive_gain_saturation", 0.9, 1.0, False),
+        ("drive_gain_saturation", 0.97, 1.0, True),
+        ("drive_gain_saturation", 0.9, 1.1, True),
+        ("stribeck", 1.2, 1.0, False),
+    ],
+)
+def test_what_a_predicted_torque_explains_is_kept_where_the_model_identified_with_it_explains_it_too(
+    effect: str, share: float, others: float, only_at_first: bool
+) -> None:
+    before = experiment().identification
+    scale = np.where(np.arange(ROBOT.n) == JOINT, share, others)
+    after = replace(before, fit=replace(before.fit, squares=before.fit.squares * scale))
+    assert helps_only_at_first(before, after, EffectChoice(effect, (NAMES[JOINT],))) is only_at_first

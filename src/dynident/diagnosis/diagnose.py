@@ -27,7 +27,7 @@ from dynident.diagnosis.search.sticking import held_at_rest
 from dynident.diagnosis.search.transients import find_contacts
 from dynident.diagnosis.search.unseen import nothing_left, too_uncertain
 from dynident.diagnosis.words import UNDETERMINED, over_noise, rank_all, summary, verdict_of
-from dynident.diagnosis.wrong_names import found_beside, misnamed
+from dynident.diagnosis.wrong_names import found_beside, helps_only_at_first, misnamed
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import is_change
 from dynident.errors import DynidentError
@@ -39,6 +39,11 @@ from dynident.threads import single_threaded
 
 DEFAULT_MOST_EFFECTS = 12
 """Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds how long it takes."""
+
+_AT_FIRST = (
+    "what it explains beside the model as it is, it does not explain in one that is identified with it: the motion "
+    "hardly determines the torque that it depends on"
+)
 
 
 @single_threaded
@@ -161,15 +166,20 @@ def _grown(
     recordings: Sequence[Recording],
     progress: Progress,
 ) -> tuple[Identification, dict[int, Invisible]]:
-    """The model with all in it that is recommended, and by number what the data do not determine."""
+    """The model with all in it that is recommended, and by number what cannot be added, or helps only at first."""
     grown = identification
     undetermined: dict[int, Invisible] = {}
     for number, choice in enumerate(recommended):
         told = part(progress, number / len(recommended), (number + 1) / len(recommended))
         try:
-            grown = extend(grown, [choice], recordings, (), told)
+            with_it = extend(grown, [choice], recordings, (), told)
         except DynidentError as error:
             undetermined[number] = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
+            continue
+        if helps_only_at_first(grown, with_it, choice):
+            undetermined[number] = Invisible(choice.effect, choice.joints, _AT_FIRST)
+        else:
+            grown = with_it
     return grown, undetermined
 
 

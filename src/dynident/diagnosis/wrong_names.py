@@ -10,11 +10,12 @@ from typing import get_args
 
 import numpy as np
 
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import SMALLEST_DROP, JudgedCandidate
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import UnknownPattern, Variable
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice, effect_by_id
+from dynident.identification import Identification
 
 _LEFT_OVER = 0.12
 """Share of what an effect removed that may be left as the same kind of function: more, and it is another function."""
@@ -55,6 +56,20 @@ def misnamed(
                 wrong.append(number)
                 break
     return wrong
+
+
+def helps_only_at_first(before: Identification, after: Identification, choice: EffectChoice) -> bool:
+    """Whether an effect of first order explains nothing any more in the model that is identified with it.
+
+    Its columns are made of the torque that the model without it predicts. Where the motion hardly determines that
+    model, the one with it predicts another, and what was gained is gone: no joint's error falls by what anybody would
+    notice, or all of them together rise.
+    """
+    if not effect_by_id(choice.effect).first_order:
+        return False
+    was, now = before.fit.rms**2, after.fit.rms**2
+    noise = np.maximum(before.noise**2, np.finfo(float).tiny)
+    return not (now <= (1.0 - SMALLEST_DROP) * was).any() or float((now / noise).sum()) > float((was / noise).sum())
 
 
 def found_beside(picks: Sequence[Finding], wrong: Sequence[int], first: Sequence[JudgedCandidate]) -> list[int]:
