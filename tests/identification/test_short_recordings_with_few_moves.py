@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import Motion, arm, pinocchio_torque, record
+from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification.mistakes import Mistake, gravity, mistakes_in
 from dynident.identification.mistakes.described import SecondOpinion, left_by_description
 from dynident.identification.mistakes.judge import BLOCKS, Judge
 from dynident.identification.mistakes.search import motion_of
+from dynident.identification.mistakes.swaps import Motion as MotionRows
 from dynident.recordings import Recording
 from dynident.robot.pinocchio_model import described_torque
 
@@ -84,15 +85,34 @@ def test_what_one_part_of_a_recording_has_leaves_nothing_but_what_the_others_hav
     assert others[:, :-1] @ found == pytest.approx(others[:, :-1] @ told, abs=1e-4)
 
 
-@pytest.mark.parametrize(("taken_out", "is_refused"), [(0.0, False), (1.0, True)])
-def test_gravity_that_the_description_bears_out_is_not_said_to_be_missing_for_a_share_that_few_moves_do_not_tell(
-    taken_out: float, is_refused: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("taken_out", "error", "is_refused"), [(0.0, 0.1, False), (1.0, 0.1, True), (1.0, 3.0, False)])
+def test_gravity_is_not_said_to_be_missing_where_the_description_bears_it_out_or_motion_tells_too_little(
+    taken_out: float, error: float, is_refused: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     motion = motion_of(recorded(3))
     assert motion is not None
     load = described_torque(ROBOT, motion.q, np.zeros_like(motion.q), np.zeros_like(motion.q))
     given = replace(motion, tau=motion.tau - taken_out * load)
-    told = gravity.Shares(gravity=0.76, motion=5.9)
+    told = gravity.Shares(gravity=0.76, motion=5.9, motion_error=error)
     monkeypatch.setattr(gravity, "shares_of", lambda *_: told)
     monkeypatch.setattr(gravity, "left_of", lambda robot, _: 0.08 if robot.gravity.any() else 0.07)
     assert gravity.compensated(ROBOT, given) == (told if is_refused else None)
+
+
+def test_the_share_of_motion_is_told_with_its_error_which_few_moves_make_large() -> None:
+    few, many = (gravity.shares_of(ROBOT, one) for one in (motion_of(recorded(3)), fourier()))
+    assert few is not None
+    assert many is not None
+    assert many.motion == pytest.approx(1.0, abs=4 * many.motion_error)
+    assert many.motion_error < 0.1 < few.motion_error
+
+
+def fourier() -> MotionRows:
+    """Rows of a motion that tells much, of the same length."""
+    motion = fourier_motion(ROBOT, SECONDS, RATE, 3)
+    torque = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + 0.04 * EFFORT * np.sign(motion.dq)
+    found = motion_of(
+        record(ROBOT, motion, torque + 0.005 * EFFORT * np.random.default_rng(3).normal(size=torque.shape))
+    )
+    assert found is not None
+    return found

@@ -8,6 +8,8 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.identification.mistakes.described import left_by_description
+from dynident.identification.mistakes.judge import BLOCKS
+from dynident.identification.mistakes.scales import KNOWN
 from dynident.identification.mistakes.search import left_of
 from dynident.identification.mistakes.swaps import Motion
 from dynident.robot.model import Robot
@@ -35,10 +37,14 @@ _GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Shares:
-    """Of the torque that the description's masses need, how much of gravity's part and of motion's is there."""
+    """Of the torque that the description's masses need, how much of gravity's part and of motion's is there.
+
+    `motion_error` is the standard error of motion's, by the jackknife over blocks of time.
+    """
 
     gravity: float
     motion: float
+    motion_error: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +66,7 @@ def shares_of(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | Non
         return None
     every = max(1, len(motion.q) // _STATES)
     q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
+    others = motion.block[::every] != np.arange(BLOCKS)[:, None]
     load = _load(robot, q)
     rest = described_torque(robot, q, dq, ddq) - load
     size = np.sqrt((load**2).mean(axis=0))
@@ -68,17 +75,22 @@ def shares_of(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | Non
         speed = dq[:, joint]
         rows = np.column_stack([load[:, joint], rest[:, joint], speed, np.sign(speed)])
         length = np.sqrt((rows**2).sum(axis=0)) + 1e-30
-        shares.append(np.linalg.lstsq(rows / length, tau[:, joint], rcond=1e-10)[0][:2] / length[:2])
+        asked = (np.ones(len(rows), dtype=bool), *others)
+        told = [np.linalg.lstsq(rows[at] / length, tau[at, joint], rcond=1e-10)[0][:2] for at in asked]
+        shares.append(np.array(told) / length[:2])
     if not shares:
         return None
-    gravity, inertia = np.median(np.abs(shares), axis=0)
-    return Shares(float(gravity), float(inertia))
+    (gravity, inertia), *without = np.median(np.abs(shares), axis=0)
+    error = np.sqrt((BLOCKS - 1) * np.var([one[1] for one in without]))
+    return Shares(float(gravity), float(inertia), float(error))
 
 
 def compensated(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | None:
     """The shares where the load of gravity was taken out of a torque; None where it was not, or nothing tells."""
     found = shares_of(robot, motion, factor)
     if found is None or found.gravity > _ABSENT * found.motion or not _SEEN < found.motion < _MOST:
+        return None
+    if found.motion < KNOWN * found.motion_error:
         return None
     floating = replace(robot, gravity=np.zeros(3))
     without, with_it = left_of(floating, motion), left_of(robot, motion)
