@@ -27,9 +27,10 @@ from dynident.recordings import (
     recording_from_arrays,
 )
 from dynident.recordings.types import StoredRows
+from dynident.regressors.folding import stretch_length, used_duration
 from dynident.regressors.model import build_model
 from dynident.regressors.row_phases import RowPhases
-from dynident.regressors.stream import reduce_recordings, stretch_length, used_duration
+from dynident.regressors.stream import reduce_recordings
 
 ROBOT = arm("scara")
 N = ROBOT.n

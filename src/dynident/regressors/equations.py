@@ -10,17 +10,11 @@ from dynident.arrays import FloatArray
 from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, SampleBlock
+from dynident.regressors.folding import EquationRows, folded
 from dynident.regressors.forms import Form
 from dynident.regressors.row_phases import RowPhases
 from dynident.regressors.stages import differences, integrated, rated, smoothed
-from dynident.regressors.stream import (
-    EquationRows,
-    SampleFunction,
-    Samples,
-    folded,
-    low_passed,
-    sampled,
-)
+from dynident.regressors.stream import SampleFunction, Samples, low_passed, sampled
 
 # Intervals of the energy model begin every eighth of their length: nearer to each other they repeat each other.
 _OVERLAP = 8

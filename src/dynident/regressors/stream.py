@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.effects import RunSignal
 from dynident.effects.memory import MemoryStates
-from dynident.estimation import BesideAccumulator, FactorAccumulator, Reduction, concatenate
+from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
 from dynident.recordings.phases import Phase, PhaseArray
+from dynident.regressors.folding import BesideRows, EquationRows, folded
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, changed_at_rest, fitted
-
-_SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,28 +225,6 @@ def low_passed(
         yield segment, rest.t[rest.used], rest.values[rest.used]
 
 
-def stretch_length(recordings: Sequence[Recording]) -> float:
-    """Length in s of the stretches that factors are kept for.
-
-    A twentieth of the data, but long against the correlation of filtered rows and short against the motion, and never
-    so many that their factors would outgrow the data's own size.
-    """
-    duration = sum(used_duration(recording) for recording in recordings)
-    return float(max(np.clip(duration / _SHARE, _SHORTEST, _LONGEST), duration / _MOST))
-
-
-def used_duration(recording: Recording) -> float:
-    """Seconds of a recording that are inside its windows."""
-    total = 0.0
-    for segment in recording.segments:
-        start, end = segment.start_time, segment.start_time + segment.length * recording.period
-        if recording.windows:
-            total += sum(max(0.0, min(end, last) - max(start, first)) for first, last in recording.windows)
-        else:
-            total += end - start
-    return total
-
-
 def reduce_recordings(
     observation: Observation,
     recordings: Sequence[Recording],
@@ -323,77 +300,3 @@ class AtRest:
             either.append(w)
         turning = rows[phase[:, joint] == Phase.REVERSING]
         return BesideRows(turning, rows[partial[:, joint]], either[0], either[1], whole[standing, -1])
-
-
-@dataclass(frozen=True, eq=False)
-class BesideRows:
-    """[W | Y] where a joint turns round, of motion beside a halt; W (k, p) either way and Y (k,) where it stands."""
-
-    turning: FloatArray
-    partial: FloatArray
-    upper: FloatArray
-    lower: FloatArray
-    y: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class EquationRows:
-    """Rows of one segment: t (m,), and [W | Y] (m, p + 1) of every equation.
-
-    `used` (m, equations): which of them count, all where it is None; `beside`: what else there is to each equation.
-    """
-
-    t: FloatArray
-    rows: list[FloatArray]
-    segment: int
-    used: BoolArray | None = None
-    beside: list[BesideRows] | None = None
-
-
-def folded(
-    rows_of: Callable[[Recording], Iterable[EquationRows]],
-    columns: Sequence[IndexArray],
-    n_columns: int,
-    recordings: Sequence[Recording],
-    progress: Progress = silent,
-    beside: bool = False,
-) -> Reduction:
-    """Fold the equations that `rows_of` makes of every recording into factors.
-
-    Parameters
-    ----------
-    columns : one (p,) array an equation
-        The parameters that each equation contains.
-    n_columns : int
-        Number of all parameters.
-    beside : bool
-        Whether what is beside the equations is kept.
-    """
-    stretch = stretch_length(recordings)
-    total = sum(recording.n_samples for recording in recordings) / recordings[0].sampling_rate
-    done = 0.0
-    parts = []
-    for recording in recordings:
-        accumulator = FactorAccumulator(columns, n_columns, stretch)
-        kept = [BesideAccumulator(len(own)) for own in columns] if beside else []
-        segment = -1
-        for part in rows_of(recording):
-            if part.segment != segment:
-                accumulator.end_stretch()
-                segment = part.segment
-            accumulator.push(part.t, part.rows, part.used)
-            for one, rows in zip(kept, part.beside or (), strict=False):
-                one.push_turning(rows.turning)
-                one.push_partial(rows.partial)
-                one.push_standing(rows.upper, rows.lower, rows.y)
-            progress(min(1.0, (done + part.t[-1] - recording.segments[0].start_time) / total), recording.name)
-        done += recording.n_samples / recording.sampling_rate
-        parts.append(_with(accumulator.finish(), kept))
-    return concatenate(parts)
-
-
-def _with(reduction: Reduction, beside: Sequence[BesideAccumulator]) -> Reduction:
-    if not beside:
-        return reduction
-    equations = tuple(replace(e, beside=b.finish()) for e, b in zip(reduction.equations, beside, strict=True))
-    return replace(reduction, equations=equations)

@@ -20,9 +20,10 @@ from dynident.effects import Signals
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.phases import Phase, width_of
+from dynident.regressors.folding import stretch_length, used_duration
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, joints_with_friction, lives_at_starts
-from dynident.regressors.stream import FilteredSamples, filtered_samples, stretch_length, used_duration
+from dynident.regressors.stream import FilteredSamples, filtered_samples
 
 _FINER = 0.25
 """Stretches are so much shorter than those that an identification keeps: the more there are, the surer is what gains in

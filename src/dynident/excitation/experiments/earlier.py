@@ -12,7 +12,8 @@ from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.request import DesignRequest
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording, choose_preprocessing
-from dynident.regressors.stream import reduce_recordings, used_duration
+from dynident.regressors.folding import used_duration
+from dynident.regressors.stream import reduce_recordings
 
 
 def earlier_rows(

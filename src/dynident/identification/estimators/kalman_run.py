@@ -17,9 +17,9 @@ from dynident.estimation.triangles import triangular
 from dynident.identification.data import Data
 from dynident.identification.estimators.torque_function import TorqueFunction
 from dynident.recordings import Preprocessing, Recording, filtered_blocks
+from dynident.regressors.folding import EquationRows, folded
 from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
-from dynident.regressors.stream import EquationRows, folded
 
 # Noise of the torque of a joint that stands still with friction, over that of others: it tells nothing.
 _TELLS_NOTHING = 1e6
@@ -57,7 +57,7 @@ def run_filter(torque: TorqueFunction, model: Model, data: Data, start: Informat
     """
     way = _Way(torque, model, data, start, noise)
     c, n = start.n_columns, model.robot.n
-    rows = folded(way.rows_of, [np.arange(c)] * n, c, data.recordings)
+    rows = folded(way.rows_of, [np.arange(c)] * n, c, data.recordings, in_turn=True)
     if not way.samples:
         raise DynidentError(
             "there are too few samples in a row for a filter; use a longer recording",

@@ -27,15 +27,10 @@ from dynident.identification.estimators.simulated_motion import (
 from dynident.identification.fit import Fit
 from dynident.identification.recorded_motion import RecordedMotion, whole_segments
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, motion_band
+from dynident.regressors.folding import EquationRows, folded
 from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
-from dynident.regressors.stream import (
-    EquationRows,
-    SampleFunction,
-    folded,
-    parallel_filtered,
-    reduce_recordings,
-)
+from dynident.regressors.stream import SampleFunction, parallel_filtered, reduce_recordings
 
 # Harmonics of the motion that the reference of instruments keeps: what is left of the noise in it biases the estimate.
 _HARMONICS = 4.0

@@ -1,0 +1,97 @@
+"""Large recordings are reduced several at a time, to the same factors, with progress and an end that come in time."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from oracles import arm, fourier_motion, pinocchio_torque, record
+
+from dynident import side_by_side as threads
+from dynident.effects import DEFAULT_EFFECTS
+from dynident.errors import Cancelled
+from dynident.estimation import Reduction
+from dynident.progress import Progress, silent
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model import build_model
+from dynident.regressors.stream import reduce_recordings
+from dynident.side_by_side import side_by_side
+
+ROBOT = arm("scara")
+
+
+@pytest.fixture(autouse=True)
+def worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the size, and the machine."""
+    monkeypatch.setattr(threads, "WORTH", 0)
+    monkeypatch.setattr(threads, "processors", lambda: 3)
+
+
+def run(seed: int, seconds: float) -> Recording:
+    motion = fourier_motion(ROBOT, seconds, 200.0, seed)
+    return record(ROBOT, motion, pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq), f"run {seed}")
+
+
+def test_the_factors_are_those_of_one_recording_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = build_model(ROBOT, DEFAULT_EFFECTS)
+    runs = [run(seed, 4.0 + seed) for seed in range(4)]
+    reference = model.reference(np.zeros(model.n_parameters))
+    told: list[float] = []
+
+    def reduced(progress: Progress = silent) -> Reduction:
+        return reduce_recordings(model.observation, runs, Preprocessing(10.0, 10.0, 4), reference, progress)
+
+    at_once = reduced(lambda fraction, _: told.append(fraction))
+    monkeypatch.setattr(threads, "processors", lambda: 1)
+    for one, other in zip(at_once.equations, reduced().equations, strict=True):
+        np.testing.assert_array_equal(one.factors, other.factors)
+    # The filters leave out the ends.
+    assert told[-1] > 0.8
+    assert told == sorted(told)
+
+
+def test_as_many_work_at_a_time_as_there_are_processors_and_answers_keep_their_order() -> None:
+    together = threading.Barrier(3, timeout=10.0)
+
+    def work(item: int, told: Progress) -> int:
+        together.wait()
+        told(1.0, str(item))
+        return 10 * item
+
+    assert side_by_side(work, [0, 1, 2], [1.0, 1.0, 1.0]) == [0, 10, 20]
+
+
+def test_what_goes_wrong_in_one_ends_the_others() -> None:
+    ended = threading.Event()
+
+    def work(item: int, told: Progress) -> int:
+        if item == 1:
+            raise ValueError("a gap in the second")
+        try:
+            while True:
+                told(0.1, "")
+                time.sleep(0.001)
+        finally:
+            ended.set()
+
+    with pytest.raises(ValueError, match="a gap in the second"):
+        side_by_side(work, [0, 1], [1.0, 1.0])
+    assert ended.is_set()
+
+
+def test_who_asks_is_told_in_his_own_thread_and_may_end_it() -> None:
+    asked = threading.get_ident()
+
+    def progress(fraction: float, message: str) -> None:
+        assert threading.get_ident() == asked
+        raise Cancelled
+
+    def work(item: int, told: Progress) -> None:
+        while True:
+            told(0.5, "")
+            time.sleep(0.001)
+
+    with pytest.raises(Cancelled):
+        side_by_side(work, [0, 1], [1.0, 1.0], progress)
