@@ -191,6 +191,15 @@ def test_a_kr300_whose_motion_is_too_small_is_warned_of_and_gets_no_invented_eff
     assert diagnose(plain, [training]).recommended == ()
 
 
+def test_what_a_kr300s_predicted_torque_explains_at_first_alone_is_not_recommended_and_it_is_said_why(read):
+    arm = robot("kr300")
+    training = read(arm, "id_A")
+    told = diagnose(identify(arm, [training]), [training])
+    assert "drive_gain_saturation" not in {choice.effect for choice in told.recommended}
+    reasons = [one.reason for one in told.not_visible if one.effect == "drive_gain_saturation"]
+    assert any("in one that is identified with it" in reason for reason in reasons)
+
+
 def test_all_models_of_the_chapter_tell_much_the_same_of_a_ur10e(ur10e):
     arm, recordings = ur10e
     training = [recordings[name] for name in ("id_30s_12harm", "id_40s_12harm")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from dynident.errors import Cancelled
 from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.folding import EquationRows, folded
 from dynident.regressors.model import build_model
 from dynident.regressors.stream import reduce_recordings
 from dynident.side_by_side import side_by_side
@@ -95,3 +97,15 @@ def test_who_asks_is_told_in_his_own_thread_and_may_end_it() -> None:
 
     with pytest.raises(Cancelled):
         side_by_side(work, [0, 1], [1.0, 1.0], progress)
+
+
+def test_rows_that_depend_on_the_recordings_before_are_made_in_turn() -> None:
+    runs, asked = [run(seed, 4.0) for seed in range(3)], []
+
+    def rows_of(recording: Recording) -> Iterator[EquationRows]:
+        asked.append((recording.name, threading.get_ident()))
+        t = np.arange(20) / 10.0
+        yield EquationRows(t, [np.random.default_rng(1).normal(size=(20, 3))], 0)
+
+    folded(rows_of, [np.arange(2)], 2, runs, in_turn=True)
+    assert asked == [(one.name, threading.get_ident()) for one in runs]

@@ -118,11 +118,13 @@ class Judges:
         self._robot = robot
 
     @cached_property
-    def plain(self) -> Judge:  # noqa: D102
+    def plain(self) -> Judge:
+        """Of links and friction."""
         return Judge(self._robot)
 
     @cached_property
-    def beside_offsets(self) -> Judge:  # noqa: D102
+    def beside_offsets(self) -> Judge:
+        """Of these and a constant torque on each joint."""
         return Judge(self._robot, (OFFSETS,))
 
 
