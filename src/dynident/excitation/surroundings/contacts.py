@@ -1,7 +1,8 @@
 """How near a motion comes to itself and to its surroundings, by coal on the exact shapes.
 
 The distance of two bodies cannot change faster than the joints between them let their points travel. So a few samples
-tell of whole stretches that nothing comes near there, and only the rest of a fine grid is looked at.
+tell of whole stretches that nothing comes near there, and only the rest of a fine grid is looked at. Nor is it less
+than that of capsules around them, which is known for many postures at once.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ from typing import Any
 import coal
 import numpy as np
 
-from dynident.arrays import FloatArray, IndexArray
+from dynident.arrays import BoolArray, FloatArray, IndexArray
+from dynident.excitation.surroundings.segments import segment_distances
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.model import Robot
-from dynident.robot.shapes import Block, Capsule, Cylinder, Shape
+from dynident.robot.shapes import Block, Capsule, Cylinder, Shape, enclosing_capsule
 
 _FIRST_LOOKS = 48
 _EXACTNESS = 5e-4
@@ -27,13 +29,14 @@ _IDENTITY = coal.Transform3s()
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Shapes of one name in the frame of a joint; -1 is the base."""
+    """Shapes of one name in the frame of a joint; -1 is the base. No capsule encloses a half-space."""
 
     name: str
     joint: int
     shapes: tuple[coal.CollisionGeometry, ...]
     placements: tuple[tuple[FloatArray, FloatArray], ...]
     reach: float
+    capsules: tuple[Capsule, ...]
 
 
 def solid_of(name: str, joint: int, shapes: Sequence[Shape]) -> Solid:
@@ -48,12 +51,12 @@ def solid_of(name: str, joint: int, shapes: Sequence[Shape]) -> Solid:
             reach = max(reach, ends + shape.radius)
         else:
             reach = max(reach, float(np.linalg.norm(shape.corners, axis=1).max()))
-    return Solid(name, joint, tuple(made), tuple(placements), reach)
+    return Solid(name, joint, tuple(made), tuple(placements), reach, tuple(map(enclosing_capsule, shapes)))
 
 
 def half_space_solid(name: str, normal: FloatArray, offset: float) -> Solid:
     """What lies behind a plane: normal · x < offset."""
-    return Solid(name, -1, (coal.Halfspace(normal, offset),), ((np.eye(3), np.zeros(3)),), 0.0)
+    return Solid(name, -1, (coal.Halfspace(normal, offset),), ((np.eye(3), np.zeros(3)),), 0.0, ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,27 +145,41 @@ class ContactCheck:
 
     def distances(self, pair: SolidPair, q: FloatArray) -> FloatArray:
         """Distance (m,) of a pair at postures q (m, n); negative where they overlap."""
-        return self._distances(pair, joint_frames(self._robot, q))
+        return self._distances(pair, _Postures(joint_frames(self._robot, q)))
+
+    def too_near(self, q: FloatArray) -> BoolArray:
+        """(m,): at which of the postures q (m, n) any pair is nearer than its clearance."""
+        frames, found = joint_frames(self._robot, q), np.zeros(len(q), dtype=np.bool_)
+        for pair in self.pairs:
+            doubtful = np.flatnonzero(~found & (_least_apart(pair, frames) < pair.clearance))
+            if len(doubtful):
+                found[doubtful] = self._distances(pair, _Postures(frames[doubtful])) < pair.clearance
+        return found
 
     def nearest(self, q: FloatArray) -> list[Nearest]:
         """Of every body (in the order of `bodies`) what it is nearest to, at each of the postures q (m, n)."""
-        frames = joint_frames(self._robot, q)
+        postures = _Postures(joint_frames(self._robot, q))
         return [
-            self._nearest([pair for pair in self.pairs if pair.moving.joint == body], frames) for body in self.bodies
+            self._nearest([pair for pair in self.pairs if pair.moving.joint == body], postures) for body in self.bodies
         ]
 
     def approaches(self, q: FloatArray) -> list[Approach]:
         """Of every body (in the order of `bodies`) its nearest approach along q (m, n)."""
         moved = q if self._robot.linkage is None else self._robot.linkage.positions(q)
         way = np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(np.abs(np.diff(moved, axis=0)), axis=0)])
+        looks = np.unique(np.linspace(0, len(q) - 1, min(_FIRST_LOOKS, len(q))).astype(np.intp))
+        first = _Postures(joint_frames(self._robot, q[looks]))
+        searches = {
+            pair: _Search(way @ pair.travel, looks, self._distances(pair, first) - pair.clearance)
+            for pair in self.pairs
+        }
         return [
-            self._approach([pair for pair in self.pairs if pair.moving.joint == body], q, way) for body in self.bodies
+            self._approach({pair: one for pair, one in searches.items() if pair.moving.joint == body}, q)
+            for body in self.bodies
         ]
 
-    def _approach(self, pairs: Sequence[SolidPair], q: FloatArray, way: FloatArray) -> Approach:
-        looks = np.unique(np.linspace(0, len(q) - 1, min(_FIRST_LOOKS, len(q))).astype(np.intp))
-        frames = joint_frames(self._robot, q[looks])
-        searches = [_Search(way @ pair.travel, looks, self._distances(pair, frames) - pair.clearance) for pair in pairs]
+    def _approach(self, of_pairs: dict[SolidPair, _Search], q: FloatArray) -> Approach:
+        pairs, searches = list(of_pairs), list(of_pairs.values())
         while True:
             nearest = min(range(len(pairs)), key=lambda k: searches[k].least)
             best = searches[nearest].least
@@ -173,15 +190,16 @@ class ContactCheck:
                 return Approach(pairs[nearest].name, best + wanted, searches[nearest].at, wanted)
             for pair, search, samples in zip(pairs, searches, asked, strict=True):
                 if len(samples):
-                    distances = self._distances(pair, joint_frames(self._robot, q[samples]))
+                    distances = self._distances(pair, _Postures(joint_frames(self._robot, q[samples])))
                     search.add(samples, distances - pair.clearance)
 
-    def _nearest(self, pairs: Sequence[SolidPair], frames: FloatArray) -> Nearest:
+    def _nearest(self, pairs: Sequence[SolidPair], postures: _Postures) -> Nearest:
+        frames = postures.frames
         distances, ends = np.empty((len(pairs), len(frames))), np.empty((len(pairs), len(frames), 2, 3))
         for place, pair in enumerate(pairs):
             for k, frame in enumerate(frames):
                 # The least of the shapes' distances, with the points that it lies between.
-                distances[place, k], points = min(self._gaps(pair, frame), key=lambda gap: gap[0])
+                distances[place, k], points = min(self._gaps(pair, postures, k), key=lambda gap: gap[0])
                 for end, (solid, point) in enumerate(zip((pair.moving, pair.other), points, strict=True)):
                     ends[place, k, end] = _in_frame(solid, frame, point)
         wanted = np.array([pair.clearance for pair in pairs])
@@ -190,15 +208,19 @@ class ContactCheck:
         others = tuple(pair.other for pair in pairs)
         return Nearest(pairs[0].moving, others, to, distances[to, every], wanted[to], chosen[:, 0], chosen[:, 1])
 
-    def _distances(self, pair: SolidPair, frames: FloatArray) -> FloatArray:
-        return np.array([min(distance for distance, _ in self._gaps(pair, frame)) for frame in frames])
+    def _distances(self, pair: SolidPair, postures: _Postures) -> FloatArray:
+        found = np.full(len(postures.frames), np.inf)
+        for a, at_a in zip(pair.moving.shapes, postures.of(pair.moving), strict=True):
+            for b, at_b in zip(pair.other.shapes, postures.of(pair.other), strict=True):
+                between = [self._distance(a, here, b, there) for here, there in zip(at_a, at_b, strict=True)]
+                np.minimum(found, between, out=found)
+        return found
 
-    def _gaps(self, pair: SolidPair, frame: FloatArray) -> Iterator[tuple[float, tuple[Any, Any]]]:
-        """Distances of the shapes of a pair at the frames (n, 4, 4) of one posture, and the points nearest there."""
-        placed = [_placed(solid, frame) for solid in (pair.moving, pair.other)]
-        for a, at_a in zip(pair.moving.shapes, placed[0], strict=True):
-            for b, at_b in zip(pair.other.shapes, placed[1], strict=True):
-                distance = self._distance(a, at_a, b, at_b)
+    def _gaps(self, pair: SolidPair, postures: _Postures, k: int) -> Iterator[tuple[float, tuple[Any, Any]]]:
+        """Distances of the shapes of a pair at the k-th posture, and the points nearest there."""
+        for a, at_a in zip(pair.moving.shapes, postures.of(pair.moving), strict=True):
+            for b, at_b in zip(pair.other.shapes, postures.of(pair.other), strict=True):
+                distance = self._distance(a, at_a[k], b, at_b[k])
                 yield distance, (self._result.getNearestPoint1(), self._result.getNearestPoint2())
 
     def _distance(self, a: Any, at_a: Any, b: Any, at_b: Any) -> float:
@@ -233,12 +255,46 @@ class _Search:
         self._distances = np.concatenate([self._distances, distances])[order]
 
 
-def _placed(solid: Solid, frame: FloatArray) -> list[Any]:
-    """Transforms of a solid's shapes, at the frames (n, 4, 4) of one posture."""
+class _Postures:
+    """Postures by the frames (m, n, 4, 4) of their joints; where solids' shapes are in them is made once."""
+
+    def __init__(self, frames: FloatArray) -> None:
+        self.frames = frames
+        self._placed: dict[Solid, list[list[Any]]] = {}
+
+    def of(self, solid: Solid) -> list[list[Any]]:
+        """Transforms of each of a solid's shapes, at every posture."""
+        found = self._placed.get(solid)
+        if found is None:
+            found = [self._transforms(solid.joint, *placement) for placement in solid.placements]
+            self._placed[solid] = found
+        return found
+
+    def _transforms(self, joint: int, rotation: FloatArray, origin: FloatArray) -> list[Any]:
+        if joint < 0:
+            return [coal.Transform3s(rotation, origin)] * len(self.frames)
+        turned, moved = self.frames[:, joint, :3, :3], self.frames[:, joint, :3, 3]
+        return list(map(coal.Transform3s, turned @ rotation, turned @ origin + moved))
+
+
+def _least_apart(pair: SolidPair, frames: FloatArray) -> FloatArray:
+    """What a pair's distance (m,) is at least at the frames (m, n, 4, 4): that of capsules around their shapes."""
+    if not pair.other.capsules or not pair.moving.capsules:
+        return np.full(len(frames), -np.inf)
+    a, b = (_segments(solid, frames) for solid in (pair.moving, pair.other))
+    radii = [np.array([one.radius for one in solid.capsules]) for solid in (pair.moving, pair.other)]
+    apart = segment_distances(a[0][..., None], a[1][..., None], b[0][:, :, None], b[1][:, :, None])
+    return np.asarray((apart - radii[0][:, None] - radii[1]).min(axis=(1, 2)))
+
+
+def _segments(solid: Solid, frames: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Starts and ends (3, m, c) of the axes of a solid's capsules, at the frames (m, n, 4, 4)."""
+    starts, ends = np.array([one.start for one in solid.capsules]), np.array([one.end for one in solid.capsules])
     if solid.joint < 0:
-        return [coal.Transform3s(rotation, origin) for rotation, origin in solid.placements]
-    turned, moved = frame[solid.joint, :3, :3], frame[solid.joint, :3, 3]
-    return [coal.Transform3s(turned @ rotation, turned @ origin + moved) for rotation, origin in solid.placements]
+        still = (3, len(frames), len(starts))
+        return np.broadcast_to(starts.T[:, None], still), np.broadcast_to(ends.T[:, None], still)
+    frame = frames[:, solid.joint, :3].transpose(1, 0, 2)
+    return frame[:, :, :3] @ starts.T + frame[:, :, 3:], frame[:, :, :3] @ ends.T + frame[:, :, 3:]
 
 
 def _in_frame(solid: Solid, frame: FloatArray, point: FloatArray) -> FloatArray:

@@ -73,7 +73,7 @@ class FreeSpace:
                 if (low is not None and at[:, k].min() < low) or (high is not None and at[:, k].max() > high):
                     ends = f"[{at[:, k].min():.4g}, {at[:, k].max():.4g}]"
                     return f"the tool would be at {'xyz'[k]} = {ends} m, beyond its range [{low}, {high}]."
-        if self.contacts is not None:
+        if self.contacts is not None and self.contacts.too_near(q).any():
             nearest = min(self.contacts.approaches(q), key=lambda approach: approach.room)
             if nearest.room < 0:
                 return contact_complaint(nearest.name, nearest.distance, nearest.wanted)
@@ -92,8 +92,7 @@ class FreeSpace:
         """At which of postures q (m, n) something is not kept: (m,)."""
         found = np.zeros(len(q), dtype=np.bool_) if self.loops is None else self.loops.broken(q)
         if self.contacts is not None:
-            for pair in self.contacts.pairs:
-                found |= self.contacts.distances(pair, q) < pair.clearance
+            found |= self.contacts.too_near(q)
         if self.tool is not None:
             at = self.tool_at(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):

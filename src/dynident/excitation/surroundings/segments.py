@@ -33,6 +33,13 @@ def closest_shares(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: Float
     return s, _clipped((ab * s + br) / bb_safe)
 
 
+def segment_distances(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: FloatArray) -> FloatArray:
+    """Distances (…) of segments from `a` to `a_end` from those from `b` to `b_end`, all (3, …), which broadcast."""
+    s, t = closest_shares(a, a_end, b, b_end)
+    between = a + s * (a_end - a) - b - t * (b_end - b)
+    return np.asarray(np.sqrt(dot(between, between)))
+
+
 def unit(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lengths (…) and directions (3, …) of vectors; no direction where there is no length."""
     length: FloatArray = np.sqrt(dot(vectors, vectors))
