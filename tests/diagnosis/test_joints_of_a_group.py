@@ -38,10 +38,10 @@ def left_of(monkeypatch):
     """Gives the joints that are left of a group whose joints gain by these t, on an arm of six."""
 
     def left(gains: dict[str, float]) -> tuple[str, ...]:
-        def judge(data: Any, pool: Any, base: Any, asked: list[Candidate], noise: Any) -> list[Gain]:
-            return [Gain(one, gains[one.joints[0]]) for one in asked]
+        def judge(data: Any, pool: Any, base: Any, asked: Candidate, noise: Any) -> Gain:
+            return Gain(asked, gains[asked.joints[0]])
 
-        monkeypatch.setattr(pruning, "judge_all", judge)
+        monkeypatch.setattr(pruning, "judge_one", judge)
         monkeypatch.setattr(pruning, "gain_over_floor", lambda *asked: 1.0)
         robot = SimpleNamespace(joint_names=ARM, movers=lambda name: (ARM.index(name),))
         columns = [SimpleNamespace(link=name) for name in gains]

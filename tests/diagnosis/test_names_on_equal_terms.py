@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, on_joint, recorded
-from oracles import fourier_motion
+from hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, nothing, on_joint, recorded
+from oracles import FloatArray, Motion, fourier_motion, pinocchio_torque
 
 from dynident.diagnosis import diagnose
+from dynident.diagnosis.candidates.pool import pool_of
+from dynident.diagnosis.changes import together
+from dynident.diagnosis.search.choosing import choose
+from dynident.diagnosis.search.contest import settled
+from dynident.diagnosis.search.source import Source
+from dynident.diagnosis.search.state import State, judge_all, noise_left
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.shape_columns import shape_places
 from dynident.identification.shapes import between
+from dynident.robot import Robot
 
 
 def _balancer(q, v, load):
@@ -73,3 +82,39 @@ def test_constants_between_those_of_the_grid_are_tried_together_and_stay_what_na
     power = EffectChoice("viscous_nonlinear", (NAMES[0],), (("p", 0.5),))
     assert min(choice.shape_values["p"] for choice in between(power)) >= 0.4
     assert between(EffectChoice("offset", (NAMES[0],))) == [EffectChoice("offset", (NAMES[0],))]
+
+
+def heavier_upper_arm(motion: Motion, load: FloatArray) -> FloatArray:
+    """A point mass of 1.5 kg on the second link."""
+    x, y, z = 0.12, 0.02, 0.03
+    inertia = [y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]
+    inertias = ROBOT.inertias.copy()
+    inertias[1] += 1.5 * np.array([*inertia, x, y, z, 1.0])
+    heavy = Robot(ROBOT.name, ROBOT.joints, ROBOT.gravity, ROBOT.drives, ROBOT.description, inertias)
+    return pinocchio_torque(heavy, motion.q, motion.dq, motion.ddq) - load
+
+
+@pytest.mark.slow
+def test_a_mass_that_a_spring_would_say_as_well_keeps_its_name_from_day_to_day():
+    since = ("friday",)
+    mass, spring = (EffectChoice(name, (NAMES[1],), (), since) for name in ("payload", "joint_spring"))
+    days = [
+        recorded(
+            fourier_motion(ROBOT, 20.0, 200.0, seed, base_frequency=0.1, harmonics=5, amplitude=0.8, fastest=1.5),
+            heavier,
+            seed,
+            name,
+        )
+        for seed, name, heavier in ((300, "monday", nothing), (301, *since, heavier_upper_arm))
+    ]
+    model = identify(ROBOT, days[:1], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    both, days, _ = together(model, days[:1], days[1:])
+    pool = replace(pool_of(both.model, [mass, spring]), since=since)
+    rows = Source(both.model, days, both.preprocessing, both.next_reference())
+    data, base = rows.products(pool), tuple(range(pool.n_base))
+    state = State(base, noise_left(data, base), np.full(6, 0.05), (), since)
+    judged = judge_all(data, pool, base, [pool.candidate(choice) for choice in (mass, spring)], state.noise)
+    choice = choose(data, pool, state, judged)
+    assert choice is not None
+    chosen, equal = settled(both.model, pool, state, choice, judged, rows.products)
+    assert (chosen.candidate.choice, [item.candidate.choice for item in equal]) == (mass, [spring])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from dynident.effects.catalogue import is_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend
 from dynident.identification.data import motions_and_friction
+from dynident.identification.identifying import extend_at_once
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.threads import single_threaded
@@ -167,6 +169,10 @@ def _grown(
     progress: Progress,
 ) -> tuple[Identification, dict[int, Invisible]]:
     """The model with all in it that is recommended, and by number what cannot be added, or helps only at first."""
+    if len(recommended) > 1 and not any(effect_by_id(choice.effect).first_order for choice in recommended):
+        # One after another where one of them cannot be added.
+        with suppress(DynidentError):
+            return extend_at_once(identification, recommended, recordings, progress), {}
     grown = identification
     undetermined: dict[int, Invisible] = {}
     for number, choice in enumerate(recommended):

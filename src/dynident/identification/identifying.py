@@ -124,6 +124,25 @@ def extend(
     return replace(grown, warnings=(*grown.warnings, left_out))
 
 
+def extend_at_once(
+    identification: Identification,
+    added: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    progress: Progress = silent,
+) -> Identification:
+    """The model with several effects, whose shape constants are known, as one rung: without those between.
+
+    Raises
+    ------
+    DynidentError
+        Where they add nothing, or not all of it is determined.
+    """
+    grown = _identified_with(identification, tuple(added), recordings, (), progress)
+    if grown is None:
+        raise DynidentError("the columns of these effects are combinations of those in the model", pointer="/effects")
+    return grown
+
+
 def _with_one_more(
     identification: Identification,
     added: EffectChoice,
@@ -169,8 +188,10 @@ def _identified_with(
     reference = identification.reference
     if model.needs_load:
         reference = identification.next_reference()
-    # The plain model's parameters made up for what was missing; first-order columns are better about the new ones.
-    passes = 2 if any(effect_by_id(choice.effect).first_order for choice in new) else 1
+    # The plain model's parameters made up for what was missing; columns of the predicted torque, and of the load that
+    # others change, are better about the new ones.
+    again = any(effect_by_id(choice.effect).first_order for choice in new) or (len(new) > 1 and model.needs_load)
+    passes = 2 if again else 1
     for number in range(passes):
         grown = identify_model(
             model,

@@ -21,6 +21,9 @@ from dynident.robot.model import Robot
 
 # Share of the squared error that a natural value may cost: what noise alone would give a free one, three times over.
 _AS_GOOD = 0.002
+_DEPENDENT = 1e-10
+"""Share of a column below which what is left of it beside others is rounding."""
+
 DOWN, UP = 6, 8
 """Steps around a coarse value, down and up."""
 
@@ -260,8 +263,12 @@ class _Table:
 
     def errors(self, k: int, others: Sequence[int]) -> FloatArray:
         """Squared error of every option of choice k beside the model and the columns `others`."""
-        base = [*range(self.n_base), *others]
-        return np.array([_squared_error(self.factor, base + option) for option in self.numbers[k]])
+        options = self.numbers[k]
+        free = [column for option in options for column in option]
+        left = _left_beside(self.factor[:, [*range(self.n_base), *others]], self.factor[:, [*free, -1]])
+        ends = np.cumsum([len(option) for option in options])
+        own = (left[:, end - len(option) : end] for option, end in zip(options, ends, strict=True))
+        return np.array([_squared_error(columns, left[:, -1]) for columns in own])
 
     def search(self) -> tuple[list[int], list[FloatArray]]:
         """The best option of every choice, one after another, twice; and the errors it was picked from."""
@@ -326,9 +333,24 @@ def _vertex(
     return _with(choice, spec.name, _moved(spec, choice.shape_values[spec.name], shift))
 
 
-def _squared_error(factor: FloatArray, columns: list[int]) -> float:
-    """Squared error of the least-squares solution on these columns, which may depend on one another."""
-    w, y = factor[:, columns], factor[:, -1]
-    w = w / np.maximum(np.linalg.norm(w, axis=0), np.finfo(float).tiny)
-    rest = y - w @ np.linalg.lstsq(w, y, rcond=1e-10)[0]
+def _left_beside(base: FloatArray, columns: FloatArray) -> FloatArray:
+    """(r, c): what of columns (r, c), all but the last taken as of size one, is no combination of a model's (r, b)."""
+    said, sizes, _ = np.linalg.svd(_of_size_one(base), full_matrices=False)
+    said = said[:, sizes > _DEPENDENT * sizes[0]]
+    left = np.column_stack([_of_size_one(columns[:, :-1]), columns[:, -1]])
+    # Twice: the first time leaves rounding along the model.
+    for _ in range(2):
+        left = left - said @ (said.T @ left)
+    nothing = np.linalg.norm(left[:, :-1], axis=0) < _DEPENDENT
+    left[:, :-1][:, nothing] = 0.0
+    return np.asarray(left)
+
+
+def _squared_error(w: FloatArray, y: FloatArray) -> float:
+    """Squared error of the least-squares solution on columns (r, k), which may depend on one another."""
+    rest = y - w @ np.linalg.lstsq(w, y, rcond=_DEPENDENT)[0]
     return float(rest @ rest)
+
+
+def _of_size_one(columns: FloatArray) -> FloatArray:
+    return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny))

@@ -114,8 +114,9 @@ class RowErrors:
         self._block = block
         self._adding = adding(block.stretch, block.n_stretches)
         self._rest = block.y - block.w @ fit.chi[block.have]
-        self._beside = block.x.take(block.place, axis=1)
-        self._beside -= block.w @ fit.projection[block.have]
+        self._beside = block.w @ -fit.projection[block.have]
+        has = np.flatnonzero(block.place < block.x.shape[1] - 1)
+        self._beside[:, has] += block.x.take(block.place[has], axis=1)
         self.alone = np.bincount(block.stretch, self._rest**2, block.n_stretches).astype(np.float64)
 
     def scores(self) -> FloatArray:

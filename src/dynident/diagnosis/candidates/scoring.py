@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.blocks import Blocks
-from dynident.diagnosis.candidates.fit import StretchesFit
+from dynident.diagnosis.candidates.fit import StretchesFit, Sums
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products, folds_of
 
@@ -57,17 +57,17 @@ def score_candidates(
     -------
     (s, n) : squared errors of the model alone; and a score for every candidate.
     """
-    return scored(data, Blocks.of(data, base, candidates), candidates, noise, kind)
+    blocks = Blocks.of(data, base, candidates)
+    return scored(data, blocks, blocks.summed(noise), candidates, noise, kind)
 
 
 def scored(
-    data: Products, blocks: Blocks, candidates: Sequence[Candidate], noise: FloatArray, kind: str
+    data: Products, blocks: Blocks, total: Sums, candidates: Sequence[Candidate], noise: FloatArray, kind: str
 ) -> tuple[FloatArray, list[Score]]:
-    """The same from the products that it takes, where they are at hand."""
+    """The same from the products that it takes and their sums over all stretches, where they are at hand."""
     s, n = data.n_stretches, data.n_joints
     before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
-    total = blocks.summed(noise)
     for left_out in folds_of(data, kind):
         here = blocks.at(left_out)
         fit = StretchesFit(total.minus(here.summed(noise)), blocks.portions)
@@ -99,12 +99,13 @@ def contributions(
     left of the columns beside it. Their sum over the stretches is zero but for noise where the candidate explains
     nothing, and its square is what the candidate removes where it does.
     """
-    return contributed(Blocks.of(data, base, candidates), len(candidates), noise)
+    blocks = Blocks.of(data, base, candidates)
+    return contributed(blocks, blocks.summed(noise), len(candidates), noise)
 
 
-def contributed(blocks: Blocks, count: int, noise: FloatArray) -> list[FloatArray]:
-    """The same of `count` candidates from the products that it takes, where they are at hand."""
-    fit = StretchesFit(blocks.summed(noise), blocks.portions)
+def contributed(blocks: Blocks, total: Sums, count: int, noise: FloatArray) -> list[FloatArray]:
+    """The same of `count` candidates from the products that it takes and their sums, where they are at hand."""
+    fit = StretchesFit(total, blocks.portions)
     found = np.zeros((blocks.n_stretches, blocks.n_extra))
     for block, sigma in zip(blocks.joints, noise, strict=True):
         found += block.errors(fit).scores() / sigma**2
@@ -121,8 +122,9 @@ def deviations(blocks: Blocks, count: int, noise: FloatArray) -> list[FloatArray
     From what every stretch adds to the scores: samples of one stretch need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
     """
-    scores = contributed(blocks, count, noise)
-    fit = StretchesFit(blocks.summed(noise), blocks.portions)
+    total = blocks.summed(noise)
+    scores = contributed(blocks, total, count, noise)
+    fit = StretchesFit(total, blocks.portions)
     more = blocks.n_stretches / max(blocks.n_stretches - 1, 1)
     found = [np.zeros(0)] * count
     for number, portion in enumerate(blocks.portions):

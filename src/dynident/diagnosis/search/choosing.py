@@ -172,11 +172,17 @@ def _most_usual(
     state: State, chosen: JudgedCandidate, twins: list[JudgedCandidate]
 ) -> tuple[JudgedCandidate, list[JudgedCandidate]]:
     """Of the names of one finding the one that robots usually get from one day to the next, and the others."""
+    seldom = is_seldom_change(state, chosen)
     usual = [item for item in twins if is_change(item.candidate.choice, state.since) and not _is_seldom(item)]
-    if not (is_change(chosen.candidate.choice, state.since) and _is_seldom(chosen) and usual):
+    if not (seldom and usual):
         return chosen, twins
     best = max(usual, key=lambda item: item.total_gain)
     return best, [chosen, *(item for item in twins if item is not best)]
+
+
+def is_seldom_change(state: State, item: JudgedCandidate) -> bool:
+    """Whether it is said of the later runs, and robots seldom get it from one day to the next."""
+    return is_change(item.candidate.choice, state.since) and _is_seldom(item)
 
 
 def _is_seldom(item: JudgedCandidate) -> bool:

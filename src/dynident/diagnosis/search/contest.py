@@ -17,7 +17,7 @@ from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, pool_of
 from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, share_found_again
 from dynident.diagnosis.residuals.stretches import t_of
-from dynident.diagnosis.search.choosing import choose
+from dynident.diagnosis.search.choosing import choose, is_seldom_change
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.effects import EffectChoice
 from dynident.identification.shapes import between
@@ -103,7 +103,7 @@ def _weighed(
     told = choose(data, finer, beside, again)
     if told is None:
         return choice
-    slim = choose(data, finer, beside, [item for item in again if _slimmer(item, told[0])])
+    slim = choose(data, finer, beside, [item for item in again if _slimmer(state, item, told[0])])
     told = slim or told
     winner = parents.get(told[0].candidate.choice)
     if winner is None:
@@ -119,9 +119,9 @@ def _weighed(
     return replace(winner, p=chosen.p), tuple(others)
 
 
-def _slimmer(slim: JudgedCandidate, other: JudgedCandidate) -> bool:
-    """Whether a name with fewer constants says as much."""
-    return slim.freedom < other.freedom and says_as_much(slim, other)
+def _slimmer(state: State, slim: JudgedCandidate, other: JudgedCandidate) -> bool:
+    """Whether a name with fewer constants says as much; what robots seldom get from day to day is no better for it."""
+    return slim.freedom < other.freedom and says_as_much(slim, other) and not is_seldom_change(state, slim)
 
 
 def says_as_much(slim: JudgedCandidate, other: JudgedCandidate) -> bool:

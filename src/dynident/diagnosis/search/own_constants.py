@@ -10,7 +10,7 @@ from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, columns_on, is_sharper_than_resolved
 from dynident.diagnosis.residuals.resolution import Resolution
 from dynident.diagnosis.residuals.stretches import t_of
-from dynident.diagnosis.search.state import Finding, State, judge_all
+from dynident.diagnosis.search.state import Finding, State, judge_all, judge_one
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification.shapes import nearly_alike
 from dynident.robot import Robot
@@ -117,4 +117,4 @@ def _beside(
 ) -> JudgedCandidate:
     """One of several candidates, judged beside the others."""
     base = (*rest, *(column for i, part in enumerate(parts) if i != k for column in part.columns))
-    return judge_all(data, pool, base, [parts[k]], state.noise)[0]
+    return judge_one(data, pool, base, parts[k], state.noise)

@@ -16,7 +16,7 @@ from dynident.diagnosis.search.acceptance import (
     least_gain,
     shadowed,
 )
-from dynident.diagnosis.search.state import Finding, State, judge_all
+from dynident.diagnosis.search.state import Finding, State, judge_one
 from dynident.effects import effect_by_id
 
 _PRUNE_DROP, _PRUNE_T = 0.03, 2.5
@@ -58,7 +58,7 @@ def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
 def _again(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> JudgedCandidate:
     """A pick, judged beside all others."""
     base = tuple(k for k in state.base if k not in finding.columns)
-    return judge_all(data, pool, base, [finding.judged.candidate], state.noise)[0]
+    return judge_one(data, pool, base, finding.judged.candidate, state.noise)
 
 
 def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, ...]]:
@@ -85,7 +85,7 @@ def _members(
         own = columns_on(pool, group, joint)
         rest = tuple(k for k in base if k not in own)
         alone = Candidate(group.effect, (joint,), group.shape, own, group.runs)
-        item = judge_all(data, pool, rest, [alone], state.noise)[0]
+        item = judge_one(data, pool, rest, alone, state.noise)
         gains[joint] = item.total_gain
         if _gains(data, pool, state, item, JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE):
             firm.append(joint)

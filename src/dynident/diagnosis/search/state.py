@@ -10,6 +10,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.diagnosis.candidates.blocks import Blocks
 from dynident.diagnosis.candidates.family import family_wise_p
+from dynident.diagnosis.candidates.fit import Sums
 from dynident.diagnosis.candidates.gate import Bar, JudgedCandidate, judge
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
@@ -86,9 +87,10 @@ def judge_all(
         own = [candidates[k] for k in members]
         rows = data.beside(base, np.array(used))
         blocks = Blocks.of(rows, np.array(base, dtype=np.intp), own)
-        for k, item in zip(members, _judged(rows, blocks, pool, own, noise), strict=True):
+        total = blocks.summed(noise)
+        for k, item in zip(members, _judged(rows, blocks, total, pool, own, noise), strict=True):
             found[k] = item
-        for k, each in zip(members, contributed(blocks, len(own), noise), strict=True):
+        for k, each in zip(members, contributed(blocks, total, len(own), noise), strict=True):
             told = pool.is_change(candidates[k]) or _told_by_scores(candidates[k])
             scores[k] = each if told else np.zeros_like(each)
     whole = [item for item in found if item is not None]
@@ -96,6 +98,15 @@ def judge_all(
         return []
     p = family_wise_p(np.array([item.gains for item in whole]), scores)
     return [replace(item, p=float(value)) for item, value in zip(whole, p, strict=True)]
+
+
+def judge_one(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidate: Candidate, noise: FloatArray
+) -> JudgedCandidate:
+    """Judge what was found, by whatever test, beside another model: by its gains alone, its p stays one."""
+    rows = data.beside(base, np.array(data.kinds(candidate.columns)))
+    blocks = Blocks.of(rows, np.array(base, dtype=np.intp), [candidate])
+    return _judged(rows, blocks, blocks.summed(noise), pool, [candidate], noise)[0]
 
 
 def _told_by_scores(candidate: Candidate) -> bool:
@@ -109,10 +120,10 @@ def _told_by_scores(candidate: Candidate) -> bool:
 
 
 def _judged(
-    data: Products, blocks: Blocks, pool: Pool, candidates: Sequence[Candidate], noise: FloatArray
+    data: Products, blocks: Blocks, total: Sums, pool: Pool, candidates: Sequence[Candidate], noise: FloatArray
 ) -> list[JudgedCandidate]:
     """Judge candidates that are all about the same rows."""
-    found = [scored(data, blocks, candidates, noise, kind) for kind in KINDS]
+    found = [scored(data, blocks, total, candidates, noise, kind) for kind in KINDS]
     bars = [Bar.of(before, noise) for before, _ in found]
     acting = acted_on(pool)
     return [
