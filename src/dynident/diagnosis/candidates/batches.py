@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.pool import Candidate
@@ -48,3 +50,21 @@ def by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArra
     sizes = [portion.columns.size * portion.width for portion in portions]
     parts = np.split(values, np.cumsum(sizes)[:-1]) if sizes else []
     return tuple(part.reshape(-1, portion.width, portion.width) for part, portion in zip(parts, portions, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Amplitudes:
+    """Parameters of the candidates of every portion, (g, k) each, among `n_extra` columns."""
+
+    portions: tuple[Batch, ...]
+    each: tuple[FloatArray, ...]
+    n_extra: int
+
+    @cached_property
+    def mixing(self) -> sparse.csr_array:
+        """(g, c): makes of all columns one for every candidate, portion by portion."""
+        widths = np.concatenate([np.full(len(own), own.shape[1]) for own in self.each])
+        values = np.concatenate([own.ravel() for own in self.each])
+        columns = np.concatenate([portion.columns.ravel() for portion in self.portions])
+        ends = np.concatenate([[0], np.cumsum(widths)])
+        return sparse.csr_array((values, columns, ends), shape=(len(widths), self.n_extra))

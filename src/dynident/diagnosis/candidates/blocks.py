@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.diagnosis.candidates.batches import Batch, batches, by_portion, extra_columns
+from dynident.diagnosis.candidates.batches import Amplitudes, Batch, batches, by_portion, extra_columns
 from dynident.diagnosis.candidates.fit import JointSums, StretchesFit, Sums
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.product_block import ProductBlock
@@ -30,8 +30,8 @@ class JointErrors(Protocol):
     def scores(self) -> FloatArray:
         """(s, c): Zᵀρ, Z what the model does not say of every candidate's column, ρ what it leaves."""
 
-    def beside(self, amplitudes: Sequence[FloatArray]) -> FloatArray:
-        """(g, s): squared errors with each candidate, portion by portion, whose amplitudes are (g, k)."""
+    def beside(self, amplitudes: Amplitudes) -> FloatArray:
+        """(g, s): squared errors with each candidate, portion by portion."""
 
 
 class JointBlock(Protocol):
@@ -77,6 +77,11 @@ class Blocks:
         """Of some of the stretches."""
         joints = tuple(joint.at(stretches) for joint in self.joints)
         return Blocks(self.n_base, self.n_extra, len(stretches), self.portions, joints)
+
+    def amplitudes(self, fit: StretchesFit) -> Amplitudes:
+        """The candidates' parameters, each fitted beside the model."""
+        each = tuple(fit.amplitudes(number) for number in range(len(self.portions)))
+        return Amplitudes(self.portions, each, self.n_extra)
 
     def summed(self, noise: FloatArray) -> Sums:
         """Over the stretches, each joint in units of its noise (n,)."""

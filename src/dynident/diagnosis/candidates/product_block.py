@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.diagnosis.candidates.batches import Batch
+from dynident.diagnosis.candidates.batches import Amplitudes, Batch
 from dynident.diagnosis.candidates.fit import JointSums, StretchesFit
 from dynident.diagnosis.candidates.products import Products, present, standing
 
@@ -105,9 +105,9 @@ class ProductErrors:
         """(s, c): Zᵀρ."""
         return np.asarray(self._x_rest[:, self._block.place] - self._w_rest @ self._projection)
 
-    def beside(self, amplitudes: Sequence[FloatArray]) -> FloatArray:
-        """(g, s): squared errors with each candidate, portion by portion, whose amplitudes are (g, k)."""
-        each = zip(self._block.portions, self._block.pairs, amplitudes, strict=True)
+    def beside(self, amplitudes: Amplitudes) -> FloatArray:
+        """(g, s): squared errors with each candidate, portion by portion."""
+        each = zip(self._block.portions, self._block.pairs, amplitudes.each, strict=True)
         return np.concatenate([self._of_portion(portion, pairs, own) for portion, pairs, own in each])
 
     def _of_portion(self, portion: Batch, pairs: FloatArray, amplitudes: FloatArray) -> FloatArray:

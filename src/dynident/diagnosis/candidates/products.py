@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy import sparse
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.estimation import Reduction
@@ -36,38 +35,40 @@ class Stack(Protocol):
         """(s, *shape): the products at these places, whose shapes are broadcast."""
 
 
-def adding(stretch: IndexArray, n_stretches: int) -> sparse.csr_array:
-    """(s, m): adds up the rows of every stretch; `stretch` (m,) is ascending."""
-    m = len(stretch)
-    ends = np.searchsorted(stretch, np.arange(n_stretches + 1)).astype(np.int32)
-    return sparse.csr_array((np.ones(m), np.arange(m, dtype=np.int32), ends), shape=(n_stretches, m))
+def added_up(values: FloatArray, stretch: IndexArray, n_stretches: int) -> FloatArray:
+    """(…, s): values (…, m) summed over the rows of every stretch; `stretch` (m,) is ascending."""
+    found = np.zeros((*values.shape[:-1], n_stretches))
+    if len(stretch):
+        first = np.flatnonzero(np.diff(stretch, prepend=-1))
+        found[..., stretch[first]] = np.add.reduceat(values, first, axis=-1)
+    return found
 
 
 class RowStack:
     """The rows [W | Y] themselves: `values` (m, p + 1), and the `stretch` (m,) of each, ascending, of `n_stretches`.
 
     Where a stretch has fewer rows than the model columns, these are fewer numbers than their products, and quicker to
-    read a score from.
+    read a score from. Kept as `columns` (p + 1, m), of which a score takes some.
     """
 
     def __init__(self, values: FloatArray, stretch: IndexArray, n_stretches: int) -> None:
-        self.values, self.stretch, self.n_stretches = values, stretch, n_stretches
+        self.columns, self.stretch, self.n_stretches = np.ascontiguousarray(values.T), stretch, n_stretches
 
     @cached_property
     def total(self) -> FloatArray:
         """(p + 1, p + 1): over all stretches."""
-        return np.asarray(self.values.T @ self.values)
+        return np.asarray(self.columns @ self.columns.T)
 
     @property
     def torque_squared(self) -> float:
         """Sum of the squared torque."""
-        return float((self.values[:, -1] ** 2).sum())
+        return float((self.columns[-1] ** 2).sum())
 
     def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): the products at these places, whose shapes are broadcast."""
         one, other = np.broadcast_arrays(rows, columns)
-        each = self.values.take(one.ravel(), axis=1) * self.values.take(other.ravel(), axis=1)
-        return np.asarray(adding(self.stretch, self.n_stretches) @ each).reshape(self.n_stretches, *one.shape)
+        each = self.columns[one.ravel()] * self.columns[other.ravel()]
+        return added_up(each, self.stretch, self.n_stretches).T.reshape(self.n_stretches, *one.shape)
 
 
 class ProductStack:

@@ -8,27 +8,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.diagnosis.candidates.batches import Batch
+from dynident.diagnosis.candidates.batches import Amplitudes, Batch
 from dynident.diagnosis.candidates.fit import JointSums, StretchesFit
-from dynident.diagnosis.candidates.products import RowStack, adding, present, standing
+from dynident.diagnosis.candidates.products import RowStack, added_up, present, standing
 
 
 @dataclass(frozen=True, eq=False)
 class RowBlock:
-    """One joint's `rows` (m, w + x + 2) in some stretches: W of the model, X of the candidates, zeros, and Y.
+    """One joint's `columns` (w + x + 2, m) in some stretches: W of the model, X of the candidates, zeros, and Y.
 
     `have` (w,) says which of the model's columns these are; `place` (c,) where each of the candidates' stands among the
     x that the joint has: for those that it lacks at the end, where there are zeros. `stretch` (m,) is that of every
-    row, ascending, of `n_stretches`. `within`: where, in the flat products of all these columns, those within
-    candidates are, portion by portion.
+    row, ascending, of `n_stretches`. Column by column: what a score takes of them is some columns of all rows.
     """
 
     have: IndexArray
     place: IndexArray
-    rows: FloatArray
+    columns: FloatArray
     stretch: IndexArray
     n_stretches: int
-    within: IndexArray
     portions: tuple[Batch, ...]
 
     @classmethod
@@ -52,32 +50,29 @@ class RowBlock:
         have, wp = present(where, base)
         place, xp = standing(where, extra)
         needed = np.concatenate([wp, xp, [-1, -1]])
-        rows = np.concatenate([stack.values.take(needed, axis=1) for stack in stacks])
-        rows[:, -2] = 0.0
+        taken = [stack.columns[needed] for stack in stacks]
         stretch = np.concatenate([stack.stretch for stack in stacks])
+        whole = taken[0] if len(taken) == 1 else np.concatenate(taken, axis=1)
         if len(stacks) > 1:
             order = np.argsort(stretch, kind="stable")
-            rows, stretch = rows[order], stretch[order]
-        wide = len(needed)
-        own = [len(wp) + place[portion.columns] for portion in portions]
-        within = [(one[:, :, None] * wide + one[:, None, :]).ravel() for one in own]
-        flat = np.concatenate([np.zeros(0, dtype=np.intp), *within])
-        return cls(have, place, rows, stretch, n_stretches, flat, tuple(portions))
+            whole, stretch = whole.take(order, axis=1), stretch[order]
+        whole[-2] = 0.0
+        return cls(have, place, whole, stretch, n_stretches, tuple(portions))
 
     @property
     def w(self) -> FloatArray:
-        """(m, w)"""
-        return self.rows[:, : len(self.have)]
+        """(w, m)"""
+        return self.columns[: len(self.have)]
 
     @property
     def x(self) -> FloatArray:
-        """(m, x + 1), zeros at the end."""
-        return self.rows[:, len(self.have) : -1]
+        """(x + 1, m), zeros at the end."""
+        return self.columns[len(self.have) : -1]
 
     @property
     def y(self) -> FloatArray:
         """(m,)"""
-        return self.rows[:, -1]
+        return np.asarray(self.columns[-1])
 
     def at(self, stretches: IndexArray) -> RowBlock:
         """Of some of the stretches, ascending."""
@@ -85,23 +80,35 @@ class RowBlock:
         number[stretches] = np.arange(len(stretches))
         stretch = number[self.stretch]
         own = np.flatnonzero(stretch >= 0)
-        return replace(self, rows=self.rows[own], stretch=stretch[own], n_stretches=len(stretches))
+        return replace(self, columns=self.columns.take(own, axis=1), stretch=stretch[own], n_stretches=len(stretches))
 
     def sums(self) -> JointSums:
         """Over all stretches."""
-        products = self.rows.T @ self.rows
-        w, end = len(self.have), len(products) - 2
+        w, x = len(self.have), len(self.x) - 1
+        products = self.w @ self.columns.T
         return JointSums(
-            products[:w, :w],
-            products[:w, w:end],
-            products[:w, -1],
-            products[w:end, -1],
-            products.ravel().take(self.within),
+            products[:, :w],
+            products[:, w : w + x],
+            products[:, -1],
+            self.x[:-1] @ self.y,
+            np.concatenate([np.zeros(0), *(self._within(portion).ravel() for portion in self.portions)]),
         )
 
     def errors(self, fit: StretchesFit) -> RowErrors:
         """Its squared errors for a fit."""
         return RowErrors(self, fit)
+
+    def _within(self, portion: Batch) -> FloatArray:
+        """XᵀX within the candidates of a portion (g, k, k); most of them have nothing on one joint."""
+        places = self.place[portion.columns]
+        own = np.flatnonzero((places < len(self.x) - 1).any(axis=1))
+        found = np.zeros((*places.shape, portion.width))
+        columns = self.x[places[own]]
+        if portion.width == 1:
+            found[own, :, 0] = np.einsum("gkm,gkm->gk", columns, columns)
+        else:
+            found[own] = columns @ columns.transpose(0, 2, 1)
+        return found
 
 
 class RowErrors:
@@ -112,33 +119,25 @@ class RowErrors:
 
     def __init__(self, block: RowBlock, fit: StretchesFit) -> None:
         self._block = block
-        self._adding = adding(block.stretch, block.n_stretches)
-        self._rest = block.y - block.w @ fit.chi[block.have]
-        self._beside = block.w @ -fit.projection[block.have]
-        has = np.flatnonzero(block.place < block.x.shape[1] - 1)
-        self._beside[:, has] += block.x.take(block.place[has], axis=1)
+        self._rest = block.y - fit.chi[block.have] @ block.w
+        # Z as (c, m).
+        self._beside = -fit.projection[block.have].T @ block.w
+        has = np.flatnonzero(block.place < len(block.x) - 1)
+        self._beside[has] += block.x[block.place[has]]
         self.alone = np.bincount(block.stretch, self._rest**2, block.n_stretches).astype(np.float64)
 
     def scores(self) -> FloatArray:
         """(s, c): Zᵀρ."""
-        return np.asarray(self._adding @ (self._beside * self._rest[:, None]))
+        return self._added_up(self._beside * self._rest).T
 
-    def beside(self, amplitudes: Sequence[FloatArray]) -> FloatArray:
-        """(g, s): squared errors with each candidate, portion by portion, whose amplitudes are (g, k)."""
-        if not amplitudes:
-            return np.zeros((0, self._block.n_stretches))
-        single = [portion.columns for portion in self._block.portions]
-        left = np.empty((len(self._rest), sum(map(len, single))))
-        first = 0
+    def beside(self, amplitudes: Amplitudes) -> FloatArray:
+        """(g, s): squared errors with each candidate, portion by portion."""
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
         with np.errstate(over="ignore", invalid="ignore"):
-            for columns, own in zip(single, amplitudes, strict=True):
-                part = left[:, first : first + len(columns)]
-                first += len(columns)
-                if columns.shape[1] == 1:
-                    np.multiply(self._beside.take(columns[:, 0], axis=1), own[:, 0], out=part)
-                else:
-                    np.einsum("mgk,gk->mg", self._beside.take(columns, axis=1), own, out=part)
-            np.subtract(self._rest[:, None], left, out=left)
+            left = amplitudes.mixing @ self._beside
+            np.subtract(self._rest, left, out=left)
             np.square(left, out=left)
-        return np.asarray(np.nan_to_num((self._adding @ left).T, nan=np.inf))
+            return np.asarray(np.nan_to_num(self._added_up(left), nan=np.inf))
+
+    def _added_up(self, values: FloatArray) -> FloatArray:
+        return added_up(values, self._block.stretch, self._block.n_stretches)

@@ -71,7 +71,7 @@ def scored(
     for left_out in folds_of(data, kind):
         here = blocks.at(left_out)
         fit = StretchesFit(total.minus(here.summed(noise)), blocks.portions)
-        amplitudes = [fit.amplitudes(portion) for portion in range(len(blocks.portions))]
+        amplitudes = blocks.amplitudes(fit)
         for j, block in enumerate(here.joints):
             errors = block.errors(fit)
             before[left_out, j] = errors.alone
@@ -150,9 +150,9 @@ def fitted_errors(
     """
     blocks = Blocks.of(data, base, [candidate])
     fit = StretchesFit(blocks.summed(noise), blocks.portions)
-    own = fit.amplitudes(0)
+    amplitudes = blocks.amplitudes(fit)
     before, after = np.zeros((data.n_stretches, data.n_joints)), np.zeros((data.n_stretches, data.n_joints))
     for j, block in enumerate(blocks.joints):
         errors = block.errors(fit)
-        before[:, j], after[:, j] = errors.alone, errors.beside([own])[0]
-    return before, after, float(fit.separability(0)[0]), own[0]
+        before[:, j], after[:, j] = errors.alone, errors.beside(amplitudes)[0]
+    return before, after, float(fit.separability(0)[0]), amplitudes.each[0][0]
