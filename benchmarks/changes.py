@@ -168,7 +168,7 @@ def judged(pair: Pair) -> Outcome:
         shows(pair),
         bool(right) or (pair.kind == "nothing" and not changes),
         len(right) < len(changes),
-        tuple(held for one in right for held in _held(pair, one, robot)),
+        _held(pair, right, robot),
         "; ".join(f"{one.choice.effect} {','.join(one.choice.joints)} {one.main.value:+.3g}" for one in changes)
         or "nothing",
     )
@@ -181,26 +181,32 @@ def _is_right(pair: Pair, change: Change, robot: Robot) -> bool:
     return not change.choice.joints or name in change.choice.joints or name in change.equivalent
 
 
-def _held(pair: Pair, change: Change, robot: Robot) -> list[bool]:
-    """Whether the intervals hold the truth, of those values that have one."""
+def _held(pair: Pair, right: Sequence[Change], robot: Robot) -> tuple[bool, ...]:
+    """Whether the intervals hold the truth, of those values that have one.
+
+    All friction follows the warmth, what it changed by among it: the truth is what it was in the later runs.
+    """
     drives, parameter = usual_drives(robot), pair.joint + 1
-    truths = {
-        f"Fc{parameter}": pair.size * drives.coulomb[pair.joint] if pair.kind == "friction" else None,
-        f"Fv{parameter}": pair.size * drives.viscous[pair.joint] if pair.kind == "friction" else None,
-        f"Mp{parameter}": pair.size if pair.kind == "mass" else None,
-        f"b{parameter}": pair.size if pair.kind == "offset" else None,
-        f"eps{parameter}": pair.size if pair.kind == "gain" else None,
-        f"dq0{parameter}": pair.size if pair.kind == "zero" else None,
+    later = [1.0 + run.warmth for day in range(pair.since, pair.days) for run in day_of(pair, day).runs]
+    kinds = {
+        "friction": {
+            f"Fc{parameter}": [pair.size * drives.coulomb[pair.joint] * factor for factor in later],
+            f"Fv{parameter}": [pair.size * drives.viscous[pair.joint] * factor for factor in later],
+        },
+        "mass": {f"Mp{parameter}": [pair.size]},
+        "offset": {f"b{parameter}": [pair.size]},
+        "gain": {f"eps{parameter}": [pair.size]},
+        "zero": {f"dq0{parameter}": [pair.size]},
     }
+    truths = kinds.get(pair.kind, {})
+    values = {value.parameter: value for one in right for value in (one.main, *one.more) if value.parameter in truths}
     found = []
-    for value in (change.main, *change.more):
-        truth = truths.get(value.parameter)
-        if truth is not None:
-            low, high = value.interval
-            if pair.kind in _SIGNLESS and truth * value.value < 0:
-                truth = -truth
-            found.append(bool(low <= truth <= high))
-    return found
+    for value in values.values():
+        low, high = value.interval
+        turned = -1.0 if pair.kind in _SIGNLESS and truths[value.parameter][0] * value.value < 0 else 1.0
+        truth = [turned * one for one in truths[value.parameter]]
+        found.append(bool(low <= max(truth) and min(truth) <= high))
+    return tuple(found)
 
 
 def shows(pair: Pair) -> bool:
@@ -231,24 +237,57 @@ def recorded(pair: Pair, day: int) -> Recording:
     )
 
 
+@dataclass(frozen=True)
+class DrawnRun:
+    """One run of a day: how fast it is, how much more friction its warmth gives, and what is drawn for it."""
+
+    pace: float
+    warmth: float
+    motion_seed: int
+    noise_seed: int
+
+
+@dataclass(frozen=True)
+class DrawnDay:
+    """A day: its controller's bandwidth in Hz, whether it moves from point to point, and its runs."""
+
+    bandwidth: float
+    still: bool
+    runs: tuple[DrawnRun, ...]
+
+
+def day_of(pair: Pair, day: int) -> DrawnDay:
+    """What is drawn for a day."""
+    rng = np.random.default_rng([pair.seed, day])
+    bandwidth, still = float(np.exp(rng.uniform(np.log(4.0), np.log(12.0)))), bool(rng.random() < 0.4)
+    runs = tuple(
+        DrawnRun(
+            pace,
+            float(rng.uniform(-0.2, 0.2)) if pair.warm else 0.0,
+            int(rng.integers(2**31)),
+            int(rng.integers(2**31)),
+        )
+        for pace in _PACES
+    )
+    return DrawnDay(bandwidth, still, runs)
+
+
 def runs_of(pair: Pair, day: int, cool: bool = False) -> tuple[list[Run], list[FloatArray]]:
     """A day's runs, and the temperatures (m, n) in degC of each; `cool`: the same motions without the warmth."""
     changed = day >= pair.since
     robot = _heavier(arm_by_name(pair.arm), pair) if changed else arm_by_name(pair.arm)
-    rng = np.random.default_rng([pair.seed, day])
     hidden: tuple[Hidden, ...] = (*_hidden(pair),) if changed else ()
-    servo = Bandwidth(float(np.exp(rng.uniform(np.log(4.0), np.log(12.0)))))
+    drawn = day_of(pair, day)
     instruments = Instruments(_COUNTS, 0.006, _RATE)
-    still = rng.random() < 0.4
+    noise = np.random.default_rng([pair.seed, day, 1])
     runs, heat = [], []
-    for number, pace in enumerate(_PACES):
-        warmth = float(rng.uniform(-0.2, 0.2)) if pair.warm else 0.0
-        felt = 0.0 if cool else warmth
-        arm = Arm(robot, _drives(pair, changed, 1.0 + felt), hidden, servo)
-        make = point_to_point_motion if still else fourier_motion
-        motion = make(robot, _DURATION, int(rng.integers(2**31)), arm.step, pace=pace)
-        runs.append(record(arm, motion, instruments, int(rng.integers(2**31)), Plan(number, 0.0)))
-        heat.append(35.0 - 40.0 * warmth + 0.1 * rng.standard_normal(runs[-1].q.shape))
+    for number, own in enumerate(drawn.runs):
+        felt = 0.0 if cool else own.warmth
+        arm = Arm(robot, _drives(pair, changed, 1.0 + felt), hidden, Bandwidth(drawn.bandwidth))
+        make = point_to_point_motion if drawn.still else fourier_motion
+        motion = make(robot, _DURATION, own.motion_seed, arm.step, pace=own.pace)
+        runs.append(record(arm, motion, instruments, own.noise_seed, Plan(number, 0.0)))
+        heat.append(35.0 - 40.0 * own.warmth + 0.1 * noise.standard_normal(runs[-1].q.shape))
     return runs, heat
 
 

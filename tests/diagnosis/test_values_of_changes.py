@@ -18,10 +18,17 @@ from dynident.robot import robot_from_library
 SINCE = ("today",)
 
 
-def told(effect: str, joints: tuple[str, ...], names: tuple[str, ...], values: Any, covariance: Any) -> list[Change]:
+def told(
+    effect: str,
+    joints: tuple[str, ...],
+    names: tuple[str, ...],
+    values: Any,
+    covariance: Any,
+    beside: tuple[Column, ...] = (),
+) -> list[Change]:
     link = joints[0] if joints else ""
-    columns = tuple(Column(effect, name, name, link, "-", ca.SX(1, 1), runs=SINCE) for name in names)
-    statistics = Statistics(np.array(covariance), np.ones(1), np.ones(1), np.full(len(names), 30.0))
+    columns = (*(Column(effect, name, name, link, "-", ca.SX(1, 1), runs=SINCE) for name in names), *beside)
+    statistics = Statistics(np.array(covariance), np.ones(1), np.ones(1), np.full(len(columns), 30.0))
     estimates = Estimates(robot_from_library("scara"), columns, np.array(values), statistics)
     choice = EffectChoice(effect, joints, (), SINCE)
     ranked = RankedEffect(1, choice, 0.2, 0.1, 0.5, 9.0, 0.001, True, "", (), 0.9)
@@ -46,3 +53,11 @@ def test_a_difference_that_may_as_well_be_none_is_not_told() -> None:
     assert not told("offset", (joint,), ("b",), [1.0], [[1.0]])
     (change,) = told("offset", (joint,), ("b",), [5.0], [[1.0]])
     assert "together" not in change.evidence
+
+
+def test_a_difference_of_friction_that_follows_the_temperature_is_told_as_that_of_the_later_recordings() -> None:
+    one, other = robot_from_library("scara").joint_names[:2]
+    for joint, follows in ((one, True), (other, False)):
+        warmth = Column("temperature_friction", "Fct", "Fct1", joint, "N m/K", ca.SX(1, 1))
+        (change,) = told("coulomb", (one,), ("Fc",), [5.0, 0.1], np.eye(2), (warmth,))
+        assert ("at the temperatures of the later recordings" in change.evidence) == follows

@@ -59,7 +59,8 @@ def changes_at(estimates: Estimates, pick: Finding, one: RankedEffect) -> Iterat
             main=values[0],
             more=tuple(values[1:]),
             p_value=one.p_value,
-            evidence=f"{_said(choice, values[0])} {one.evidence}{_in_units_of(estimates.robot, choice)}",
+            evidence=f"{_said(choice, values[0])} {one.evidence}{_in_units_of(estimates.robot, choice)}"
+            f"{_as_warm_as(estimates, choice, joint)}",
             equivalent=tuple(dict.fromkeys(names)),
         )
 
@@ -108,6 +109,14 @@ def _in_units_of(robot: Robot, choice: EffectChoice) -> str:
         " Its size is in units of the drive gains: if all of them are off by some share, so is it, and its interval "
         "does not say so. A known mass would tell the gains."
     )
+
+
+def _as_warm_as(estimates: Estimates, choice: EffectChoice, joint: str) -> str:
+    """When a difference of friction is so large, where the joint's friction follows its temperature."""
+    warm = any(column.link == joint and effect_by_id(column.effect).needs_temperature for column in estimates.columns)
+    if not (warm and effect_by_id(choice.effect).is_friction):
+        return ""
+    return " Its friction follows the temperature: the difference is that at the temperatures of the later recordings."
 
 
 def _told(other: EffectChoice, choice: EffectChoice, joint: str) -> list[str]:
