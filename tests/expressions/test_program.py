@@ -177,3 +177,13 @@ def test_results_do_not_share_memory_with_later_calls():
     kept = first.copy()
     EVERYTHING(rng.normal(size=(4, 3)), np.ones((4, 1)))
     np.testing.assert_array_equal(first, kept)
+
+
+@pytest.mark.parametrize("name", ["sin", "cos", "tan", "exp", "log", "atan", "tanh", "asin", "sinh", "expm1", "erf"])
+def test_functions_of_several_numbers_at_once_are_those_of_one_and_know_what_is_none(name):
+    function = Program([Y], getattr(ca, name)(Y))
+    special = [0.0, -0.0, np.nan, np.inf, -np.inf, 1e300, -1e10, 1e-300, 0.5, 1.0, 700.0, 1e5]
+    y = np.concatenate([special, np.random.default_rng(8).normal(size=500)])[:, None]
+    with np.errstate(invalid="ignore", over="ignore"):
+        one_by_one = np.concatenate([function(y[k : k + 1]) for k in range(len(y))])
+    np.testing.assert_allclose(function(y), one_by_one, rtol=4 * np.finfo(float).eps, atol=1e-300)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
 
@@ -19,7 +19,7 @@ _INTRINSICS: dict[int, str] = {
     ca.OP_FLOOR: "floor",
     ca.OP_CEIL: "ceil",
 }
-# By the C library, one sample after the other.
+# By the C library: all lanes in one call where it has such a function, else one sample after the other.
 _CALLS: dict[int, str] = {
     ca.OP_SIN: "sin",
     ca.OP_COS: "cos",
@@ -64,7 +64,7 @@ def _unsupported(operation: int) -> UnsupportedOperationError:
     )
 
 
-def translated(function: ca.Function, widths: Sequence[int], lanes: int) -> str:
+def translated(function: ca.Function, widths: Sequence[int], lanes: int, at_once: Mapping[str, str]) -> str:
     """LLVM assembly of `run(n, out, out_stride, results, in_0, stride_0, in_1, stride_1, …)`.
 
     It evaluates `function` (one input vector, one output vector) at n samples, `lanes` of them at once; n is at least
@@ -73,15 +73,16 @@ def translated(function: ca.Function, widths: Sequence[int], lanes: int) -> str:
     in_k[s stride_k + j], that of the output out[s out_stride + j]: strides count numbers, and a stride of 0 holds one
     value for all samples. `results` is room for all outputs of `lanes` samples: written side by side there and then
     handed out by a loop, they take half the time to compile of numbers stored one by one.
+    `at_once`: by the name of a library function that of another which does the same for all lanes in one call.
     """
-    return _Translation(function, widths, lanes).text
+    return _Translation(function, widths, lanes, at_once).text
 
 
 class _Translation:
     """The text as it grows."""
 
-    def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int) -> None:
-        self._lanes = lanes
+    def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int, at_once: Mapping[str, str]) -> None:
+        self._lanes, self._at_once = lanes, at_once
         self._type = f"<{lanes} x double>"
         self._lines: list[str] = []
         self._declared: dict[str, str] = {}
@@ -219,11 +220,15 @@ class _Translation:
         return self._new(f"select {flags}, {self._type} {if_true}, {self._type} {if_false}")
 
     def _intrinsic(self, name: str, values: Sequence[str]) -> str:
-        full = f"@llvm.{name}.v{self._lanes}f64"
-        self._declared[full] = f"declare {self._type} {full}({', '.join([self._type] * len(values))})"
-        return self._new(f"call {self._type} {full}({', '.join(f'{self._type} {value}' for value in values)})")
+        return self._of_all_lanes(f"llvm.{name}.v{self._lanes}f64", values)
+
+    def _of_all_lanes(self, name: str, values: Sequence[str]) -> str:
+        self._declared[name] = f"declare {self._type} @{name}({', '.join([self._type] * len(values))})"
+        return self._new(f"call {self._type} @{name}({', '.join(f'{self._type} {value}' for value in values)})")
 
     def _called(self, name: str, values: Sequence[str]) -> str:
+        if name in self._at_once:
+            return self._of_all_lanes(self._at_once[name], values)
         self._declared[name] = f"declare double @{name}({', '.join(['double'] * len(values))})"
         lanes = []
         for lane in range(self._lanes):

@@ -25,7 +25,7 @@ _SAMPLES, _EXACT = 3000, 1e-12
 _DEGREES = (1, 2, 3, 5, 7, 9, 11, 13)
 _HIGHEST = {1: 13, 2: 13, 3: 8}
 _ORDERS, _MOST_STEPS = (1, 2, 3), 4
-_WORK = {ca.OP_SIN: 100, ca.OP_COS: 100, ca.OP_DIV: 10}
+_WORK = {ca.OP_SIN: 30, ca.OP_COS: 30, ca.OP_DIV: 8}
 """How many products take the time of what takes longer than one (`benchmarks/closed_loops.py`)."""
 _NEGLIGIBLE = 0.01
 """Coefficients below this share of the guess's largest error are left out."""
