@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import lapack
 
 from dynident.arrays import FloatArray
+
+_BLOCK = 32
+"""Columns that LAPACK takes at once: it asks for room for so many."""
 
 
 def triangular(rows: FloatArray) -> FloatArray:
     """(…, k, k): the factor R of the QR decomposition of rows (…, m, k); (…, m, k) where there are fewer rows."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+    if rows.ndim > 2 or not rows.size:
+        return np.asarray(np.linalg.qr(rows, mode="r"))
+    # By SciPy: numpy keeps Python's lock all the while, and other threads would wait.
+    k = rows.shape[1]
+    return np.triu(lapack.dgeqrf(rows, lwork=_BLOCK * k)[0][:k])
 
 
 def join(factors: FloatArray) -> FloatArray:
