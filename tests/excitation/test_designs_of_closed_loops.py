@@ -102,13 +102,44 @@ def test_a_limit_of_a_passive_joint_can_be_stated_for_one_experiment() -> None:
 
 
 @pytest.mark.parametrize("by_description", [True, False])
-def test_a_rate_of_a_passive_joint_that_is_not_kept_is_told(by_description: bool) -> None:
+def test_a_limit_of_a_passive_joint_that_is_not_kept_is_told(by_description: bool) -> None:
     table = five_bar()
     if by_description:
-        table["joints"][1]["limits"] = {"velocity": 2.0}
-    stated = {} if by_description else {"left_rod": Limits(velocity=2.0)}
+        table["joints"][1]["limits"] = {"jerk": 200.0}
+    stated = {} if by_description else {"left_rod": Limits(jerk=200.0)}
     told = bounds_of(robot_from_modified_dh("rated", table), stated).notes
-    assert "Of joints that follow others positions alone are limited; not kept: velocity of left_rod." in told
+    assert (
+        "Of joints that follow others position, velocity and acceleration are limited; not kept: jerk of left_rod."
+        in told
+    )
+
+
+@pytest.mark.parametrize("kind", ["fourier", "point_to_point", "slow_sweep"])
+def test_a_motion_keeps_the_velocity_and_acceleration_of_passive_joints(kind: str) -> None:
+    points = TrajectoryRequest(family="point_to_point", points=5, sampling_rate=250.0)
+    request = {
+        "fourier": QUICK,
+        "point_to_point": replace(QUICK, trajectory=points),
+        "slow_sweep": replace(QUICK, kind="slow_sweep", trajectory=replace(QUICK.trajectory, duration=1.0)),
+    }[kind]
+    free = {"left_rod": Limits(velocity=100.0, acceleration=1000.0)}
+    unlimited = reached(design_experiment(wide(), replace(request, limits=free)))
+    half = Limits(velocity=0.5 * unlimited[0], acceleration=0.5 * unlimited[1])
+    design = design_experiment(wide(), replace(request, limits={"left_rod": half}))
+    speed, acceleration = reached(design)
+    assert 0.2 * half.velocity < speed <= 1.001 * half.velocity
+    assert 0.1 * half.acceleration < acceleration <= 1.01 * half.acceleration
+    told = {(margin.joint, margin.limit): margin for margin in design.margins}
+    assert told["left_rod", "velocity"].value == pytest.approx(speed, rel=0.02)
+    assert told["left_rod", "acceleration"].value == pytest.approx(acceleration, rel=0.05)
+    assert all(margin.share <= 1 for margin in design.margins)
+
+
+def reached(design: Design) -> tuple[float, float]:
+    """The largest velocity and acceleration of the left rod, by differences of its angle."""
+    rod, _ = angles_and_condition(design.q)
+    speed = np.gradient(rod, 1.0 / design.sampling_rate)
+    return float(np.abs(speed).max()), float(np.abs(np.gradient(speed, 1.0 / design.sampling_rate)).max())
 
 
 def test_limits_that_no_posture_keeps_are_refused_with_the_joint() -> None:

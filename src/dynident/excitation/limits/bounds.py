@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.surroundings.free_space import FreeSpace, free_space_of
-from dynident.excitation.surroundings.loop_rooms import LoopRooms
+from dynident.excitation.surroundings.loop_rooms import LoopRooms, RatedFollowers
 from dynident.excitation.surroundings.obstacles import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
 from dynident.robot.model import Joint
@@ -24,7 +24,6 @@ _ACCELERATION_PER_VELOCITY = 4.0
 _JERK_PER_ACCELERATION = 20.0
 """1/s: full acceleration is reached within 50 ms."""
 _HAIR = 1e-6
-_RATES = ("velocity", "acceleration", "jerk")
 
 
 class ImpossibleLimitsError(DynidentError):
@@ -77,6 +76,15 @@ class Bounds:
     def checks_torque(self) -> bool:
         """Whether the torque or the power of any joint is limited."""
         return bool(np.isfinite(self.torque).any() or np.isfinite(self.power).any())
+
+    @property
+    def rated(self) -> RatedFollowers | None:
+        """Limits of the rates of joints that follow others, if there are any."""
+        return None if self.space is None or self.space.loops is None else self.space.loops.rated
+
+    def followers_keep(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
+        """Whether joints that follow others keep their rates in a motion q, q̇, q̈ (m, n)."""
+        return self.rated is None or self.rated.kept(q, dq, ddq)
 
 
 def bounds_of(
@@ -163,21 +171,21 @@ def bounds_of(
 
 
 def _not_of_followers(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
-    """Say which limits of joints that follow others are not kept: all but those of their positions.
+    """Say which limits of joints that follow others are not kept: all but those of their positions and first rates.
 
-    Of the description's own the rates; a joint without a drive has no torque of its own.
+    Of the description's own the jerk; a joint without a drive has no torque of its own.
     """
     followers = [joint for joint in robot.tree.joints if joint.name not in robot.joint_names]
     names = [
         f"{kind} of {joint.name}"
         for joint in followers
-        for kind in ("velocity", "acceleration", "jerk", "effort", "power")
+        for kind in ("jerk", "effort", "power")
         if getattr(stated.get(joint.name, Limits()), kind) is not None
-        or (kind in _RATES and getattr(joint.limits, kind) is not None)
+        or (kind == "jerk" and joint.limits.jerk is not None)
     ]
     if not names:
         return []
-    return [f"Of joints that follow others positions alone are limited; not kept: {listed(names)}."]
+    return [f"Of joints that follow others position, velocity and acceleration are limited; not kept: {listed(names)}."]
 
 
 def _too_wide(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:

@@ -76,7 +76,7 @@ def margins_of(bounds: Bounds, motions: Iterable[Motion], torque: TorqueFunction
             signals += [load, load * motion.dq]
         for row, values in enumerate(signals):
             largest[row] = np.maximum(largest[row], np.abs(values).max(axis=0))
-        around.look(motion.q)
+        around.look(motion)
     columns = _position_columns(bounds, low, high)
     names: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk", "torque", "power")
     known = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
@@ -118,12 +118,13 @@ class _Around:
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         self._followers = None if space is None or space.loops is None else _Followers(space.loops)
 
-    def look(self, q: FloatArray) -> None:
-        """Along a path q (m, n)."""
+    def look(self, motion: Motion) -> None:
+        """Along a motion."""
         if self._space is None:
             return
+        q = motion.q
         if self._followers is not None:
-            self._followers.look(q)
+            self._followers.look(motion)
         if self._space.contacts is not None:
             seen = self._space.contacts.approaches(q)
             before = self._approaches or seen
@@ -162,14 +163,18 @@ class _Around:
 
 
 class _Followers:
-    """The ends of the ways of joints that follow others, and the worst condition of closed loops."""
+    """How far and how fast joints go that follow others, and the worst condition of closed loops."""
 
     def __init__(self, loops: LoopRooms) -> None:
         self._loops, self._worst = loops, 0.0
+        self._fastest = np.zeros((2, 0 if loops.rated is None else len(loops.rated.names)))
         self._low, self._high = np.full(len(loops.names), np.inf), np.full(len(loops.names), -np.inf)
 
-    def look(self, q: FloatArray) -> None:
-        """Along a path q (m, n)."""
+    def look(self, motion: Motion) -> None:
+        """Along a motion of the driven joints."""
+        q = motion.q
+        if self._loops.rated is not None:
+            self._fastest = np.maximum(self._fastest, self._loops.rated.largest(q, motion.dq, motion.ddq))
         at = self._loops.positions(q)
         self._low, self._high = np.minimum(self._low, at.min(axis=0)), np.maximum(self._high, at.max(axis=0))
         self._worst = max(self._worst, float(self._loops.conditions(q).max()))
@@ -187,6 +192,16 @@ class _Followers:
             for k, name in enumerate(self._loops.names)
             for limit, reached, bound, share in ends
         ]
+        rated = self._loops.rated
+        if rated is not None:
+            kinds: tuple[LimitName, ...] = ("velocity", "acceleration")
+            for kind, reached, bound in zip(kinds, self._fastest, (rated.velocity, rated.acceleration), strict=True):
+                shares = _share(reached / bound, reached <= bound)
+                made += [
+                    Margin(name, kind, float(reached[k]), float(bound[k]), float(shares[k]))
+                    for k, name in enumerate(rated.names)
+                    if np.isfinite(bound[k])
+                ]
         closure, largest = self._loops.linkage.closure, self._loops.largest_condition
         if closure is not None:
             names = ", ".join(loop.name for loop in closure.loops)

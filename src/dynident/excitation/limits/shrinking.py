@@ -52,7 +52,7 @@ class Shrinking:
     def _within_the_rest(
         self, centre: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, most: float
     ) -> float | None:
-        """The largest amplitude up to `most` at which torque, power and clearances are kept, by bisection."""
+        """The largest amplitude up to `most` at which torque, power, clearances and followers' limits are kept."""
         bounds = self._bounds
         if not bounds.checks_torque and bounds.space is None:
             return most
@@ -64,6 +64,8 @@ class Shrinking:
                 torque = self._model.torque(at, speed, scale * ddq)
                 if not ((np.abs(torque) <= bounds.torque) & (np.abs(torque * speed) <= bounds.power)).all():
                     return False
+            if not bounds.followers_keep(at, speed, scale * ddq):
+                return False
             return bounds.space is None or bool((bounds.space.least_room(at) >= 0).all())
 
         if holds(most):

@@ -99,7 +99,7 @@ def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *
 
 
 def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel, rate: float) -> Piece:
-    """A move as by `plan_move`, slowed down until the limits of torque and power hold.
+    """A move as by `plan_move`, slowed down until the limits of torque and power hold, and rates of followers.
 
     Raises
     ------
@@ -110,18 +110,28 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     if complaint is not None:
         raise complaint
     move = plan_move(start, end, bounds, rate)
-    if not bounds.checks_torque:
+    if not bounds.checks_torque and bounds.rated is None:
         return move
-    _check_holding(start, end, bounds, model)
+    if bounds.checks_torque:
+        _check_holding(start, end, bounds, model)
     for attempt in range(_ATTEMPTS):
         move = plan_move(start, end, bounds, rate, slowness=_SLOWER**-attempt)
         check_length([move], rate)
         checks = max(_CHECKS, int(np.ceil(_CHECKS_PER_SAMPLE * rate * move.duration)) + 1)
         motion = move.evaluate(np.linspace(0.0, move.duration, checks))
-        torque = model.torque(motion.q, motion.dq, motion.ddq)
-        if (np.abs(torque) <= bounds.torque).all() and (np.abs(torque * motion.dq) <= bounds.power).all():
+        slow_enough = bounds.followers_keep(motion.q, motion.dq, motion.ddq)
+        if slow_enough and _within_torque(motion, bounds, model):
             return move
-    raise _too_heavy(np.abs(torque), bounds, "moving slowly")
+    if not slow_enough:
+        raise ImpossibleLimitsError("joints that follow others are too fast on the straight way, however slow it is")
+    raise _too_heavy(np.abs(model.torque(motion.q, motion.dq, motion.ddq)), bounds, "moving slowly")
+
+
+def _within_torque(motion: Motion, bounds: Bounds, model: DesignModel) -> bool:
+    if not bounds.checks_torque:
+        return True
+    torque = model.torque(motion.q, motion.dq, motion.ddq)
+    return bool((np.abs(torque) <= bounds.torque).all() and (np.abs(torque * motion.dq) <= bounds.power).all())
 
 
 def straight_complaint(start: FloatArray, end: FloatArray, bounds: Bounds) -> ImpossibleLimitsError | None:

@@ -113,7 +113,8 @@ class Legs:
             motion = piece.evaluate(step * np.arange(0.5, _SAMPLES_OF_A_MOVE))
             w = self._observed.evaluate(motion.q, motion.dq, motion.ddq, motion.dddq, np.zeros_like(motion.q))
             torque = np.abs(w @ self._nominal)
-            if (torque <= limits.torque).all() and (torque * np.abs(motion.dq) <= limits.power).all():
+            within = (torque <= limits.torque).all() and (torque * np.abs(motion.dq) <= limits.power).all()
+            if within and limits.followers_keep(motion.q, motion.dq, motion.ddq):
                 rows = np.sqrt(step) * w[:, :, : self._n_parameters] * self._counted
                 return Leg(piece, rows.reshape(-1, self._n_parameters))
         return None

@@ -49,7 +49,7 @@ class FreeSpace:
     @cached_property
     def rooms(self) -> Rooms | None:
         """All that is kept while optimising; `None` for nothing."""
-        parts = tuple(part for part in (self.clearances, self.loops) if part is not None)
+        parts = tuple(part for part in (self.clearances, self.loops) if part is not None and part.count)
         return JoinedRooms(parts) if parts else None
 
     @property

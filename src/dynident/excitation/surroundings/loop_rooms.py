@@ -37,10 +37,51 @@ class LoopRoom:
 
 
 @dataclass(frozen=True, eq=False)
+class RatedFollowers:
+    """Limits of velocity and acceleration (r,), infinite where there is none, of joints of the tree that follow."""
+
+    linkage: Linkage
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    velocity: FloatArray
+    acceleration: FloatArray
+
+    @classmethod
+    def of(cls, robot: Robot, stated: Mapping[str, Limits]) -> RatedFollowers | None:
+        """Those of a robot, tightened by what is stated; `None` where there are none."""
+        if robot.linkage is None:
+            return None
+        found: dict[int, tuple[float, float]] = {}
+        for place in robot.linkage.passive:
+            joint = robot.tree.joints[place]
+            both = (joint.limits, stated.get(joint.name, Limits()))
+            velocity = min((one.velocity for one in both if one.velocity is not None), default=np.inf)
+            acceleration = min((one.acceleration for one in both if one.acceleration is not None), default=np.inf)
+            if np.isfinite([velocity, acceleration]).any():
+                found[place] = velocity, acceleration
+        if not found:
+            return None
+        velocities, accelerations = np.array(list(found.values())).T
+        names = tuple(robot.tree.joint_names[place] for place in found)
+        return cls(robot.linkage, tuple(found), names, velocities, accelerations)
+
+    def largest(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The largest velocities and accelerations (r,) in a motion q, q̇, q̈ (m, n) of the driven joints."""
+        _, speed, acceleration = self.linkage.motion(q, dq, ddq)
+        own = list(self.joints)
+        return np.abs(speed[:, own]).max(axis=0), np.abs(acceleration[:, own]).max(axis=0)
+
+    def kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
+        """Whether a motion of the driven joints keeps all of them."""
+        velocity, acceleration = self.largest(q, dq, ddq)
+        return bool((velocity <= self.velocity).all() and (acceleration <= self.acceleration).all())
+
+
+@dataclass(frozen=True, eq=False)
 class LoopRooms:
     """Limits of the joints of a machine that are not driven: `joints` (k,) of the tree between `low` and `high` (k,).
 
-    Where it has closed loops, their condition stays below `largest_condition` as well.
+    Where it has closed loops, their condition stays below `largest_condition` as well. `rated` are limits of rates.
     """
 
     linkage: Linkage
@@ -49,6 +90,7 @@ class LoopRooms:
     low: FloatArray
     high: FloatArray
     largest_condition: float = FAR_FROM_SINGULAR
+    rated: RatedFollowers | None = None
 
     @classmethod
     def of(cls, robot: Robot, stated: Mapping[str, Limits]) -> LoopRooms | None:
@@ -61,11 +103,12 @@ class LoopRooms:
             ranges = [one.position for one in (joint.limits, stated.get(joint.name, Limits())) if one.position]
             if ranges:
                 found[place] = (max(low for low, _ in ranges), min(high for _, high in ranges))
-        if not found and robot.linkage.closure is None:
+        rated = RatedFollowers.of(robot, stated)
+        if not found and rated is None and robot.linkage.closure is None:
             return None
         low, high = np.array(list(found.values())).reshape(-1, 2).T
         names = tuple(robot.tree.joint_names[place] for place in found)
-        return cls(robot.linkage, tuple(found), names, low, high)
+        return cls(robot.linkage, tuple(found), names, low, high, rated=rated)
 
     @property
     def count(self) -> int:
@@ -100,7 +143,7 @@ class LoopRooms:
 
     def least(self, q: FloatArray) -> FloatArray:
         """The smallest room (m,) at postures q (m, n)."""
-        return np.asarray(self.evaluate(q).values.min(axis=1))
+        return np.asarray(self.evaluate(q).values.min(axis=1, initial=np.inf))
 
     def complaint(self, q: FloatArray) -> str | None:
         """What is not kept along a path q (m, n), as the end of a sentence; `None` where all is."""
