@@ -54,7 +54,7 @@ def judge(case: Case, folder: Path | None, shows: float = SHOWS) -> Outcome:
     better = extend(plain, diagnosis.recommended, training, held_out) if diagnosis.recommended else plain
     seconds = time.perf_counter() - start
     true = _true_structure(case, robot, plain, training, held_out)
-    outcome = _named(case, robot, diagnosis)
+    outcome = named(case, robot, diagnosis)
     before, after = error_over_noise(plain, data), error_over_noise(better, data)
     oracle = error_over_noise(true, data) if true else None
     return replace(
@@ -158,7 +158,7 @@ def _true_structure(
         return None
 
 
-def _named(case: Case, robot: Robot, diagnosis: Diagnosis) -> Outcome:
+def named(case: Case, robot: Robot, diagnosis: Diagnosis) -> Outcome:
     """What the diagnosis says, held against what is hidden. Errors and times are filled in by the caller."""
     recommended = diagnosis.recommended
     first = diagnosis.candidates[0] if recommended and diagnosis.candidates else None

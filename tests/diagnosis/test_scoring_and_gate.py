@@ -25,6 +25,8 @@ from dynident.diagnosis.candidates.scoring import (
     score_candidates,
 )
 from dynident.diagnosis.residuals.stretches import t_of
+from dynident.diagnosis.search.choosing import says_more
+from dynident.diagnosis.search.state import State
 from dynident.estimation import FactorAccumulator
 
 # Two equations over ten columns: 0-4 the model, 5-9 candidates; some columns are on one equation alone.
@@ -240,6 +242,25 @@ def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **m
         "measured": np.ones(1), "after_weighted": np.ones(len(gains)),
     }  # fmt: skip
     return JudgedCandidate(**{**values, **more})
+
+
+def test_what_says_a_little_more_of_a_change_with_more_parameters_is_told_beside_it():
+    since = ("friday",)
+    state = State((), np.ones(2), np.ones(2), (), since)
+    gains = np.random.default_rng(5).uniform(9.0, 11.0, 40)
+    more = np.where(np.arange(40) == 7, 30.0, 0.0)
+
+    def change(name: str, joints: tuple[int, ...], gains: np.ndarray, runs: tuple[str, ...] = since) -> JudgedCandidate:
+        named = ("shoulder",) if len(joints) == 1 else ()
+        return judged(gains, joints=joints, candidate=Candidate(name, named, (), (5,), runs))
+
+    offset, tilt = change("offset", (0,), gains), change("base_tilt", (0, 1), gains + more)
+    assert says_more(state, offset, [offset, tilt], ()) == (tilt,)
+    assert says_more(state, offset, [offset, tilt], (tilt,)) == ()
+    assert says_more(state, offset, [offset, change("base_tilt", (0, 1), 2.0 * gains)], ()) == ()
+    assert says_more(state, offset, [offset, change("base_tilt", (1,), gains + more)], ()) == ()
+    always = change("offset", (0,), gains, runs=())
+    assert says_more(state, always, [always, change("base_tilt", (0, 1), gains + more, runs=())], ()) == ()
 
 
 def silent(gains: np.ndarray) -> list[np.ndarray]:

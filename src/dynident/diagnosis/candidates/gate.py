@@ -25,7 +25,8 @@ SMALLEST_DROP = 0.04
 """The same as a share of the squared error of the joint that it helps most."""
 
 SMALLEST_GAIN_OVER_NOISE = 0.08
-"""Share of the sensor noise's own power that an effect must remove: less would be no matter to anybody."""
+"""Share of the sensor noise's own power that an effect must remove: less would be no matter to anybody. Up to a quarter
+most names are right ones still (`benchmarks/smallest_gain.py`)."""
 
 SMALLEST_GAIN_AT_REVERSALS = 0.3
 """The same for effects that show where a joint turns: small errors of the filtered signals there are of that size."""

@@ -60,7 +60,8 @@ def choose(
             whole = slim is chosen or len(slim.candidate.joints) > 1
             by_itself = whole or acceptable(state, data, replace(slim, p=chosen.p))
             if by_itself and _shows_where_joints_move(data, pool, state, slim):
-                return replace(slim, p=chosen.p), equal + _rivals(slim, judged, equal)
+                told = equal + _rivals(slim, judged, equal)
+                return replace(slim, p=chosen.p), told + says_more(state, slim, passing, told)
         else:
             # What takes its place in other draws would be no surer a name for want of it.
             doubted.append(best)
@@ -246,6 +247,27 @@ def _rivals(
         if name in confused and name not in known and item.candidate.joints == chosen.candidate.joints and near:
             found.setdefault(name, item)
     return tuple(found.values())
+
+
+def says_more(
+    state: State,
+    chosen: JudgedCandidate,
+    passing: Sequence[JudgedCandidate],
+    told: Sequence[JudgedCandidate],
+) -> tuple[JudgedCandidate, ...]:
+    """Other changes that say more of the same joints, with more parameters, though not surely more.
+
+    The simpler name stands, but what changed may as well be this: a base that leans, of which an offset says the most.
+    """
+    if not is_change(chosen.candidate.choice, state.since):
+        return ()
+    known = {item.candidate.effect for item in (chosen, *told)}
+    found: dict[str, JudgedCandidate] = {}
+    for item in sorted(passing, key=lambda item: -item.total_gain):
+        same = item.candidate.runs == chosen.candidate.runs and set(chosen.joints) <= set(item.joints)
+        if item.candidate.effect not in known and same and item.total_gain >= chosen.total_gain:
+            found.setdefault(item.candidate.effect, item)
+    return tuple(item for item in found.values() if not gains_more(item, chosen))
 
 
 def without_idle_joints(
