@@ -167,3 +167,19 @@ def test_recordings_of_the_same_name_are_told_apart() -> None:
     found = diagnose(identify(ROBOT, [monday], [], CHOICES), [friday], baseline=[monday])
     assert found.changes
     assert {one.choice.joints for one in found.changes} == {NAMES[2:3]}
+
+
+def test_more_of_all_friction_of_a_joint_that_carries_little_is_no_other_gain_of_its_drive() -> None:
+    last = ROBOT.n - 1
+
+    def worn_wrist(motion: Motion, load: FloatArray) -> FloatArray:
+        # A third more of what `recorded` gives the joint.
+        law = on_joint(last, lambda q, v, _: 0.33 * EFFORT[last] * (0.04 * np.sign(v) + 0.03 * v))
+        return law(motion, load)
+
+    found = asked(worn_wrist).changes
+    assert found
+    assert {(one.choice.effect, one.choice.joints) for one in found} <= {
+        ("coulomb", NAMES[last:]),
+        ("viscous", NAMES[last:]),
+    }

@@ -25,7 +25,10 @@ class DriveGainError(Effect):
     title = "Error of the drive gain"
     sits_on = "motor"
     formula = r"\varepsilon\,\hat\Gamma"
-    parameters = (ParameterSpec("eps", "-", "relative error of the drive gain", least=5e-3, most=0.5),)
+    # Twice the usual: of a joint that carries little a gain scales friction alone, and friction changes by any share.
+    parameters = (
+        ParameterSpec("eps", "-", "relative error of the drive gain", least=5e-3, most=0.5, most_change=0.12),
+    )
     signature = "a scaled copy of the joint's own torque, against what the other joints say of the same links"
     confused_with = ("drive_gain_saturation",)
     sources = ("Gautier and Briot 2011", "Khalil and Dombre 2002, chapter 12, [12.17]")

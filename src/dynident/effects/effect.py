@@ -59,8 +59,8 @@ class ParameterSpec:
 
     `positive`: nature allows no other sign. `resists`: its torque opposes the motion; a robot on which it were below
     zero would run away, so that none can be simulated. A size below `least` nobody would notice; one above `most` is
-    none that nature makes. `role`: what it is to those who write models down or predict torque; None: no more than a
-    parameter of its effect.
+    none that nature makes; between two days it differs by no more than `most_change`. `role`: what it is to those who
+    write models down or predict torque; None: no more than a parameter of its effect.
     """
 
     name: str
@@ -70,12 +70,17 @@ class ParameterSpec:
     positive: bool = False
     least: float = 0.0
     most: float = math.inf
+    most_change: float = math.inf
     resists: bool = False
     role: Role | None = None
 
     def admits(self, found: Estimate) -> bool:
         """Whether an estimate has a sign, and is no larger than, nature allows."""
         return not (self.positive and found.value < -found.doubt) and abs(found.value) <= self.most + found.doubt
+
+    def may_change_by(self, found: Estimate) -> bool:
+        """Whether an estimated difference between two days, of either sign, is no larger than such a thing changes."""
+        return abs(found.value) <= self.most_change + found.doubt
 
     def unit_on(self, kind: str) -> str:
         """The parameter's unit on a joint of this kind."""

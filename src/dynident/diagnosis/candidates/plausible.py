@@ -33,13 +33,14 @@ def plausible(
     ]
     if effect_by_id(item.candidate.effect).is_friction and not _friction_left(pool, base, estimates, item):
         return False
-    found: dict[str, dict[str, Estimate]] = {}
-    for k, estimate in zip(item.candidate.columns, estimates[len(base) :], strict=True):
-        column = pool.observation.columns[k]
-        found.setdefault(column.link, {})[column.parameter] = estimate
+    its_columns = [pool.observation.columns[k] for k in item.candidate.columns]
+    own = list(zip(its_columns, estimates[len(base) :], strict=True))
     if pool.is_change(item.candidate):
         # A difference may have either sign: friction wears in, a mass is taken off.
-        return True
+        return all(spec.may_change_by(one) for column, one in own if (spec := spec_of(column)) is not None)
+    found: dict[str, dict[str, Estimate]] = {}
+    for column, estimate in own:
+        found.setdefault(column.link, {})[column.parameter] = estimate
     return all(effect_by_id(item.candidate.effect).natural(known) for known in found.values())
 
 
