@@ -237,7 +237,10 @@ def run(kind: str, number: int, weather: Weather, seconds: float, seed: int) -> 
         found, objects = Ledgers.of(own), ObjectStore((folder / "data" / "objects").as_uri(), folder / "cache")
         wrong = [*faults(found, told.accepted), *damage(own, objects)]
         own.close()
-        if wrong:
+        if told.refused["500"]:
+            wrong.append(f"{told.refused['500']} requests were answered 500, which is no word for bad luck")
+            print("\n".join(line for line in services[0].log_lines() if "failed unexpectedly" in line))
+        elif wrong:
             print("\n".join(line for service in services for line in service.log_lines()[-30:]))
     rows = [
         *figures(found, told.accepted),

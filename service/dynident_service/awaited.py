@@ -81,7 +81,7 @@ class Awaited:
                 if time.monotonic() > until:
                     detail = f"This takes longer than {longest:.0f} s, which is more than a request may take."
                     raise ProblemError(503, detail, title="Took too long")
-        except (EOFError, BrokenPipeError) as error:
+        except EOFError as error:
             raise _died(self._pool.replace(child)) from error
         except BaseException:
             self._pool.replace(child)

@@ -37,8 +37,11 @@ class Child:
         self._connection = Connection(ours.detach())
 
     def send(self, order: Order | Call) -> None:
-        """Give it something to do; it begins when it has started up."""
-        self._connection.send(order)
+        """Give it something to do; it begins when it has started up. EOFError if the process died."""
+        try:
+            self._connection.send(order)
+        except OSError as error:  # a broken pipe, or one that was reset
+            raise EOFError from error
 
     def receive(self, timeout: float) -> Receipt | Answer | None:
         """Wait for the end of it; `None` after the timeout, EOFError if the process died."""

@@ -45,7 +45,7 @@ def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> No
     try:
         child.send(Order(claim, place))
         ended = _watch(claim, child, ledger, place.deadline)
-    except (EOFError, BrokenPipeError):
+    except EOFError:
         ended_with = pool.replace(child)
         if pool.closed:
             patiently(lambda: ledger.release(claim), LAST_PATIENCE)
