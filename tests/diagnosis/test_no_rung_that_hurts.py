@@ -83,6 +83,25 @@ def test_signs_and_sizes_that_nature_does_not_make_are_refused(effect, values, n
     assert effect_by_id(effect).natural(found) is natural
 
 
+@pytest.mark.parametrize(
+    ("effect", "values", "possible"),
+    [
+        # Friction may fall, a gain drift by some per cent; no drive gives a third more than the day before.
+        ("viscous", {"Fv": (-2.0, 0.1)}, True),
+        ("drive_gain_error", {"eps": (-0.05, 0.01)}, True),
+        ("drive_gain_error", {"eps": (0.32, 0.01)}, False),
+        ("drive_gain_error", {"eps": (0.32, 0.25)}, True),
+        # Nobody would notice a torque that is 8 microseconds later, or a gain that is a tenth of a per cent off.
+        ("torque_delay", {"delay": (8e-6, 1e-6), "delay_sq": (1e-9, 1e-9)}, False),
+        ("torque_delay", {"delay": (-2e-3, 1e-4), "delay_sq": (1e-9, 1e-9)}, True),
+        ("drive_gain_error", {"eps": (1e-3, 1e-4)}, False),
+    ],
+)
+def test_a_change_may_have_either_sign_but_is_noticed_and_no_larger_than_it_comes_to_be(effect, values, possible):
+    found = {name: Estimate(*pair) for name, pair in values.items()}
+    assert effect_by_id(effect).may_change_so(found) is possible
+
+
 def test_what_hurts_at_first_is_tried_again_beside_what_was_added_since(monkeypatch):
     """Friction hurts as long as the torque that it is judged on is late."""
     monkeypatch.setattr(rungs, "_helps", lambda data, base, own, noise: own != (2,) or 3 in base)

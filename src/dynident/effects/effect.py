@@ -305,9 +305,18 @@ class Effect(ABC):
 
         Where several parameters have a least size, one of them has to reach its own.
         """
-        known = [(spec, estimates[spec.name]) for spec in self.parameters if spec.name in estimates]
-        sizes = [abs(found.value) >= spec.least for spec, found in known if spec.least > 0]
-        return all(spec.admits(found) for spec, found in known) and (not sizes or any(sizes))
+        return self._noticed(estimates) and all(spec.admits(found) for spec, found in self._known(estimates))
+
+    def may_change_so(self, estimates: Mapping[str, Estimate]) -> bool:
+        """The same of differences between two days: of either sign, but noticed, and no larger than they come to be."""
+        return self._noticed(estimates) and all(spec.may_change_by(found) for spec, found in self._known(estimates))
+
+    def _noticed(self, estimates: Mapping[str, Estimate]) -> bool:
+        sizes = [abs(found.value) >= spec.least for spec, found in self._known(estimates) if spec.least > 0]
+        return not sizes or any(sizes)
+
+    def _known(self, estimates: Mapping[str, Estimate]) -> list[tuple[ParameterSpec, Estimate]]:
+        return [(spec, estimates[spec.name]) for spec in self.parameters if spec.name in estimates]
 
     def shape_with_defaults(self, given: Mapping[str, float]) -> dict[str, float]:
         """The given shape constants, completed by the defaults."""

@@ -33,15 +33,14 @@ def plausible(
     ]
     if effect_by_id(item.candidate.effect).is_friction and not _friction_left(pool, base, estimates, item):
         return False
-    its_columns = [pool.observation.columns[k] for k in item.candidate.columns]
-    own = list(zip(its_columns, estimates[len(base) :], strict=True))
-    if pool.is_change(item.candidate):
-        # A difference may have either sign: friction wears in, a mass is taken off.
-        return all(spec.may_change_by(one) for column, one in own if (spec := spec_of(column)) is not None)
     found: dict[str, dict[str, Estimate]] = {}
-    for column, estimate in own:
+    for k, estimate in zip(item.candidate.columns, estimates[len(base) :], strict=True):
+        column = pool.observation.columns[k]
         found.setdefault(column.link, {})[column.parameter] = estimate
-    return all(effect_by_id(item.candidate.effect).natural(known) for known in found.values())
+    effect = effect_by_id(item.candidate.effect)
+    # A difference may have either sign: friction wears in, a mass is taken off.
+    is_possible = effect.may_change_so if pool.is_change(item.candidate) else effect.natural
+    return all(is_possible(known) for known in found.values())
 
 
 def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], item: JudgedCandidate) -> bool:
