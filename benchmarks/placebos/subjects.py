@@ -12,14 +12,18 @@ from hiding.case import Case
 from hiding.recorded import recorded
 
 from dynident.diagnosis import diagnose
-from dynident.identification import Identification, extend, identify
+from dynident.effects import DEFAULT_EFFECTS, EffectChoice
+from dynident.identification import Identification, IdentificationChoices, extend, identify
 from dynident.recordings import Recording, RecordingMetadata, import_recording
 from dynident.robot import Robot, robot_from_modified_dh, robot_from_urdf
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A final model: identified, diagnosed, with all that was recommended added; `added` says what that was."""
+    """A final model: identified, diagnosed, with all that was recommended added; `added` says what that was.
+
+    It has an offset on every joint: a constant is right at any time, and naming one that is missing is no mistake.
+    """
 
     name: str
     identification: Identification
@@ -76,7 +80,7 @@ def imported(arm: RealArm, folder: Path) -> tuple[Robot, list[Recording]]:
 
 
 def _final(name: str, robot: Robot, recordings: list[Recording]) -> Subject:
-    plain = identify(robot, recordings)
+    plain = identify(robot, recordings, choices=IdentificationChoices((*DEFAULT_EFFECTS, EffectChoice("offset"))))
     recommended = diagnose(plain, recordings).recommended
     found = extend(plain, recommended, recordings) if recommended else plain
     return Subject(name, found, tuple(recordings), tuple(choice.effect for choice in recommended))
