@@ -123,7 +123,14 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
         if slow_enough and _within_torque(motion, bounds, model):
             return move
     if not slow_enough:
-        raise ImpossibleLimitsError("joints that follow others are too fast on the straight way, however slow it is")
+        names = "" if bounds.rated is None else ", ".join(bounds.rated.names)
+        raise ImpossibleLimitsError(
+            f"On the straight way from [{_listed(start)}] to [{_listed(end)}], joints that follow others ({names}) "
+            "would be faster than their limits of velocity and acceleration, however slow it is; raise these limits, "
+            "or choose another home posture.",
+            pointer="/limits",
+            title="Impossible limits",
+        )
     raise _too_heavy(np.abs(model.torque(motion.q, motion.dq, motion.ddq)), bounds, "moving slowly")
 
 
