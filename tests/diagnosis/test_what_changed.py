@@ -183,3 +183,13 @@ def test_more_of_all_friction_of_a_joint_that_carries_little_is_no_other_gain_of
         ("coulomb", NAMES[last:]),
         ("viscous", NAMES[last:]),
     }
+
+
+def rubs_by_load(share: float) -> Hidden:
+    return on_joint(1, lambda q, v, load: share * np.abs(load) * np.sign(v))
+
+
+def test_what_no_day_has_cannot_have_become_less() -> None:
+    found = asked(rubs_by_load(-0.1)).changes
+    assert found
+    assert not [one for one in found if one.choice.effect == "load_dependent_friction" and one.main.value < 0.0]

@@ -93,7 +93,7 @@ def diagnose(
     first = judge_all(data, pool, start.base, pool.at_first, start.noise)
     picks, given_up = search(data, pool, start, first, most_effects, rows, part(progress, 0.5, 0.8))
     picks, recommended = refined(
-        identification, picks, recordings, reference, resolved, floor, part(progress, 0.8, 0.9)
+        identification, picks, recordings, reference, resolved, floor, since, part(progress, 0.8, 0.9)
     )
     grown, undetermined = _grown(identification, recommended, recordings, part(progress, 0.9, 1.0))
     picks, recommended = _without(picks, recommended, list(undetermined))

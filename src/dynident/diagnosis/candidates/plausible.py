@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
+from dynident.diagnosis.candidates.blocks import Blocks
 from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.candidates.products import Products
+from dynident.diagnosis.candidates.scoring import deviations
 from dynident.effects import Estimate, effect_by_id, spec_of
 
 _GIVEN_BACK = 0.1
@@ -24,23 +26,50 @@ def plausible(
     """Whether a candidate beside the model `base` is physically possible with the amplitudes that the data ask for."""
     columns = np.array(base + item.candidate.columns, dtype=np.intp)
     rows = data.of(columns)
-    values, deviations = _fit(rows, columns, noise)
+    values, doubts = _fit(rows, columns, noise)
     if effect_by_id(item.candidate.effect).is_friction and not _passive(rows, pool, columns, values, item):
         return False
-    estimates = [
+    estimates = _estimates(values, doubts)
+    if effect_by_id(item.candidate.effect).is_friction and not _friction_left(pool, base, estimates, item):
+        return False
+    own = estimates[len(base) :]
+    if pool.is_change(item.candidate):
+        # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
+        told = deviations(Blocks.of(rows, columns[: len(base)], [item.candidate]), 1, noise)[0]
+        return _may_change(pool, base, item, _estimates(values[len(base) :], told))
+    return all(effect_by_id(item.candidate.effect).natural(known) for _, known in _by_link(pool, item, own))
+
+
+def _estimates(values: FloatArray, deviations: FloatArray) -> list[Estimate]:
+    return [
         Estimate(float(value), float(_DEVIATIONS * deviation))
         for value, deviation in zip(values, deviations, strict=True)
     ]
-    if effect_by_id(item.candidate.effect).is_friction and not _friction_left(pool, base, estimates, item):
-        return False
+
+
+def _by_link(
+    pool: Pool, item: JudgedCandidate, own: Sequence[Estimate]
+) -> Iterable[tuple[str, Mapping[str, Estimate]]]:
+    """A candidate's parameters by name, on each joint that it sits on."""
     found: dict[str, dict[str, Estimate]] = {}
-    for k, estimate in zip(item.candidate.columns, estimates[len(base) :], strict=True):
+    for k, estimate in zip(item.candidate.columns, own, strict=True):
         column = pool.observation.columns[k]
         found.setdefault(column.link, {})[column.parameter] = estimate
+    return found.items()
+
+
+def _may_change(pool: Pool, base: tuple[int, ...], item: JudgedCandidate, own: Sequence[Estimate]) -> bool:
+    """Whether the later days may differ so: by less, too, where there is something to lose.
+
+    Friction wears in, a mass is taken off; what the other days do not have can only be added.
+    """
     effect = effect_by_id(item.candidate.effect)
-    # A difference may have either sign: friction wears in, a mass is taken off.
-    is_possible = effect.may_change_so if pool.is_change(item.candidate) else effect.natural
-    return all(is_possible(known) for known in found.values())
+    columns = [pool.observation.columns[k] for k in base]
+    had = {column.link for column in columns if column.effect == effect.id}
+    return all(
+        effect.may_change_so(known) and (link in had or effect.natural(known))
+        for link, known in _by_link(pool, item, own)
+    )
 
 
 def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], item: JudgedCandidate) -> bool:

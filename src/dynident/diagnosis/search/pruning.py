@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.plausible import plausible
 from dynident.diagnosis.candidates.pool import Candidate, Pool, columns_on
 from dynident.diagnosis.search.acceptance import (
     JOINT_DROP,
@@ -87,7 +88,10 @@ def _members(
         alone = Candidate(group.effect, (joint,), group.shape, own, group.runs)
         item = judge_one(data, pool, rest, alone, state.noise)
         gains[joint] = item.total_gain
-        if _gains(data, pool, state, item, JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE):
+        # What a group's other days had, it may have lost to another finding since: then it cannot have become less.
+        if pool.is_change(alone) and not plausible(data, pool, rest, state.noise, item):
+            base = rest
+        elif _gains(data, pool, state, item, JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE):
             firm.append(joint)
         elif _gains(data, pool, state, item, _STAYS_T):
             likely.append(joint)

@@ -37,11 +37,13 @@ def refined(
     reference: FloatArray,
     resolved: Resolution,
     floor: FloatArray,
+    since: tuple[str, ...],
     progress: Progress,
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
     """The picks with their shape constants refined, without those that only made up for another's coarse shape.
 
     A peak of friction whose best width is below what the data resolve made up for sticking, not for Stribeck friction.
+    `since`: labels of the later runs, where what changed is asked.
     """
     kept = placed(identification, picks, recordings, reference)
     choices = tuple(finding.judged.candidate.choice for finding in kept)
@@ -54,7 +56,7 @@ def refined(
     kept, choices = tuple(kept[i] for i in visible), tuple(choices[i] for i in visible)
     while choices:
         reference = improved(model, choices, recordings, preprocessing, reference)
-        lean = _Lean.of(model, kept, choices, recordings, preprocessing, reference)
+        lean = _Lean.of(model, kept, choices, since, recordings, preprocessing, reference)
         slimmer, needed = lean.needed(floor, preprocessing)
         if slimmer == choices:
             break
@@ -118,6 +120,7 @@ class _Lean:
         model: Model,
         picks: Sequence[Finding],
         choices: Sequence[EffectChoice],
+        since: tuple[str, ...],
         recordings: Sequence[Recording],
         preprocessing: Preprocessing,
         reference: FloatArray,
@@ -133,7 +136,7 @@ class _Lean:
             refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate), around=()))
             columns += made
         observation = model.observation.extended(columns[model.n_parameters :], model.signals)
-        pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined))
+        pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined), since)
         data = gather(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
         return cls(pool, data, tuple(refined))
 
