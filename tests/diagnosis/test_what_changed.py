@@ -193,3 +193,17 @@ def test_what_no_day_has_cannot_have_become_less() -> None:
     found = asked(rubs_by_load(-0.1)).changes
     assert found
     assert not [one for one in found if one.choice.effect == "load_dependent_friction" and one.main.value < 0.0]
+
+
+def test_how_much_the_friction_of_each_joint_differs_is_told_where_nothing_changed_as_well() -> None:
+    still = asked(nothing)
+    assert [one.joint for one in still.friction] == list(NAMES)
+    assert all(abs(one.value) < 0.01 * one.before for one in still.friction)
+    # Of six intervals of 95 % one may miss.
+    assert sum(one.interval[0] <= 0.0 <= one.interval[1] for one in still.friction) >= 5
+    assert "Friction differs by no more than" in still.summary
+    elbow = asked(worn).friction[2]
+    # A third of what `recorded` gives the joint.
+    truth = 0.3 * EFFORT[2] * (0.04 + 0.03 * elbow.speed)
+    assert elbow.interval[0] <= truth <= elbow.interval[1]
+    assert elbow.value / elbow.before == pytest.approx(0.3, abs=0.05)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from dynident.diagnosis.changed_values import Estimates, changes_at
 from dynident.diagnosis.comparing.content import common_content
-from dynident.diagnosis.result import Change, RankedEffect
+from dynident.diagnosis.result import Change, FrictionDifference, RankedEffect
 from dynident.diagnosis.search.state import Finding
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import effect_by_id
 from dynident.effects.catalogue import is_change
 from dynident.errors import DynidentError
-from dynident.identification import Identification, extend, identify_model
+from dynident.identification import Identification, identify_model
 from dynident.identification.checks import check_runs, check_temperature
 from dynident.identification.choices import PriorName
 from dynident.identification.data import motions_and_friction
@@ -86,7 +85,7 @@ def changes_of(
 
     Parameters
     ----------
-    grown : the model with everything in it that was found
+    grown : the model with everything in it that was found, and friction that may differ
     picks, ranked : of equal length, in the same order
     since : labels of the later runs
     """
@@ -98,28 +97,30 @@ def changes_of(
     return tuple(found)
 
 
-def with_companions(
-    grown: Identification, recommended: Sequence[EffectChoice], since: tuple[str, ...], recordings: Sequence[Recording]
-) -> Identification:
-    """The model with what usually changes along in it: else a value makes up for what was too small to be a finding."""
-    there = {(choice.effect, joint) for choice in recommended if is_change(choice, since) for joint in choice.joints}
-    missing = {(other, joint) for effect, joint in there for other in effect_by_id(effect).changes_with} - there
-    known = {(choice.effect) for choice in grown.choices.effects if not choice.runs}
-    wanted = [EffectChoice(effect, (joint,), (), since) for effect, joint in sorted(missing) if effect in known]
-    for choice in wanted:
-        # What the data do not determine, or the model has already, says no more of the others.
-        with suppress(DynidentError):
-            grown = extend(grown, [choice], recordings)
-    return grown
-
-
-def summary_of(changes: Sequence[Change]) -> str:
-    """What changed, in a sentence."""
+def summary_of(changes: Sequence[Change], friction: Sequence[FrictionDifference]) -> str:
+    """What changed, in a sentence, and how much friction may have become without that being seen."""
+    bound = _bound_of({joint for one in changes for joint in one.choice.joints}, friction)
     if not changes:
-        return "Nothing that these recordings can show has changed since the baseline."
+        return f"Nothing that these recordings can show has changed since the baseline.{bound}"
     parts = [
         f"{effect_by_id(one.choice.effect).title}{f' on {one.choice.joints[0]}' if one.choice.joints else ''} "
         f"({one.main.parameter} {one.main.value:+.3g}{'' if one.main.unit == '-' else f' {one.main.unit}'})"
         for one in changes
     ]
-    return f"Since the baseline this has changed: {'; '.join(parts)}."
+    return f"Since the baseline this has changed: {'; '.join(parts)}.{bound}"
+
+
+def _bound_of(changed: Collection[str], friction: Sequence[FrictionDifference]) -> str:
+    """The least and the most that friction of joints with no change may differ by."""
+    bounds = sorted(
+        (max(abs(end) for end in one.interval) / one.before, one.joint)
+        for one in friction
+        if one.joint not in changed and one.before > 0.0
+    )
+    if not bounds:
+        return ""
+    (least, best), (most, worst) = bounds[0], bounds[-1]
+    if best == worst:
+        return f" The friction of {best} differs by no more than {most:.1%}."
+    others = " of the other joints" if changed else ""
+    return f" Friction{others} differs by no more than {least:.1%} ({best}) to {most:.1%} ({worst})."

@@ -12,14 +12,15 @@ from dynident.diagnosis.advice.doubts import doubts_of
 from dynident.diagnosis.advice.next_experiment import next_experiment
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool, build_pool
-from dynident.diagnosis.changes import changes_of, summary_of, together, with_companions
+from dynident.diagnosis.changes import changes_of, summary_of, together
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import sensor_noise
+from dynident.diagnosis.friction_since import friction_since, with_friction_differences
 from dynident.diagnosis.residuals.failure_map import failure_map
 from dynident.diagnosis.residuals.leads import find_leads
 from dynident.diagnosis.residuals.patterns import unknown_patterns
 from dynident.diagnosis.residuals.resolution import resolution
-from dynident.diagnosis.result import Diagnosis, Invisible
+from dynident.diagnosis.result import Change, Diagnosis, FrictionDifference, Invisible
 from dynident.diagnosis.search.refine import refined
 from dynident.diagnosis.search.search import search
 from dynident.diagnosis.search.source import Source
@@ -78,6 +79,7 @@ def diagnose(
         effect_by_id(name, f"/candidates/{index}")
     recordings, _ = motions_and_friction(recordings)
     since: tuple[str, ...] = ()
+    n_later = len(recordings)
     if baseline:
         identification, recordings, since = together(identification, baseline, recordings)
     model = identification.model
@@ -112,10 +114,12 @@ def diagnose(
         unknown = unknown_patterns(final) if held else unknown
     residual = _rms(final)
     ranked = rank_all(picks, first, recommended)
-    changes = None
+    changes: tuple[Change, ...] | None = None
+    friction: tuple[FrictionDifference, ...] = ()
     if baseline:
-        grown = with_companions(grown, recommended, since, recordings)
+        grown = with_friction_differences(grown, since, recordings)
         changes = changes_of(grown, picks, ranked[: len(picks)], since)
+        friction = friction_since(grown, since, final[-n_later:])
     # What changed is no part of the model: that is of both sets of recordings.
     missing = tuple(choice for choice in recommended if not is_change(choice, since))
     verdict = verdict_of(missing, unknown, over_noise(final, floor))
@@ -125,7 +129,7 @@ def diagnose(
     if given_up:
         sentences.append(UNDETERMINED)
     if changes is not None:
-        sentences.insert(0, summary_of(changes))
+        sentences.insert(0, summary_of(changes, friction))
     progress(1.0, "diagnosed")
     return Diagnosis(
         verdict=verdict,
@@ -144,6 +148,7 @@ def diagnose(
             recordings,
         ),
         changes=changes,
+        friction=friction,
     )
 
 

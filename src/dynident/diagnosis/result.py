@@ -74,6 +74,22 @@ class Change:
 
 
 @dataclass(frozen=True)
+class FrictionDifference:
+    """How much more of a joint's torque goes into friction in the later recordings, a finding or not.
+
+    At the joint's mean `speed` there, in rad/s or m/s: `value` in `unit` (N m or N), in `interval` with a probability
+    of 95 %; `before`: what it would have been, on average there, without the difference.
+    """
+
+    joint: str
+    speed: float
+    value: float
+    interval: tuple[float, float]
+    unit: str
+    before: float
+
+
+@dataclass(frozen=True)
 class UnknownPattern:
     """A dependence of a joint's residual that no effect of the catalogue explains; `share` of its variance."""
 
@@ -146,7 +162,8 @@ class Diagnosis:
     """The verdict on a model, what is missing in it, and what the data could not tell.
 
     `noise_floor` (n,) in N m or N: what no model can explain, from the torque above the filter's band. `changes`: what
-    differs from the baseline, none where nothing does; `None` where there was no baseline.
+    differs from the baseline, none where nothing does; `None` where there was no baseline. `friction`: by how much that
+    of each joint differs from the baseline's, whether it is among the changes or not.
     """
 
     verdict: Adequacy
@@ -160,6 +177,7 @@ class Diagnosis:
     failure_map: tuple[FailureSpot, ...]
     next_experiment: NextExperiment | None
     changes: tuple[Change, ...] | None = None
+    friction: tuple[FrictionDifference, ...] = ()
 
     def __repr__(self) -> str:
         since = "" if self.changes is None else f", {len(self.changes)} changes"
