@@ -15,6 +15,7 @@ from dynident.effects.memory import MemoryStates
 from dynident.estimation import EquationFactors, Reduction, Solution, Statistics
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
+from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.model import build_model
 from dynident.robot import Robot
 from dynident.robot.pseudo_inertia import inertial_parameters
@@ -132,8 +133,6 @@ def predicted(identification: Identification, motion: Motion, runs: FloatArray |
         motion.ddq,
         reference=identification.reference,
         memory=MemoryStates(observation.memory).push(motion.q),
-        runs=runs,
-        period=0.01,
-        **signals(identification.model.robot, len(motion.q)),
+        further=FurtherSignals(runs=runs, period=0.01, **signals(identification.model.robot, len(motion.q))),
     )
     return observation.torque(entries, identification.values)

@@ -12,6 +12,7 @@ from test_programs import MODELS, NAMES, run_signals
 
 from dynident.errors import DynidentError
 from dynident.export import export_model, model_document, model_from_json, to_json
+from dynident.regressors.further_signals import FurtherSignals
 from dynident.robot.model import INERTIAL_NAMES
 
 
@@ -20,8 +21,8 @@ def test_json_read_back_predicts_the_same_torque(name: str) -> None:
     model = MODELS[name]()
     motion = path(model.model.robot)
     read = model_from_json(to_json(model))
-    more = signals(model.model.robot, len(motion.q))
-    found = read.torque(motion.q, motion.dq, motion.ddq, runs=run_signals(model), period=0.01, **more)
+    further = FurtherSignals(runs=run_signals(model), period=0.01, **signals(model.model.robot, len(motion.q)))
+    found = read.torque(motion.q, motion.dq, motion.ddq, further=further)
     np.testing.assert_allclose(found, predicted(model, motion, run_signals(model)), rtol=1e-12, atol=1e-12)
 
 

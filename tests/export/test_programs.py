@@ -24,6 +24,7 @@ from dynident.export.casadi_function import casadi_bytes, to_casadi
 from dynident.export.document import model_from_json, to_json
 from dynident.export.formula import torque_formula
 from dynident.identification import Identification
+from dynident.regressors.further_signals import FurtherSignals
 from dynident.robot import robot_from_urdf
 
 TREE = robot_from_urdf("tree", crooked_urdf(7, 3, (1, 5), (-1, 0, 1, 1, 0, 4, 5)))
@@ -193,7 +194,7 @@ def test_arms_drawn_at_random_are_computed_alike_by_every_program(data: st.DataO
     with tempfile.TemporaryDirectory() as folder:
         found = run_c(compiled(model, Path(folder)), model, motion)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
-    read = model_from_json(to_json(model)).torque(motion.q, motion.dq, motion.ddq, period=0.01)
+    read = model_from_json(to_json(model)).torque(motion.q, motion.dq, motion.ddq, further=FurtherSignals(period=0.01))
     np.testing.assert_allclose(read, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     function, z, before = to_casadi(model), np.zeros(n), motion.q[0]
     for k, torque in enumerate(expected):

@@ -22,10 +22,8 @@ LONG_SIGNATURES = {
     "src/dynident/desk/reading.py:read_recordings": 12,
     "src/dynident/desk/identifying.py:identify": 10,
     # The signals of a motion or a recording, by name.
-    "src/dynident/regressors/observation.py:evaluate": 12,
     "src/dynident/recordings/importing.py:recording_from_arrays": 10,
     "src/dynident/recordings/importing.py:import_recording": 9,
-    "src/dynident/export/document.py:torque": 9,
     # What a description says and Pinocchio does not keep.
     "src/dynident/robot/pinocchio_model.py:from_pinocchio": 9,
 }

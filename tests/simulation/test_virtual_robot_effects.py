@@ -11,6 +11,7 @@ from virtual_arms import effort, fourier, plain_friction
 
 from dynident.effects import CATALOGUE, EffectChoice, Signals, columns_of
 from dynident.effects.memory import MemoryStates
+from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot, robot_from_library, to_pinocchio
 from dynident.simulation import (
@@ -57,9 +58,7 @@ def _inverse(robot: Robot, effects: tuple[TrueEffect, ...], measured: Measuremen
         truth.ddq,
         reference=reference,
         memory=MemoryStates(observation.memory).push(truth.q),
-        time=measured.t,
-        temperature=measured.temperature,
-        runs=np.ones(len(observation.runs)),
+        further=FurtherSignals(time=measured.t, temperature=measured.temperature, runs=np.ones(len(observation.runs))),
     )
     dense = np.zeros((len(truth.q), robot.n, len(columns)))
     dense[:, observation.entry_rows, observation.entry_columns] = entries

@@ -7,6 +7,7 @@ import numpy as np
 from dynident.effects import Signals, columns_of, effect_by_id
 from dynident.effects.sizes import largest_torque, velocity_scale
 from dynident.errors import DynidentError
+from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot
 from dynident.simulation import Sensors, TrueEffect, typical_effect
@@ -62,13 +63,15 @@ def strength(robot: Robot, effect: TrueEffect) -> float:
         q,
         dq,
         2.0 * dq,
-        dddq=4.0 * dq,
-        ddddq=8.0 * dq,
         reference=robot.inertias.reshape(-1),
         memory=rng.choice([-1.0, 1.0], (_STATES, observation.n_memory)),
-        time=rng.uniform(*_while(effect), _STATES),
-        temperature=rng.uniform(20.0, 45.0, (_STATES, robot.n)),
-        runs=np.ones(len(observation.runs)),
+        further=FurtherSignals(
+            dddq=4.0 * dq,
+            ddddq=8.0 * dq,
+            time=rng.uniform(*_while(effect), _STATES),
+            temperature=rng.uniform(20.0, 45.0, (_STATES, robot.n)),
+            runs=np.ones(len(observation.runs)),
+        ),
     )
     values = dict(effect.values)
     torque = observation.torque(entries, np.array([values.get(column.parameter, 0.0) for column in columns]))

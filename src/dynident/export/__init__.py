@@ -8,11 +8,13 @@ from dynident.export.export import ExportFormat, export_model
 from dynident.export.exported import ExportedFile
 from dynident.export.mjcf import to_mjcf
 from dynident.export.urdf import to_urdf
+from dynident.regressors.further_signals import FurtherSignals
 
 __all__ = [
     "Completion",
     "ExportFormat",
     "ExportedFile",
+    "FurtherSignals",
     "PredictingModel",
     "complete",
     "export_model",

@@ -18,6 +18,7 @@ from dynident.export.completion import complete
 from dynident.export.formula import torque_formula
 from dynident.identification import Identification
 from dynident.regressors.base_parameters import BaseParameters
+from dynident.regressors.further_signals import NOTHING_FURTHER, FurtherSignals
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.observation import Observation
 from dynident.robot.document import robot_document, robot_from_document
@@ -48,49 +49,19 @@ class PredictingModel:
         return self.model.observation
 
     def torque(
-        self,
-        q: FloatArray,
-        dq: FloatArray,
-        ddq: FloatArray,
-        *,
-        dddq: FloatArray | None = None,
-        ddddq: FloatArray | None = None,
-        time: FloatArray | None = None,
-        temperature: FloatArray | None = None,
-        runs: FloatArray | None = None,
-        period: float = 1e-3,
+        self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, further: FurtherSignals = NOTHING_FURTHER
     ) -> FloatArray:
         """W χ (m, n) of [12.4] along a motion: m samples of one run in the order of time.
 
         Parameters
         ----------
-        q, dq, ddq, dddq, ddddq : (m, n)
+        q, dq, ddq : (m, n)
             rad, rad/s, … or m, m/s, …
-        time : (m,)
-            s.
-        temperature : (m, n)
-            °C.
-        runs : (number of run signals,)
-            1 where the run is one of the signal's.
-        period : float
-            Sampling period in s, for effects that jump.
-
-        What is left out counts as zero; `torque_formula` says what a model needs.
+        further : FurtherSignals, optional
+            Higher derivatives, time, temperature, run; `torque_formula` says what a model needs.
         """
         states = MemoryStates(self.observation.memory).push(self.observation.robot.positions(q))
-        entries = self.observation.evaluate(
-            q,
-            dq,
-            ddq,
-            reference=self.reference,
-            memory=states,
-            dddq=dddq,
-            ddddq=ddddq,
-            time=time,
-            temperature=temperature,
-            runs=runs,
-            period=period,
-        )
+        entries = self.observation.evaluate(q, dq, ddq, reference=self.reference, memory=states, further=further)
         return self.observation.torque(entries, self.values)
 
 

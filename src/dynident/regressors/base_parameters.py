@@ -16,6 +16,7 @@ from scipy.linalg import qr
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.effects import Column, Signals, reference_size
+from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
 
@@ -164,17 +165,20 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0) -
     # Half the states at rest: what depends on position alone must not hide behind large accelerations.
     dq[::4] *= 0.05
     ddq[::4] = 0.0
+    times, temperature = _times(observation, n_states, rng), rng.uniform(15, 45, (n_states, n))
     entries = observation.evaluate(
         q,
         dq,
         ddq,
-        time=_times(observation, n_states, rng),
-        temperature=rng.uniform(15, 45, (n_states, n)),
         memory=rng.uniform(-1, 1, (n_states, observation.n_memory)),
         reference=rng.uniform(0.5, 1.5, reference_size(robot)),
-        dddq=dddq,
-        ddddq=ddddq,
-        runs=rng.integers(0, 2, (n_states, len(observation.runs))).astype(np.float64),
+        further=FurtherSignals(
+            dddq=dddq,
+            ddddq=ddddq,
+            time=times,
+            temperature=temperature,
+            runs=rng.integers(0, 2, (n_states, len(observation.runs))).astype(np.float64),
+        ),
     )
     dense = np.zeros((n_states, observation.n_rows, observation.n_columns))
     dense[:, observation.entry_rows, observation.entry_columns] = entries

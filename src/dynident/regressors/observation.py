@@ -11,6 +11,7 @@ import numpy as np
 from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals
 from dynident.expressions import Program
+from dynident.regressors.further_signals import NOTHING_FURTHER, FurtherSignals
 from dynident.regressors.joined_programs import JoinedPrograms
 from dynident.robot.model import Robot
 
@@ -99,12 +100,7 @@ class Observation:
         *,
         reference: FloatArray,
         memory: FloatArray,
-        dddq: FloatArray | None = None,
-        ddddq: FloatArray | None = None,
-        time: FloatArray | None = None,
-        temperature: FloatArray | None = None,
-        runs: FloatArray | None = None,
-        period: float = 1e-3,
+        further: FurtherSignals = NOTHING_FURTHER,
         out: FloatArray | None = None,
     ) -> FloatArray:
         """Entries (m, number of entries) at m samples.
@@ -116,33 +112,24 @@ class Observation:
             Standard inertial parameters that the predicted load torque is computed with, and behind them Ia, Fc, Fv
             and b of all joints for the torque of the motors; without these the links are alone (`ReferenceParameters`).
         memory : (m, number of memory signals)
-        dddq, ddddq : (m, n), optional
-            Third and fourth derivative of q; zero where they are left out.
-        time : (m,), optional
-        temperature : (m, n), optional
-            Celsius.
-        runs : (number of run signals,) or (m, number of run signals), optional
-            1 where the samples' run is one of the signal's; 0 where they are left out.
-        period : float
-            Sampling period in s, for columns that jump.
+        further : FurtherSignals, optional
+            What the columns depend on beside q, dq and ddq.
         out : (m, number of entries), optional
             Where to put the result.
         """
         n = self.robot.n
-        clock = np.zeros(1) if time is None else time[:, None]
-        heat = np.zeros(n) if temperature is None else temperature
         nothing = np.zeros(n)
         return self.program(
             q,
             dq,
             ddq,
-            nothing if dddq is None else dddq,
-            nothing if ddddq is None else ddddq,
-            clock,
-            np.array([period]),
-            heat,
+            nothing if further.dddq is None else further.dddq,
+            nothing if further.ddddq is None else further.ddddq,
+            np.zeros(1) if further.time is None else further.time[:, None],
+            np.array([further.period]),
+            nothing if further.temperature is None else further.temperature,
             memory,
-            np.zeros(len(self.runs)) if runs is None else runs,
+            np.zeros(len(self.runs)) if further.runs is None else further.runs,
             ReferenceParameters.of_vector(reference, self.robot).vector,
             out=out,
         )

@@ -15,6 +15,7 @@ from dynident.progress import Progress, silent
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
 from dynident.recordings.phases import Phase, PhaseArray
 from dynident.regressors.folding import BesideRows, EquationRows, folded
+from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, changed_at_rest, fitted
 
@@ -76,18 +77,21 @@ class SampleFunction:
         if len(needed):
             if self._observation.robot.linkage is not None:
                 self._observation.robot.linkage.check_closed(block.t[part], block.q[part])
+            runs = [in_run(signal, self._recording, block.segment) for signal in self._observation.runs]
             self._observation.evaluate(
                 block.q[part],
                 block.dq[part],
                 block.ddq[part],
                 reference=self._reference,
                 memory=states[part],
-                dddq=block.dddq[part],
-                ddddq=block.ddddq[part],
-                time=block.t[part],
-                temperature=None if block.temperature is None else block.temperature[part],
-                runs=np.array([in_run(signal, self._recording, block.segment) for signal in self._observation.runs]),
-                period=self._recording.period,
+                further=FurtherSignals(
+                    dddq=block.dddq[part],
+                    ddddq=block.ddddq[part],
+                    time=block.t[part],
+                    temperature=None if block.temperature is None else block.temperature[part],
+                    runs=np.array(runs),
+                    period=self._recording.period,
+                ),
                 out=out[part],
             )
 

@@ -12,6 +12,7 @@ from dynident.errors import DynidentError
 from dynident.excitation.limits.bounds import Bounds
 from dynident.excitation.observation.model import JUMP_TIME, DesignModel
 from dynident.regressors.base_parameters import select_base
+from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.robot.pointers import listed
 
@@ -98,11 +99,9 @@ def _observation(model: DesignModel, posture: FloatArray, moving: BoolArray) -> 
         q,
         dq,
         ddq,
-        dddq=dddq,
-        ddddq=ddddq,
         reference=model.reference,
         memory=rng.uniform(-1, 1, (m, observation.n_memory)),
-        period=JUMP_TIME,
+        further=FurtherSignals(dddq=dddq, ddddq=ddddq, period=JUMP_TIME),
     )
     w = np.zeros((m, robot.n, len(model.columns)))
     w[:, observation.entry_rows, observation.entry_columns] = entries

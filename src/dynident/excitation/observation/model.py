@@ -17,6 +17,7 @@ from dynident.excitation.observation.path_memory import PathMemory
 from dynident.excitation.trajectories.motion import Motion
 from dynident.expressions import Program
 from dynident.regressors.base_parameters import BaseParameters, base_parameters
+from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.robot.pointers import listed
@@ -111,12 +112,11 @@ class DesignModel:
             q,
             dq,
             ddq,
-            dddq=dddq,
-            ddddq=ddddq,
             reference=self.reference,
             memory=states,
-            runs=np.ones(len(observation.runs)) if runs is None else runs,
-            period=JUMP_TIME,
+            further=FurtherSignals(
+                dddq=dddq, ddddq=ddddq, runs=np.ones(len(observation.runs)) if runs is None else runs, period=JUMP_TIME
+            ),
         )
         w = np.zeros((len(q), self.robot.n, observation.n_columns))
         w[:, observation.entry_rows, observation.entry_columns] = entries
