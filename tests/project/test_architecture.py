@@ -24,8 +24,6 @@ LONG_SIGNATURES = {
     # The signals of a motion or a recording, by name.
     "src/dynident/recordings/importing.py:recording_from_arrays": 10,
     "src/dynident/recordings/importing.py:import_recording": 9,
-    # What a description says and Pinocchio does not keep.
-    "src/dynident/robot/pinocchio_model.py:from_pinocchio": 9,
 }
 
 # Classes of these rooms are read side by side. Names that stand in two of their modules; none may join them.

@@ -18,7 +18,7 @@ from dynident.robot.loops import CLOSED
 from dynident.robot.mjcf_equality import Held, held_by
 from dynident.robot.mjcf_xml import TITLE, mjcf_error, parse_mjcf
 from dynident.robot.model import Description, Drive, Limits, Robot
-from dynident.robot.pinocchio_model import PinocchioModel, from_pinocchio, locked
+from dynident.robot.pinocchio_model import DescribedJoints, PinocchioModel, from_pinocchio, locked
 from dynident.robot.pointers import listed
 from dynident.robot.settings import settings_from
 from dynident.robot.xml_text import Element, write_in_place
@@ -71,8 +71,7 @@ def robot_from_mjcf(
         name,
         Description("mjcf", text),
         settings,
-        described_limits=dict(_limits(compiled)),
-        links=links,
+        DescribedJoints(dict(_limits(compiled)), links),
         pointer=pointer,
     )
     tree = replace(tree, locked_joints=dict(stated.locked_joints))

@@ -63,7 +63,13 @@ from dynident.robot.json_fields import (
 )
 from dynident.robot.linkage import Cuts, Tie, followers_locked, linked
 from dynident.robot.model import INERTIAL_NAMES, Description, Drive, JointKind, Limits, Robot
-from dynident.robot.pinocchio_model import PinocchioModel, dynamic_parameters, from_pinocchio, inertial_parameters
+from dynident.robot.pinocchio_model import (
+    DescribedJoints,
+    PinocchioModel,
+    dynamic_parameters,
+    from_pinocchio,
+    inertial_parameters,
+)
 from dynident.robot.pointers import listed, pointer
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_placement
 from dynident.robot.settings import check_limits, gravity_from, settings_from
@@ -142,8 +148,7 @@ def robot_from_modified_dh(
         name,
         Description("modified_dh", content),
         settings,
-        described_limits={row.name: row.limits for row in rows},
-        links={row.name: row.link for row in rows},
+        DescribedJoints({row.name: row.limits for row in rows}, {row.name: row.link for row in rows}),
         pointer=pointer,
     )
     tree = replace(tree, locked_joints=dict(chosen))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -77,34 +77,43 @@ def described_torque(
     return np.asarray(np.einsum("mji,mj->mi", robot.linkage.rates(q), torque))
 
 
+@dataclass(frozen=True)
+class DescribedJoints:
+    """What a description says of its joints and Pinocchio's model does not keep.
+
+    By joint its `limits` and the link that it moves, and the names of the `fixed` ones, which the model has merged.
+    """
+
+    limits: Mapping[str, Limits]
+    links: Mapping[str, str]
+    fixed: tuple[str, ...] = ()
+
+
 def from_pinocchio(
     model: PinocchioModel,
     name: str,
     description: Description,
     settings: Settings,
+    described: DescribedJoints,
     *,
-    described_limits: Mapping[str, Limits],
-    links: Mapping[str, str],
-    fixed: tuple[str, ...] = (),
     tolerance: float = ROUNDING_TOLERANCE,
     pointer: str = "",
 ) -> Robot:
     """Return the robot of a model whose joints each have one degree of freedom.
 
-    `described_limits` and `links` give the limits and the moved link of each joint by name, `fixed` the names of joints
-    that the model has merged, `pointer` where the description stands in the request.
+    Roundings within `tolerance` are mended; `pointer` says where the description stands in the request.
     """
     moving = tuple(model.names)[1:]
     if len(moving) > MOST_JOINTS:
         detail = f"The description has {len(moving)} moving joints; at most {MOST_JOINTS} are supported."
         raise DynidentError(detail, pointer=pointer, title="Unusable robot description")
-    check_names(settings, moving, fixed)
+    check_names(settings, moving, described.fixed)
     model = locked(model, settings.locked_joints)
     joints = tuple(
         replace(
             joint,
-            limits=merged_limits(described_limits.get(joint.name, Limits()), settings.limits.get(joint.name)),
-            link=links.get(joint.name, ""),
+            limits=merged_limits(described.limits.get(joint.name, Limits()), settings.limits.get(joint.name)),
+            link=described.links.get(joint.name, ""),
         )
         for joint in _joints(model, tolerance)
     )

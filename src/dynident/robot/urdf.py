@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from dynident.robot.linkage import followers_locked, linked
 from dynident.robot.model import Description, Drive, Limits, Robot
-from dynident.robot.pinocchio_model import from_pinocchio
+from dynident.robot.pinocchio_model import DescribedJoints, from_pinocchio
 from dynident.robot.rounding import ROUNDING_TOLERANCE
 from dynident.robot.settings import settings_from
 from dynident.robot.urdf_xml import TITLE, checked, mimics, parse, urdf_error
@@ -68,9 +68,11 @@ def robot_from_urdf(
         name,
         Description("urdf", text),
         settings,
-        described_limits={joint: _limits(element) for joint, element in joints.items()},
-        links={joint: _child(element) for joint, element in joints.items()},
-        fixed=tuple(joint for joint, element in joints.items() if element.attributes["type"] == "fixed"),
+        DescribedJoints(
+            limits={joint: _limits(element) for joint, element in joints.items()},
+            links={joint: _child(element) for joint, element in joints.items()},
+            fixed=tuple(joint for joint, element in joints.items() if element.attributes["type"] == "fixed"),
+        ),
         tolerance=rounding_tolerance,
         pointer=pointer,
     )
