@@ -57,7 +57,7 @@ from hiding.visibility import SHOWS, shown_beside
 from dynident.diagnosis import Change, diagnose
 from dynident.diagnosis.series import measured, series, what_may_change
 from dynident.identification import identify
-from dynident.recordings import Recording, recording_from_arrays
+from dynident.recordings import FurtherColumns, Recording, recording_from_arrays
 from dynident.robot import Robot
 
 ARMS = ("ur5", "ur10", "franka_panda")
@@ -231,7 +231,7 @@ def recorded(pair: Pair, day: int) -> Recording:
         np.concatenate([run.q for run in runs]),
         np.concatenate([run.tau for run in runs]),
         joint_names=arm_by_name(pair.arm).joint_names,
-        temperature=np.concatenate(heat) if pair.warm else None,
+        further=FurtherColumns(temperature=np.concatenate(heat) if pair.warm else None),
         segment=np.repeat(np.arange(len(runs)), [len(run.t) for run in runs]),
         name=f"day {day + 1}",
     )

@@ -129,10 +129,8 @@ def streamed(path: Path, count: int) -> dict[str, float]:
         recording, _ = dynident.recordings.import_recording(
             path,
             Path(scratch) / "checked.parquet",
-            joint_names=robot.joint_names,
-            gains=[None] * robot.n,
+            dynident.recordings.RecordedJoints(robot.joint_names),
             metadata=dynident.recordings.RecordingMetadata(name="large"),
-            limits=[dynident.recordings.JointLimits() for _ in robot.joints],
         )
         importing = time.process_time() - start
         start = time.process_time()

@@ -13,7 +13,7 @@ from engine import Arm, Instruments, Motion, Plan, Run, fourier_motion, point_to
 from engine.drives import effort_limits
 from engine.robots import arm_by_name
 
-from dynident.recordings import Recording, recording_from_arrays
+from dynident.recordings import FurtherColumns, Recording, recording_from_arrays
 from dynident.robot import Robot
 from hiding.case import Case, Manner, Take
 
@@ -60,7 +60,7 @@ class Recorded:
                     np.concatenate([run.q for run in runs]),
                     np.concatenate([run.tau for run in runs]),
                     joint_names=names,
-                    temperature=heat,
+                    further=FurtherColumns(temperature=heat),
                     segment=labels if len(numbers) > 1 else None,
                     name=f"run {numbers[0] + 1}",
                 )

@@ -14,7 +14,7 @@ from hiding.recorded import recorded
 from dynident.diagnosis import diagnose
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
 from dynident.identification import Identification, IdentificationChoices, extend, identify
-from dynident.recordings import Recording, RecordingMetadata, import_recording
+from dynident.recordings import RecordedJoints, Recording, RecordingMetadata, import_recording
 from dynident.robot import Robot, robot_from_modified_dh, robot_from_urdf
 
 
@@ -97,4 +97,4 @@ def _imported(arm: RealArm, robot: Robot, folder: Path) -> Iterator[Recording]:
     for file in arm.files:
         source, target = RECORDINGS / arm.folder / f"{file}.parquet", folder / f"{arm.folder}-{file}.parquet"
         metadata = RecordingMetadata(name=file)
-        yield import_recording(source, target, joint_names=robot.joint_names, gains=arm.gains, metadata=metadata)[0]
+        yield import_recording(source, target, RecordedJoints(robot.joint_names, gains=arm.gains), metadata=metadata)[0]

@@ -21,7 +21,14 @@ from dynident.identification.mistakes.judge import Judge
 from dynident.identification.mistakes.scales import load_of, nearer_to_masses, scales_of
 from dynident.identification.mistakes.search import mistakes_of, motion_of, whole_motion_of
 from dynident.identification.mistakes.swaps import Motion as MotionRows
-from dynident.recordings import JointLimits, Recording, RecordingError, RecordingMetadata, import_recording
+from dynident.recordings import (
+    JointLimits,
+    RecordedJoints,
+    Recording,
+    RecordingError,
+    RecordingMetadata,
+    import_recording,
+)
 from dynident.recordings.types import Check, ModelChecks
 from dynident.robot import Robot
 
@@ -156,10 +163,13 @@ def brought_in(
     return import_recording(
         path,
         path.with_suffix(".checked.parquet"),
-        joint_names=ROBOT.joint_names,
-        limits=[
-            JointLimits(one.kind, one.limits.position, one.limits.velocity, one.limits.effort) for one in ROBOT.joints
-        ],
+        RecordedJoints(
+            ROBOT.joint_names,
+            limits=[
+                JointLimits(one.kind, one.limits.position, one.limits.velocity, one.limits.effort)
+                for one in ROBOT.joints
+            ],
+        ),
         metadata=RecordingMetadata(accept=accept),
         against=against,
     )

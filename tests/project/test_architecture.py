@@ -21,9 +21,6 @@ LONG_SIGNATURES = {
     "src/dynident/desk/designing.py:design": 14,
     "src/dynident/desk/reading.py:read_recordings": 12,
     "src/dynident/desk/identifying.py:identify": 10,
-    # The signals of a motion or a recording, by name.
-    "src/dynident/recordings/importing.py:recording_from_arrays": 10,
-    "src/dynident/recordings/importing.py:import_recording": 9,
 }
 
 # Classes of these rooms are read side by side. Names that stand in two of their modules; none may join them.

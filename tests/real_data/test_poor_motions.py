@@ -9,7 +9,7 @@ import pytest
 
 from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, identify, payload_from_pair
-from dynident.recordings import Recording, RecordingMetadata, import_recording
+from dynident.recordings import RecordedJoints, Recording, RecordingMetadata, import_recording
 from dynident.robot import Robot, robot_from_urdf
 from dynident.robot.pseudo_inertia import smallest_pseudo_inertia
 
@@ -38,7 +38,9 @@ def read(tmp_path_factory):
 
     def recording(arm: Robot, file: str) -> Recording:
         source, target = DATA / arm.name / f"{file}.parquet", folder / f"{arm.name}_{file}.parquet"
-        return import_recording(source, target, joint_names=arm.joint_names, metadata=RecordingMetadata(name=file))[0]
+        return import_recording(source, target, RecordedJoints(arm.joint_names), metadata=RecordingMetadata(name=file))[
+            0
+        ]
 
     return recording
 

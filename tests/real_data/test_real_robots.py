@@ -12,7 +12,7 @@ import pytest
 from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, extend, identify
-from dynident.recordings import Recording, RecordingMetadata, import_recording
+from dynident.recordings import RecordedJoints, Recording, RecordingMetadata, import_recording
 from dynident.robot import Robot, robot_from_urdf
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
@@ -57,7 +57,7 @@ def read(tmp_path_factory):
         metadata = RecordingMetadata(name=file, windows=windows)
         target = folder / f"{arm.name}_{file}_{len(list(folder.iterdir()))}.parquet"
         source = DATA / arm.name / f"{file}.parquet"
-        return import_recording(source, target, joint_names=arm.joint_names, gains=gains, metadata=metadata)[0]
+        return import_recording(source, target, RecordedJoints(arm.joint_names, gains=gains), metadata=metadata)[0]
 
     return recording
 

@@ -12,7 +12,7 @@ from test_real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, p
 from dynident.identification import identify
 from dynident.identification.dependence import parameter_dependence
 from dynident.identification.essential import essential_parameters
-from dynident.recordings import RecordingMetadata, import_recording
+from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,9 @@ def runs(arm, tmp_path_factory):
         first, last = UR10E_ROWS[name]
         said = RecordingMetadata(name=name, windows=((t[first - 1], t[last - 1]),))
         target = folder / f"{name}.parquet"
-        found[name] = import_recording(source, target, joint_names=arm.joint_names, gains=UR10E_GAINS, metadata=said)[0]
+        found[name] = import_recording(
+            source, target, RecordedJoints(arm.joint_names, gains=UR10E_GAINS), metadata=said
+        )[0]
     return found
 
 

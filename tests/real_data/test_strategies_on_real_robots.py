@@ -11,7 +11,7 @@ from test_real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, p
 
 from dynident.effects import EffectChoice
 from dynident.identification import identify, identify_gains, payload_mass
-from dynident.recordings import RecordingMetadata, import_recording
+from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
 
 ROWS = {**UR10E_ROWS, "pair14_loaded": (308, 5071)}
 MASS = 2.805
@@ -35,7 +35,7 @@ def read(arm, tmp_path_factory):
             windows = ((t[first - 1], t[last - 1]),)
         said = RecordingMetadata(name=file, windows=windows, **metadata)
         target = folder / f"{file}.parquet"
-        return import_recording(source, target, joint_names=arm.joint_names, gains=UR10E_GAINS, metadata=said)[0]
+        return import_recording(source, target, RecordedJoints(arm.joint_names, gains=UR10E_GAINS), metadata=said)[0]
 
     return recording
 

@@ -9,7 +9,7 @@ import pytest
 
 from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, identify
-from dynident.recordings import Recording, RecordingMetadata, import_recording
+from dynident.recordings import RecordedJoints, Recording, RecordingMetadata, import_recording
 from dynident.robot import Robot, robot_from_urdf
 from dynident.validation import (
     Method,
@@ -57,7 +57,7 @@ def read(tmp_path_factory):
             windows = ((t[ROWS[file][0] - 1], t[ROWS[file][1] - 1]),)
         metadata = RecordingMetadata(name=file, windows=windows, **more)
         target = folder / f"{arm.name}_{file}.parquet"
-        return import_recording(source, target, joint_names=arm.joint_names, gains=gains, metadata=metadata)[0]
+        return import_recording(source, target, RecordedJoints(arm.joint_names, gains=gains), metadata=metadata)[0]
 
     return recording
 

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from recording_data import JOINTS, motion, write_parquet
 
-from dynident.recordings import JointLimits, RecordingError, RecordingMetadata, import_recording, phase_shares
+from dynident.recordings import (
+    JointLimits,
+    RecordedJoints,
+    RecordingError,
+    RecordingMetadata,
+    import_recording,
+    phase_shares,
+)
 
 LIMITS = tuple(JointLimits(position=(-3.0, 3.0), velocity=6.0, effort=200.0) for _ in JOINTS)
 
@@ -16,7 +23,7 @@ LIMITS = tuple(JointLimits(position=(-3.0, 3.0), velocity=6.0, effort=200.0) for
 def given(tmp_path, columns, *, limits=None, **metadata):
     source = write_parquet(tmp_path / "run.parquet", columns)
     return import_recording(
-        source, tmp_path / "stored", joint_names=JOINTS, limits=limits, metadata=RecordingMetadata(**metadata)
+        source, tmp_path / "stored", RecordedJoints(JOINTS, limits=limits), metadata=RecordingMetadata(**metadata)
     )
 
 
@@ -292,7 +299,7 @@ def test_torque_that_is_far_too_late_is_refused_with_the_cure(tmp_path):
 def test_one_joint_alone_is_not_called_late(tmp_path):
     columns = motion(9000)
     source = write_parquet(tmp_path / "run.parquet", {"t": columns["t"], "q1": columns["q1"], "tau1": columns["tau1"]})
-    _, checks = import_recording(source, tmp_path / "stored", joint_names=("only",))
+    _, checks = import_recording(source, tmp_path / "stored", RecordedJoints(("only",)))
     assert all(check.status == "ok" for check in checks)
 
 
@@ -315,5 +322,5 @@ def test_checks_of_a_long_recording_take_a_few_seconds_at_most(tmp_path):
     columns = motion(400_000, rate=1000.0)
     source = write_parquet(tmp_path / "run.parquet", columns)
     start = time.process_time()
-    import_recording(source, tmp_path / "stored", joint_names=JOINTS)
+    import_recording(source, tmp_path / "stored", RecordedJoints(JOINTS))
     assert time.process_time() - start < 8.0

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from recording_data import JOINTS, motion
 
-from dynident.recordings import RecordingError, RecordingMetadata, import_recording
+from dynident.recordings import RecordedJoints, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.formats import open_source
 
 KINDS = ("q", "tau")
@@ -25,7 +25,7 @@ def wide(columns, kind) -> np.ndarray:
 
 def imported(path, columns: dict[str, str] | None = None):
     metadata = RecordingMetadata(columns=columns or {})
-    recording, _ = import_recording(path, path.with_suffix(".stored"), joint_names=JOINTS, metadata=metadata)
+    recording, _ = import_recording(path, path.with_suffix(".stored"), RecordedJoints(JOINTS), metadata=metadata)
     return pq.read_table(recording.path)
 
 

@@ -19,6 +19,7 @@ from scipy.interpolate import CubicSpline
 from dynident.recordings import (
     JointLimits,
     Preprocessing,
+    RecordedJoints,
     RecordingError,
     RecordingMetadata,
     filtered_blocks,
@@ -34,9 +35,9 @@ def stored(recording) -> dict[str, np.ndarray]:
     return {name: table[name].to_numpy() for name in table.column_names}
 
 
-def imported(source: Path, **how):
-    how.setdefault("joint_names", JOINTS)
-    return import_recording(source, source.with_suffix(".stored"), **how)
+def imported(source: Path, *, gains=None, limits=None, **how):
+    joints = RecordedJoints(JOINTS, limits=limits, gains=gains)
+    return import_recording(source, source.with_suffix(".stored"), joints, **how)
 
 
 def test_a_parquet_file_comes_out_in_si_and_in_the_robots_order(tmp_path):
@@ -305,12 +306,12 @@ def test_cancelling_an_import_leaves_nothing_behind(tmp_path):
 MEMORY = """
 import sys
 from pathlib import Path
-from dynident.recordings import Preprocessing, filtered_blocks, import_recording
+from dynident.recordings import Preprocessing, RecordedJoints, filtered_blocks, import_recording
 # Not ru_maxrss: a new process inherits that of the one that started it.
 peak = lambda: next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM"))
 source = Path(sys.argv[1])
 bare = peak()
-recording, _ = import_recording(source, source.with_suffix(".stored"), joint_names=("a", "b", "c"))
+recording, _ = import_recording(source, source.with_suffix(".stored"), RecordedJoints(("a", "b", "c")))
 rows = sum(len(block.t) for block in filtered_blocks(recording, Preprocessing(6.0, None)))
 print(rows, peak() - bare)
 """

@@ -7,7 +7,9 @@ import pytest
 from recording_data import JOINTS, motion, write_csv, write_parquet
 
 from dynident.recordings import (
+    FurtherColumns,
     Preprocessing,
+    RecordedJoints,
     RecordingMetadata,
     filtered_blocks,
     import_recording,
@@ -27,8 +29,8 @@ def with_command(n_rows: int = 1000) -> dict[str, np.ndarray]:
 
 
 def imported(source, **metadata):
-    how = {"joint_names": JOINTS, "metadata": RecordingMetadata(**metadata)}
-    return import_recording(source, source.with_suffix(".stored"), **how)[0]
+    said = RecordingMetadata(**metadata)
+    return import_recording(source, source.with_suffix(".stored"), RecordedJoints(JOINTS), metadata=said)[0]
 
 
 def positions(recording) -> np.ndarray:
@@ -64,7 +66,9 @@ def test_a_command_stands_beside_temperatures_and_in_arrays():
     t = np.arange(600) / 200.0
     q = np.sin(t)[:, None] * np.ones(len(JOINTS))
     heat = 30.0 + 0.0 * q
-    recording = recording_from_arrays(t, q, q, joint_names=JOINTS, temperature=heat, command=q + 0.5)
+    recording = recording_from_arrays(
+        t, q, q, joint_names=JOINTS, further=FurtherColumns(temperature=heat, command=q + 0.5)
+    )
     np.testing.assert_allclose(positions(commanded(recording)), positions(recording) + 0.5, atol=1e-9)
     block = next(filtered_blocks(recording, RAW))
     np.testing.assert_allclose(block.temperature, 30.0)

@@ -7,7 +7,9 @@ import pytest
 from recording_data import JOINTS, motion, write_csv, write_parquet
 
 from dynident.recordings import (
+    FurtherColumns,
     Preprocessing,
+    RecordedJoints,
     RecordingError,
     RecordingMetadata,
     filtered_blocks,
@@ -32,8 +34,8 @@ def wrench(columns: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def imported(source, **metadata):
-    how = {"joint_names": JOINTS, "metadata": RecordingMetadata(**metadata)}
-    return import_recording(source, source.with_suffix(".stored"), **how)[0]
+    said = RecordingMetadata(**metadata)
+    return import_recording(source, source.with_suffix(".stored"), RecordedJoints(JOINTS), metadata=said)[0]
 
 
 def streamed(recording, **how) -> np.ndarray:
@@ -114,7 +116,11 @@ def test_jittering_stamps_put_the_wrench_on_the_grid_of_the_positions(tmp_path):
 def test_arrays_take_a_wrench_of_six_columns():
     columns = with_wrench(500)
     q, tau = (np.column_stack([columns[f"{kind}{k}"] for k in (1, 2, 3)]) for kind in ("q", "tau"))
-    recording = recording_from_arrays(columns["t"], q, tau, joint_names=JOINTS, wrench=wrench(columns))
+    recording = recording_from_arrays(
+        columns["t"], q, tau, joint_names=JOINTS, further=FurtherColumns(wrench=wrench(columns))
+    )
     np.testing.assert_array_equal(streamed(recording), wrench(columns))
     with pytest.raises(RecordingError, match="wrench has shape"):
-        recording_from_arrays(columns["t"], q, tau, joint_names=JOINTS, wrench=wrench(columns)[:, :3])
+        recording_from_arrays(
+            columns["t"], q, tau, joint_names=JOINTS, further=FurtherColumns(wrench=wrench(columns)[:, :3])
+        )

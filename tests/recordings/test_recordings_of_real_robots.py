@@ -8,7 +8,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from dynident.recordings import RecordingError, RecordingMetadata, choose_preprocessing, import_recording, phase_shares
+from dynident.recordings import (
+    RecordedJoints,
+    RecordingError,
+    RecordingMetadata,
+    choose_preprocessing,
+    import_recording,
+    phase_shares,
+)
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 JOINTS = tuple(f"joint{number}" for number in range(1, 7))
@@ -30,7 +37,7 @@ def imported(path: Path, destination: Path, **metadata):
     names = {"joint_friction": ("joint",), "dvrk_psm": JOINTS[:3]}.get(path.parent.name, JOINTS)
     gains = GAINS if len(names) == len(GAINS) else (None,) * len(names)
     return import_recording(
-        path, destination, joint_names=names, gains=gains, metadata=RecordingMetadata(path.stem, **metadata)
+        path, destination, RecordedJoints(names, gains=gains), metadata=RecordingMetadata(path.stem, **metadata)
     )
 
 

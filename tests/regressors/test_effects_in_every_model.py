@@ -8,7 +8,7 @@ from oracles import arm, fourier_motion
 
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.estimation import errors
-from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
+from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.regressors.equations import filtered, over_intervals, plain, reduce_form
 from dynident.regressors.forms import filtered_form, power_form
 from dynident.regressors.model import Model, build_model
@@ -28,7 +28,9 @@ def recorded(tau: np.ndarray) -> Recording:
     half = len(MOTION.t) // 2
     label = (np.arange(len(MOTION.t)) >= half).astype(np.int64)
     names = {"joint_names": ROBOT.joint_names, "name": "run"}
-    return recording_from_arrays(MOTION.t, MOTION.q, tau, temperature=HEAT, segment=label, **names)
+    return recording_from_arrays(
+        MOTION.t, MOTION.q, tau, further=FurtherColumns(temperature=HEAT), segment=label, **names
+    )
 
 
 def with_torque_of(model: Model, values: np.ndarray) -> Recording:

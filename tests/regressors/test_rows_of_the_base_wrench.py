@@ -17,7 +17,7 @@ from dynident.estimation import EquationFactors, Reduction, errors, ordinary, so
 from dynident.estimation.nuisance import without_nuisance
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.removing import remove
-from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
+from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.regressors.base_wrench import wrench_model
 from dynident.regressors.forms import wrench_form
 from dynident.regressors.model import build_model
@@ -46,7 +46,9 @@ def recorded(robot, seconds=60.0, rate=1000.0, frequency=0.05, seed=3, noise=0.0
     drawn = np.random.default_rng(seed)
     wrench = wrenches(robot, *state) + STANDING + noise * drawn.normal(size=(len(motion.t), 6)) * [5, 5, 5, 1, 1, 1]
     names = {"joint_names": robot.joint_names, "name": "run", **more}
-    return recording_from_arrays(motion.t, motion.q, pinocchio_torque(robot, *state), wrench=wrench, **names)
+    return recording_from_arrays(
+        motion.t, motion.q, pinocchio_torque(robot, *state), further=FurtherColumns(wrench=wrench), **names
+    )
 
 
 def error(found, truth: np.ndarray) -> float:
@@ -196,7 +198,9 @@ def test_a_wrench_of_the_wrong_sign_is_suspected():
     run = recorded(robot, 30.0, 200.0)
     rows = next(iter(run.source.rows(0, run.n_samples, run.n_samples)))
     t = np.arange(run.n_samples) / 200.0
-    turned = recording_from_arrays(t, rows.q, rows.tau, joint_names=robot.joint_names, wrench=-rows.wrench)
+    turned = recording_from_arrays(
+        t, rows.q, rows.tau, joint_names=robot.joint_names, further=FurtherColumns(wrench=-rows.wrench)
+    )
     right, wrong = (any("sign of the wrench" in w for w in by_wrench(robot, [r]).warnings) for r in (run, turned))
     assert wrong
     assert not right

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from oracles import arm, fourier_motion
 
 from dynident.errors import DynidentError
-from dynident.recordings import RecordingMetadata, import_recording
+from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
 from dynident.robot import Drive, coupling_matrix, library_table, robot_from_modified_dh
 from dynident.robot.document import robot_document, robot_from_document
 from dynident.robot.drive_chain import currents_of
@@ -65,9 +65,7 @@ def test_currents_of_a_coupled_wrist_are_read_as_joint_torques(tmp_path):
     recording, checks = import_recording(
         tmp_path / "in.parquet",
         tmp_path / "out.parquet",
-        joint_names=NAMES,
-        gains=GAINS,
-        coupling=coupling_matrix(WRIST),
+        RecordedJoints(NAMES, gains=GAINS, coupling=coupling_matrix(WRIST)),
         metadata=RecordingMetadata(accept=("torque_sign", "torque_order")),
     )
     (rows,) = recording.source.rows(0, len(motion.t), 10**6)
@@ -85,8 +83,7 @@ def test_torque_columns_are_joint_torques_already(tmp_path):
     recording, _ = import_recording(
         tmp_path / "in.parquet",
         tmp_path / "out.parquet",
-        joint_names=NAMES,
-        coupling=coupling_matrix(WRIST),
+        RecordedJoints(NAMES, coupling=coupling_matrix(WRIST)),
         metadata=RecordingMetadata(accept=("torque_sign", "torque_order")),
     )
     (rows,) = recording.source.rows(0, len(motion.t), 10**6)

@@ -12,7 +12,7 @@ from oracles import pinocchio_torque
 from virtual_arms import fourier, plain_friction
 
 from dynident.errors import DynidentError
-from dynident.recordings import JointLimits, RecordingMetadata, import_recording
+from dynident.recordings import JointLimits, RecordedJoints, RecordingMetadata, import_recording
 from dynident.robot import Robot, robot_from_library
 from dynident.simulation import (
     Measurement,
@@ -161,9 +161,11 @@ def test_several_runs_are_segments_of_one_recording_while_the_session_goes_on(ro
     recording, _ = import_recording(
         path,
         tmp_path / "recording.parquet",
-        joint_names=robot.joint_names,
+        RecordedJoints(
+            robot.joint_names,
+            limits=[JointLimits(position=j.limits.position, effort=j.limits.effort) for j in robot.joints],
+        ),
         metadata=RecordingMetadata(name="virtual"),
-        limits=[JointLimits(position=j.limits.position, effort=j.limits.effort) for j in robot.joints],
     )
     assert [recording.run_label(k) for k in range(3)] == ["virtual#1", "virtual#2", "virtual#3"]
     assert recording.has_temperature

@@ -11,7 +11,7 @@ from virtual_arms import effort, fourier, plain_friction
 
 from dynident.effects import CATALOGUE
 from dynident.errors import Cancelled, DynidentError
-from dynident.recordings import JointLimits, RecordingMetadata, import_recording
+from dynident.recordings import JointLimits, RecordedJoints, RecordingMetadata, import_recording
 from dynident.robot import Drive, Robot, robot_from_library
 from dynident.simulation import (
     Reference,
@@ -92,10 +92,12 @@ def test_a_written_measurement_is_read_back_as_a_recording(
     recording, checks = import_recording(
         path,
         tmp_path / "imported.parquet",
-        joint_names=driven.joint_names,
-        gains=[drive.gain for drive in driven.drives],
+        RecordedJoints(
+            driven.joint_names,
+            gains=[drive.gain for drive in driven.drives],
+            limits=[JointLimits(position=j.limits.position, effort=j.limits.effort) for j in driven.joints],
+        ),
         metadata=RecordingMetadata(name="virtual"),
-        limits=[JointLimits(position=j.limits.position, effort=j.limits.effort) for j in driven.joints],
     )
     assert recording.n_samples == measured.n_samples == 4001
     assert recording.sampling_rate == pytest.approx(1000.0)

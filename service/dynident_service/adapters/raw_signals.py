@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.recordings import JointLimits, Recording
+from dynident.identification.robot_recordings import recorded_joints
+from dynident.recordings import Recording
 from dynident.recordings.as_recorded import AsRecorded, FileOfRobot
 from dynident.recordings.phases import phases_of
-from dynident.robot import Robot, coupling_matrix
+from dynident.robot import Robot
 from dynident_service.adapters.revisions import metadata_of
 from dynident_service.models.measurements import MeasurementMetadata
 from dynident_service.models.raw_signals import RawSignals, Standstills, StandstillsOfJoint
@@ -20,17 +21,7 @@ from dynident_service.models.raw_signals import RawSignals, Standstills, Standst
 
 def as_recorded(path: Path, robot: Robot, said: MeasurementMetadata, wanted: list[str]) -> AsRecorded:
     """Open signals of a file; `RecordingError` for one that is not there."""
-    return AsRecorded(
-        FileOfRobot(
-            path,
-            metadata_of(said),
-            robot.joint_names,
-            [JointLimits(joint.kind) for joint in robot.joints],
-            [drive.gain for drive in robot.drives],
-            coupling_matrix(robot),
-        ),
-        wanted,
-    )
+    return AsRecorded(FileOfRobot(path, metadata_of(said), recorded_joints(robot)), wanted)
 
 
 def thinned(found: AsRecorded, points: int, start: float | None, end: float | None) -> RawSignals:

@@ -24,6 +24,7 @@ from dynident.identification.robot_recordings import import_cured, import_for_ro
 from dynident.progress import Progress, part
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.names import unique_names
+from dynident.recordings.types import RecordingRole
 from dynident.robot import Robot
 from dynident_service.adapters.identifications import check_effects
 from dynident_service.cli import parsing
@@ -58,13 +59,13 @@ class FileOptions:
     units: Sequence[str] = ()
     windows: Sequence[str] = ()
     accept: Sequence[str] = ()
-    roles: Mapping[Path, str] = field(default_factory=dict)
+    roles: Mapping[Path, RecordingRole] = field(default_factory=dict)
     cure: bool = False
     metadata: Sequence[str] = ()
     as_proposed: bool = False
 
 
-def file_options(reading: Reading, roles: Mapping[Path, str] | None = None) -> FileOptions:
+def file_options(reading: Reading, roles: Mapping[Path, RecordingRole] | None = None) -> FileOptions:
     """What the options of reading say, with the roles of files that are not for the identification as usual."""
     return FileOptions(
         reading.columns,

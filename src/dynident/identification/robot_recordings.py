@@ -10,6 +10,7 @@ from dynident.progress import Progress, silent
 from dynident.recordings import (
     Check,
     JointLimits,
+    RecordedJoints,
     Recording,
     RecordingError,
     RecordingMetadata,
@@ -17,6 +18,16 @@ from dynident.recordings import (
     import_recording,
 )
 from dynident.robot import Robot, coupling_matrix
+
+
+def recorded_joints(robot: Robot) -> RecordedJoints:
+    """What the columns of a robot's recordings are of."""
+    return RecordedJoints(
+        robot.joint_names,
+        limits=[JointLimits(j.kind, j.limits.position, j.limits.velocity, j.limits.effort) for j in robot.joints],
+        gains=[drive.gain for drive in robot.drives],
+        coupling=coupling_matrix(robot),
+    )
 
 
 def import_for_robot(
@@ -32,11 +43,8 @@ def import_for_robot(
     return import_recording(
         source,
         destination,
-        joint_names=robot.joint_names,
-        gains=[drive.gain for drive in robot.drives],
-        coupling=coupling_matrix(robot),
+        recorded_joints(robot),
         metadata=metadata,
-        limits=[JointLimits(j.kind, j.limits.position, j.limits.velocity, j.limits.effort) for j in robot.joints],
         against=checks_against(robot),
         progress=progress,
     )

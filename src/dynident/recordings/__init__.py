@@ -2,7 +2,7 @@
 
 from dynident.recordings.choosing import choose_preprocessing, motion_band, preprocessing_from_request
 from dynident.recordings.filtering import edge_margin, filtered_blocks
-from dynident.recordings.importing import import_recording, recording_from_arrays
+from dynident.recordings.importing import FurtherColumns, import_recording, recording_from_arrays
 from dynident.recordings.parallel import FilteredRows, ParallelFilter, low_pass
 from dynident.recordings.phases import PhaseShares, phase_shares
 from dynident.recordings.preprocessing import Preprocessing
@@ -11,6 +11,7 @@ from dynident.recordings.sources import open_recording
 from dynident.recordings.types import (
     Check,
     JointLimits,
+    RecordedJoints,
     Recording,
     RecordingError,
     RecordingMetadata,
@@ -21,10 +22,12 @@ from dynident.recordings.types import (
 __all__ = [
     "Check",
     "FilteredRows",
+    "FurtherColumns",
     "JointLimits",
     "ParallelFilter",
     "PhaseShares",
     "Preprocessing",
+    "RecordedJoints",
     "Recording",
     "RecordingError",
     "RecordingMetadata",

@@ -13,7 +13,7 @@ from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.columns import Column, Layout, find_columns
 from dynident.recordings.formats import open_source
 from dynident.recordings.raw import FileSource
-from dynident.recordings.types import JointLimits, RecordingError, RecordingMetadata
+from dynident.recordings.types import RecordedJoints, RecordingError, RecordingMetadata
 
 _UNITS = {
     "q": ("rad", "m"),
@@ -34,14 +34,11 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class FileOfRobot:
-    """A user's file, what is said of it, and the robot that it is of, one entry a joint."""
+    """A user's file, what is said of it, and the joints that it is of."""
 
     path: Path
     metadata: RecordingMetadata
-    joint_names: Sequence[str]
-    limits: Sequence[JointLimits]
-    gains: Sequence[float | None]
-    coupling: FloatArray | None = None
+    joints: RecordedJoints
 
 
 class AsRecorded:
@@ -63,9 +60,7 @@ class AsRecorded:
 
     def __init__(self, file: FileOfRobot, wanted: Sequence[str] = ()) -> None:
         self._source: FileSource = open_source(file.path, file.metadata.format)
-        layout, _ = find_columns(
-            self._source.names, file.joint_names, file.gains, file.limits, file.metadata, file.coupling
-        )
+        layout, _ = find_columns(self._source.names, file.joints, file.metadata)
         known = _known(layout, file)
         names = list(dict.fromkeys(wanted)) or [f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(len(layout.q))]
         own = {name: (Column(name), "") for name in self._source.names}
@@ -139,6 +134,6 @@ def _known(layout: Layout, file: FileOfRobot) -> dict[str, tuple[Column, str]]:
     found: dict[str, tuple[Column, str]] = {}
     for kind, units in _UNITS.items():
         for joint, column in enumerate(getattr(layout, kind)):
-            unit = units[file.limits[joint].kind == "prismatic"]
-            found[f"{kind}{joint + 1}"] = found[f"{kind}_{file.joint_names[joint]}"] = (column, unit)
+            unit = units[file.joints.known_limits[joint].kind == "prismatic"]
+            found[f"{kind}{joint + 1}"] = found[f"{kind}_{file.joints.names[joint]}"] = (column, unit)
     return found

@@ -13,7 +13,7 @@ from dynident.recordings.types import (
     WRENCH_NAMES,
     Check,
     JointKind,
-    JointLimits,
+    RecordedJoints,
     RecordingError,
     RecordingMetadata,
 )
@@ -83,31 +83,27 @@ class Layout:
 
 def find_columns(
     names: Sequence[str],
-    joint_names: Sequence[str],
-    gains: Sequence[float | None],
-    limits: Sequence[JointLimits],
+    joints: RecordedJoints,
     metadata: RecordingMetadata,
-    coupling: FloatArray | None = None,
 ) -> tuple[Layout, Check]:
     """Match a file's columns with the robot's joints.
 
     Parameters
     ----------
     names : the file's columns
-    joint_names, gains, limits : one a joint
-        Joint torque = gain x current [12.17]; a gain is needed only where a joint has no torque column.
+    joints : RecordedJoints
+        Joint torque = gain x current [12.17]; a gain is needed only where a joint has no torque column. With motor
+        torques τ (gain x current) the joints' are couplingᵀ τ; torque columns are joint torques.
     metadata : RecordingMetadata
         `columns` and `units` are used.
-    coupling : (n, n), optional
-        With motor torques τ (drive gain x current) the joints' are couplingᵀ τ; torque columns are joint torques.
 
     Raises
     ------
     RecordingError
         For a missing column, a missing drive gain, an unknown unit or a mapping to a column that is not there.
     """
-    finder = _Finder(names, joint_names, limits, metadata)
-    n = len(joint_names)
+    finder = _Finder(names, joints, metadata)
+    n, gains, coupling = joints.n, joints.known_gains, joints.coupling
     tau, from_current, unused = [], [], []
     mixing = np.eye(n)
     for joint in range(n):
@@ -116,12 +112,12 @@ def find_columns(
             tau.append(torque)
             unused += [current.source] if current is not None else []
         elif current is not None:
-            tau.append(_torque_of(current, joint_names[joint], gains[joint]))
+            tau.append(_torque_of(current, joints.names[joint], gains[joint]))
             from_current.append(current.source)
             if coupling is not None:
                 mixing[joint] = coupling[joint]
         else:
-            raise finder.missing("tau", joint, f" or a current ({_or('current', joint_names[joint], joint)})")
+            raise finder.missing("tau", joint, f" or a current ({_or('current', joints.names[joint], joint)})")
     time = finder.find("t", None)
     if time is None:
         raise finder.missing("t", None)
@@ -205,18 +201,12 @@ def _or(kind: str, joint_name: str, joint: int) -> str:
 
 
 class _Finder:
-    def __init__(
-        self,
-        names: Sequence[str],
-        joint_names: Sequence[str],
-        limits: Sequence[JointLimits],
-        metadata: RecordingMetadata,
-    ) -> None:
+    def __init__(self, names: Sequence[str], joints: RecordedJoints, metadata: RecordingMetadata) -> None:
         self.names = list(names)
-        self.joint_names = joint_names
-        self.limits = limits
+        self.joint_names = joints.names
+        self.limits = joints.known_limits
         self.metadata = metadata
-        self.arrangement = Rearrangement(metadata, joint_names)
+        self.arrangement = Rearrangement(metadata, joints.names)
         self._check_mapping()
 
     def find(self, kind: str, joint: int | None) -> Column | None:

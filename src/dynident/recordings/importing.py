@@ -25,8 +25,8 @@ from dynident.recordings.timebase import TimeBase, TimeScan, time_checks
 from dynident.recordings.types import (
     WRENCH_NAMES,
     Check,
-    JointLimits,
     ModelChecks,
+    RecordedJoints,
     Recording,
     RecordingError,
     RecordingMetadata,
@@ -39,12 +39,9 @@ from dynident.recordings.types import (
 def import_recording(
     source_path: Path | str,
     destination_path: Path | str,
+    joints: RecordedJoints,
     *,
-    joint_names: Sequence[str],
-    gains: Sequence[float | None] | None = None,
-    coupling: FloatArray | None = None,
     metadata: RecordingMetadata | None = None,
-    limits: Sequence[JointLimits] | None = None,
     against: ModelChecks | None = None,
     progress: Progress = silent,
 ) -> tuple[Recording, tuple[Check, ...]]:
@@ -56,11 +53,10 @@ def import_recording(
     Parameters
     ----------
     source_path, destination_path : path
-    joint_names : one a joint, in the robot's order
-    gains : drive gain [12.17] of each joint in N m per unit of current, None where it is not known
-    coupling : (n, n) as `coupling_matrix` gives it, where motors act on several joints
+    joints : RecordedJoints
+        What the columns are of.
     metadata : RecordingMetadata
-    limits : JointLimits of each joint
+        What is said of the file.
     against : ModelChecks, optional
         What a model of the robot says of order and signs of the columns; without it friction alone tells.
 
@@ -76,26 +72,22 @@ def import_recording(
         that was found up to there.
     """
     metadata = metadata or RecordingMetadata()
-    n = len(joint_names)
-    limits = tuple(limits or (JointLimits(),) * n)
-    gains = tuple(gains or (None,) * n)
-    if not len(limits) == len(gains) == n:
-        raise ValueError(f"{n} joints, {len(gains)} gains, {len(limits)} limits: they have to agree")
+    joint_names = tuple(joints.names)
     source = open_source(Path(source_path), metadata.format)
-    layout, torque_source = find_columns(source.names, joint_names, gains, limits, metadata, coupling)
+    layout, torque_source = find_columns(source.names, joints, metadata)
     destination = Path(destination_path)
     with NamedTemporaryFile(dir=destination.parent, prefix=f".{destination.name}.", delete=False) as unfinished:
         temporary = Path(unfinished.name)
     try:
         base = scan_time(source, layout, metadata.windows, part(progress, 0.0, 0.2))
         used = windows_without(metadata.windows, metadata.exclude, base.first, base.last)
-        with ParquetSink(temporary, tuple(joint_names), layout.kinds) as sink:
+        with ParquetSink(temporary, joint_names, layout.kinds) as sink:
             segments, sample = _convert(
                 source, layout, base, replace(metadata, windows=used), sink, part(progress, 0.2, 0.8)
             )
             recording = Recording(
                 name=metadata.name,
-                joint_names=tuple(joint_names),
+                joint_names=joint_names,
                 sampling_rate=1.0 / base.period,
                 segments=segments,
                 source=_stored(temporary, joint_names, layout),
@@ -108,9 +100,9 @@ def import_recording(
                 has_command=bool(layout.q_command),
             )
             sink.describe(recording)
-        surplus = surplus_columns(source.names, len(joint_names), metadata)
+        surplus = surplus_columns(source.names, joints.n, metadata)
         found = [torque_source, *([] if surplus is None else [surplus]), *time_checks(base, layout.t.source)]
-        checks = run_checks(recording, sample, layout, limits, tuple(found), metadata, against)
+        checks = run_checks(recording, sample, layout, joints.known_limits, tuple(found), metadata, against)
         progress(1.0, "stored")
         os.replace(temporary, destination)
     except BaseException:
@@ -119,9 +111,31 @@ def import_recording(
     return replace(recording, source=_stored(destination, joint_names, layout), path=destination), checks
 
 
-def _stored(path: Path, joint_names: Sequence[str], layout: Layout) -> ParquetSource:
+def _stored(path: Path, joint_names: tuple[str, ...], layout: Layout) -> ParquetSource:
     has = (bool(columns) for columns in (layout.temperature, layout.wrench, layout.q_command))
-    return ParquetSource(path, tuple(joint_names), *has)
+    return ParquetSource(path, joint_names, *has)
+
+
+@dataclass(frozen=True, eq=False)
+class FurtherColumns:
+    """What was recorded beside positions and torques, of all joints, or not at all.
+
+    Parameters
+    ----------
+    temperature : (m, n), optional
+        degC.
+    wrench : (m, 6), optional
+        Force in N and moment in N m of the base on the robot, in the base frame.
+    command : (m, n), optional
+        The positions that the robot was told to take, in rad or m.
+    """
+
+    temperature: FloatArray | None = None
+    wrench: FloatArray | None = None
+    command: FloatArray | None = None
+
+
+NO_FURTHER_COLUMNS = FurtherColumns()
 
 
 def recording_from_arrays(
@@ -130,27 +144,32 @@ def recording_from_arrays(
     tau: FloatArray,
     *,
     joint_names: Sequence[str],
-    temperature: FloatArray | None = None,
+    further: FurtherColumns = NO_FURTHER_COLUMNS,
     segment: IntArray | None = None,
     windows: Windows = (),
     name: str = "recording",
-    wrench: FloatArray | None = None,
-    command: FloatArray | None = None,
 ) -> Recording:
     """Make a recording of arrays in SI units, held in memory; the same way as a file, without the checks of motion.
 
     Parameters
     ----------
-    t : (m,) in s; q, tau : (m, n); temperature : (m, n) in degC or None; segment : (m,) integers or None;
-    wrench : (m, 6) or None, force in N and moment in N m of the base on the robot, in the base frame
-    command : (m, n) or None, the positions that the robot was told to take
+    t : (m,) in s
+    q, tau : (m, n) in rad or m, and in N m or N
+    joint_names : one a joint
+    further : FurtherColumns, optional
+        What was recorded beside positions and torques.
+    segment : (m,) integers, optional
+        Tells separate runs apart.
+    windows : pairs (from, to), optional
+        Seconds of t to use.
+    name : str
 
     Raises
     ------
     RecordingError
         For unsorted time, or what is no number inside the windows.
     """
-    source = _Arrays(t, q, tau, temperature, segment, tuple(joint_names), wrench, command)
+    source = _Arrays(t, q, tau, segment, tuple(joint_names), further)
     layout = source.layout
     metadata = RecordingMetadata(name=name, windows=windows)
     base = scan_time(source, layout, windows)
@@ -167,9 +186,9 @@ def recording_from_arrays(
         segments=segments,
         source=ArraySource(q, tau, *rest),
         windows=windows,
-        has_temperature=temperature is not None,
-        has_wrench=wrench is not None,
-        has_command=command is not None,
+        has_temperature=further.temperature is not None,
+        has_wrench=further.wrench is not None,
+        has_command=further.command is not None,
     )
 
 
@@ -230,19 +249,18 @@ class _Arrays:
     t: FloatArray
     q: FloatArray
     tau: FloatArray
-    temperature: FloatArray | None
     segment: IntArray | None
     joint_names: tuple[str, ...]
-    wrench: FloatArray | None = None
-    command: FloatArray | None = None
+    further: FurtherColumns
 
     def __post_init__(self) -> None:
-        if self.wrench is not None and self.wrench.shape != (len(self.t), 6):
+        further = self.further
+        if further.wrench is not None and further.wrench.shape != (len(self.t), 6):
             raise RecordingError(
-                f"wrench has shape {self.wrench.shape}; {(len(self.t), 6)} is needed.", pointer="wrench"
+                f"wrench has shape {further.wrench.shape}; {(len(self.t), 6)} is needed.", pointer="wrench"
             )
         shape = (len(self.t), len(self.joint_names))
-        given = {"q": self.q, "tau": self.tau, "temperature": self.temperature, "command": self.command}
+        given = {"q": self.q, "tau": self.tau, "temperature": further.temperature, "command": further.command}
         for name, values in given.items():
             if values is not None and values.shape != shape:
                 raise RecordingError(f"{name} has shape {values.shape}; {shape} is needed.", pointer=name)
@@ -252,20 +270,17 @@ class _Arrays:
         def of(kind: str) -> tuple[Column, ...]:
             return tuple(Column(f"{kind}_{joint}") for joint in self.joint_names)
 
-        temperature = of("temperature") if self.temperature is not None else ()
-        wrench = tuple(Column(name) for name in WRENCH_NAMES) if self.wrench is not None else ()
-        command = of("q_command") if self.command is not None else ()
+        temperature = of("temperature") if self.further.temperature is not None else ()
+        wrench = tuple(Column(name) for name in WRENCH_NAMES) if self.further.wrench is not None else ()
+        command = of("q_command") if self.further.command is not None else ()
         return Layout(Column("t"), None, of("q"), of("tau"), q_command=command, temperature=temperature, wrench=wrench)
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
         yield RawRows(0, np.asarray(self.t, dtype=np.float64), self._labels(), np.empty((len(self.t), 0)))
 
     def rows(self, layout: Layout) -> Iterator[RawRows]:
-        parts = [
-            self.q,
-            self.tau,
-            *(part for part in (self.command, self.wrench, self.temperature) if part is not None),
-        ]
+        optional = (self.further.command, self.further.wrench, self.further.temperature)
+        parts = [self.q, self.tau, *(part for part in optional if part is not None)]
         yield RawRows(0, np.asarray(self.t, dtype=np.float64), self._labels(), np.concatenate(parts, axis=1))
 
     def _labels(self) -> IntArray:

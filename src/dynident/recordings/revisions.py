@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dynident.recordings.types import Check, RecordingError, RecordingMetadata, Windows
+from dynident.recordings.types import Check, RecordingError, RecordingMetadata, RecordingRole, Windows
 
 _BY_KEY = ("columns", "units", "permutation", "signs", "scale")
 
@@ -29,7 +29,7 @@ class Revision:
     signs: Mapping[str, float] = field(default_factory=dict)
     scale: Mapping[str, float] = field(default_factory=dict)
     torque_delay: float | None = None
-    role: str | None = None
+    role: RecordingRole | None = None
     name: str | None = None
 
     def of(self, metadata: RecordingMetadata) -> RecordingMetadata:

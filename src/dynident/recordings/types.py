@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 Windows = tuple[tuple[float, float], ...]
 Status = Literal["ok", "warning", "error"]
 JointKind = Literal["revolute", "prismatic"]
+RecordingRole = Literal["identification", "validation", "friction", "payload"]
 
 # In any unit; fourth powers of it can still be taken.
 _LARGEST_READING = 1e30
@@ -42,6 +43,54 @@ class JointLimits:
     position: tuple[float, float] | None = None
     velocity: float | None = None
     effort: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedJoints:
+    """The joints that the columns of a file are of, in the robot's order, and what is known of them.
+
+    Parameters
+    ----------
+    names : names, n of them
+    limits : one a joint, optional
+        What is not given is not checked against; joints then count as revolute.
+    gains : one a joint, optional
+        Drive gains [12.17] in N m (N) per unit of current, `None` where one is not known.
+    coupling : (n, n), optional
+        As `dynident.robot.coupling_matrix` gives it, where motors act on several joints.
+
+    Raises
+    ------
+    ValueError
+        For another number of limits or gains than of names.
+    """
+
+    names: Sequence[str]
+    limits: Sequence[JointLimits] | None = None
+    gains: Sequence[float | None] | None = None
+    coupling: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        counts = [len(given) for given in (self.limits, self.gains) if given is not None]
+        if any(count != self.n for count in counts):
+            raise ValueError(
+                f"{self.n} joints, and {' and '.join(map(str, counts))} limits or gains: they have to agree"
+            )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.names)
+
+    @property
+    def known_limits(self) -> tuple[JointLimits, ...]:
+        """The limits of all joints, empty ones where none were given."""
+        return (JointLimits(),) * self.n if self.limits is None else tuple(self.limits)
+
+    @property
+    def known_gains(self) -> tuple[float | None, ...]:
+        """The drive gains of all joints."""
+        return (None,) * self.n if self.gains is None else tuple(self.gains)
 
 
 @dataclass(frozen=True)
@@ -115,8 +164,7 @@ class RecordingMetadata:
         Unit by kind of signal ("q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force",
         "base_moment", "t") or by one of our columns ("q3", "q_elbow", "base_fx"); SI where nothing is said,
         temperature in degC.
-    role : str or None
-        "identification", "validation", "friction" or "payload".
+    role : "identification", "validation", "friction" or "payload", or None
     windows : pairs (from, to)
         Seconds of t to use; empty: all.
     payload : mapping or None
@@ -142,7 +190,7 @@ class RecordingMetadata:
     format: str | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
-    role: str | None = None
+    role: RecordingRole | None = None
     windows: Windows = ()
     payload: Mapping[str, Any] | None = None
     torque_delay: float = 0.0

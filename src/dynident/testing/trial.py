@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from dynident.recordings import Recording, recording_from_arrays
+from dynident.recordings import FurtherColumns, Recording, recording_from_arrays
 from dynident.robot import Robot, robot_from_urdf
 from dynident.simulation import Measurement, Reference, Sensors, TrueEffect, VirtualRobot, Warming, warmed
 
@@ -88,5 +88,5 @@ def _recording(measured: Measurement, name: str) -> Recording:
         measured.tau,
         joint_names=measured.robot.joint_names,
         name=name,
-        temperature=measured.temperature,
+        further=FurtherColumns(temperature=measured.temperature),
     )

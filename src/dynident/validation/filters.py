@@ -19,7 +19,13 @@ from dynident.identification import Identification
 from dynident.identification.recorded_motion import RecordedMotion, longest_stretch
 from dynident.identification.simulator import Simulator, simulator_of
 from dynident.progress import Progress, part, silent
-from dynident.recordings import Preprocessing, Recording, preprocessing_from_request, recording_from_arrays
+from dynident.recordings import (
+    FurtherColumns,
+    Preprocessing,
+    Recording,
+    preprocessing_from_request,
+    recording_from_arrays,
+)
 from dynident.regressors.stream import reduce_recordings
 from dynident.simulation import Measurement
 from dynident.threads import single_threaded
@@ -139,7 +145,9 @@ def _drawn(
     tau = truth.tau + noise.torque * rng.standard_normal(truth.tau.shape)
     names = identification.model.robot.joint_names
     heat = truth.temperature
-    return recording_from_arrays(truth.t, q, tau, joint_names=names, temperature=heat, name=motion.label)
+    return recording_from_arrays(
+        truth.t, q, tau, joint_names=names, further=FurtherColumns(temperature=heat), name=motion.label
+    )
 
 
 def _grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[float] | None) -> list[Preprocessing]:
