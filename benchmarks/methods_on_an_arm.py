@@ -37,7 +37,11 @@ def main() -> None:
         dy.read_recordings(ARM / f"{name}.parquet", robot=robot)
         for name in ("id_30s_12harm", "val_ptp10", "id_50s_12harm")
     )
-    sweeps = dy.read_recordings(*(ARM / f"joint{j}_sweep.parquet" for j in (1, 2, 3)), robot=robot, role="friction")
+    sweeps = dy.read_recordings(
+        *(ARM / f"joint{j}_sweep.parquet" for j in (1, 2, 3)),
+        robot=robot,
+        metadata=dy.RecordingMetadata(role="friction"),
+    )
     model = dy.identify(robot, fit, effects=["default", "offset"]).identification
     tried = [run.recordings[0] for run in (moves, longer)]
     both = [of_all(model, list(fit.recordings), list(sweeps.recordings), one) for one in tried]

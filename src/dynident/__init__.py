@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from dynident.desk.validating import Validation, Validations, validate
     from dynident.effects import EffectChoice
     from dynident.errors import DynidentError
-    from dynident.excitation import DesignRequest, Surroundings
+    from dynident.excitation import CriterionChoice, DesignRequest, Surroundings, TrajectoryRequest
     from dynident.identification import IdentificationChoices
-    from dynident.recordings import RecordingError, Revision
+    from dynident.recordings import RecordingError, RecordingMetadata, Revision
     from dynident.robot import Drive, Limits, Robot
 
 __all__ = [
@@ -49,6 +49,7 @@ __all__ = [
     "CheckedRecording",
     "ComparedRecording",
     "Comparisons",
+    "CriterionChoice",
     "DesignRequest",
     "DesignedMotion",
     "DiagnosedModel",
@@ -66,11 +67,13 @@ __all__ = [
     "Model",
     "Parameters",
     "RecordingError",
+    "RecordingMetadata",
     "Recordings",
     "Report",
     "Revision",
     "Robot",
     "Surroundings",
+    "TrajectoryRequest",
     "Validation",
     "Validations",
     "__version__",
@@ -107,9 +110,9 @@ _HOMES = {
     "dynident.desk.validating": ("Validation", "Validations", "validate"),
     "dynident.effects": ("EffectChoice",),
     "dynident.errors": ("DynidentError",),
-    "dynident.excitation": ("DesignRequest", "Surroundings"),
+    "dynident.excitation": ("CriterionChoice", "DesignRequest", "Surroundings", "TrajectoryRequest"),
     "dynident.identification": ("IdentificationChoices",),
-    "dynident.recordings": ("RecordingError", "Revision"),
+    "dynident.recordings": ("RecordingError", "RecordingMetadata", "Revision"),
     "dynident.robot": ("Drive", "Limits", "Robot"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -190,7 +190,9 @@ def test_a_report_is_one_page_with_the_diagnosis_in_it(
 
 
 def test_a_design_is_the_one_asked_for_and_goes_to_a_file(robot: dy.Robot, tmp_path: Path) -> None:
-    made = dy.design(robot, kind="random", duration=5.0, sampling_rate=50.0, seed=3, effects="default,offset")
+    made = dy.design(
+        robot, dy.DesignRequest(seed=3), kind="random", duration=5.0, sampling_rate=50.0, effects="default,offset"
+    )
     assert made.design.request.trajectory.duration == 5.0
     assert made.design.request.wanted_effects[-1].effect == "offset"
     for ending in ("csv", "parquet", "yaml"):

@@ -102,8 +102,8 @@ def test_another_order_signs_factors_a_delay_and_what_was_left_out_are_among_wha
         header=",".join(names),
         comments="",
     )
-    checks = ["torque_sign", "torque_order", "torque_scale"]
-    (raw,) = dy.read_recordings(tmp_path / "wired.csv", robot=robot, accept=checks)
+    doubtful = dy.RecordingMetadata(accept=("torque_sign", "torque_order", "torque_scale"))
+    (raw,) = dy.read_recordings(tmp_path / "wired.csv", robot=robot, metadata=doubtful)
     order = (2, 1, *range(3, robot.n + 1))
     said = dy.Revision(
         permutation={"tau": order}, signs={"tau2": -1.0}, scale={"tau2": 0.1}, torque_delay=0.001, exclude=((4.0, 6.5),)

@@ -11,7 +11,8 @@ import pyarrow.csv as pacsv
 import pytest
 
 import dynident as dy
-from dynident.recordings import open_recording
+from dynident.desk.recordings import CheckedRecording
+from dynident.recordings import open_recording, recording_from_arrays
 from dynident.robot.well_known import library_table
 
 Table = dict[str, np.ndarray]
@@ -132,7 +133,12 @@ def test_columns_units_and_windows_are_said_in_words(desk: Path, robot: dy.Robot
     renamed["q1_deg"] = np.rad2deg(table["q1"])
     path = write(tmp_path / "odd.csv", renamed)
     [odd] = dy.read_recordings(
-        path, robot=robot, columns={"q1": "q1_deg"}, units={"q1": "deg"}, windows=[(2, 15)], role="validation"
+        path,
+        robot=robot,
+        columns={"q1": "q1_deg"},
+        units={"q1": "deg"},
+        windows=[(2, 15)],
+        metadata=dy.RecordingMetadata(role="validation"),
     )
     rows = next(odd.recording.source.rows(0, 100, 100))
     np.testing.assert_allclose(rows.q[:, 0], table["q1"][:100], atol=1e-12)
@@ -211,9 +217,9 @@ def test_all_that_is_wrong_with_all_files_is_one_error(desk: Path, robot: dy.Rob
 def test_what_is_accepted_becomes_a_finding(desk: Path, robot: dy.Robot, tmp_path: Path) -> None:
     table = table_of(desk / "run1.csv")
     path = write(tmp_path / "far.csv", {name: np.rad2deg(v) if name[0] == "q" else v for name, v in table.items()})
-    with pytest.raises(dy.RecordingError, match=r'say accept=\["position_unit"\]'):
+    with pytest.raises(dy.RecordingError, match=r'say metadata=dy.RecordingMetadata\(accept=\("position_unit",\)\)'):
         dy.read_recordings(path, robot=robot)
-    made = dy.read_recordings(path, robot=robot, accept=["position_unit"])
+    made = dy.read_recordings(path, robot=robot, metadata=dy.RecordingMetadata(accept=("position_unit",)))
     assert "position_unit" in [check.name for check in made.findings["far"]]
 
 
@@ -240,8 +246,32 @@ def test_a_failed_file_leaves_nothing_behind(desk: Path, robot: dy.Robot) -> Non
     assert sorted(path.parent.iterdir()) == before
 
 
+def test_what_is_said_beside_the_metadata_wins_and_the_file_gives_the_name(desk: Path, robot: dy.Robot) -> None:
+    said = dy.RecordingMetadata(name="other", windows=((1.0, 4.0),), torque_delay=0.001, accept=("torque_sign",))
+    [made] = dy.read_recordings(desk / "run1.csv", robot=robot, metadata=said)
+    assert made.name == "run1"
+    assert made.recording.windows == ((1.0, 4.0),)
+    assert made.source is not None
+    assert made.source.metadata.torque_delay == 0.001
+    [shorter] = dy.read_recordings(desk / "run1.csv", robot=robot, windows=[(2, 3)], metadata=said)
+    assert shorter.recording.windows == ((2.0, 3.0),)
+
+
+def test_what_cannot_be_kept_says_why(desk: Path, robot: dy.Robot, runs: dy.Recordings, tmp_path: Path) -> None:
+    with pytest.raises(dy.DynidentError, match="two recordings are called 'run1'"):
+        (runs[:1] + runs[:1]).save(tmp_path)
+    t = np.arange(1000) / 100.0
+    q = np.sin(t)[:, None] * np.ones(robot.n)
+    held = CheckedRecording(recording_from_arrays(t, q, q, joint_names=robot.joint_names, name="held"))
+    with pytest.raises(dy.DynidentError, match="held is held in memory"):
+        held.save(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_keeps_checked_recordings_for_another_day(desk: Path, robot: dy.Robot, tmp_path: Path) -> None:
-    made = dy.read_recordings(desk / "run1.csv", robot=robot, folder=tmp_path / "checked")
+    made = dy.read_recordings(desk / "run1.csv", robot=robot)
+    made.save(tmp_path / "checked")
+    made[0].save(tmp_path / "checked")
     del made
     gc.collect()
     again = open_recording(tmp_path / "checked" / "run1.checked.parquet")

@@ -42,7 +42,7 @@ def test_a_file_with_a_torque_turned_round_is_read_right_if_cures_are_wanted(
     assert cure == dy.Revision(signs={"tau1": -1.0})
     (mended,) = dy.read_recordings(path, robot=robot, cure=True)
     assert any("signs tau1: -1" in one.detail for one in mended.findings)
-    accepted = dy.read_recordings(path, robot=robot, accept=["torque_sign"])[0]
+    accepted = dy.read_recordings(path, robot=robot, metadata=dy.RecordingMetadata(accept=("torque_sign",)))[0]
     for one in (mended, dy.revise(accepted, cure)):
         model = dy.identify(robot, one)
         assert model.fit.relative_total == pytest.approx(dy.identify(robot, runs[:1]).fit.relative_total, rel=1e-6)

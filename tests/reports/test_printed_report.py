@@ -34,7 +34,7 @@ pytestmark = [
 def test_the_report_of_six_joints_is_one_small_file_and_ten_numbered_pages_at_most(tmp_path):
     robot = robot_from_urdf("ur10e", (DATA / "robot.urdf").read_text(encoding="utf-8"))
     training, validation = (
-        read_recordings(DATA / f"{name}.parquet", robot=robot, drive_gains=GAINS, folder=tmp_path)[0]
+        read_recordings(DATA / f"{name}.parquet", robot=robot, drive_gains=GAINS)[0]
         for name in ("id_30s_12harm", "val_ptp10")
     )
     plain = identify(robot, [training.recording], [validation.recording])

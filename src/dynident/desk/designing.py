@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from dynident.desk.choosing import checked_effects, named_effects
 from dynident.desk.diagnosing import DiagnosedModel
@@ -14,18 +13,17 @@ from dynident.desk.recordings import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import (
-    CriterionChoice,
     Design,
     DesignRequest,
-    Surroundings,
     design_experiment,
     write_design,
 )
 from dynident.excitation.formats.ros2 import joint_trajectory
+from dynident.excitation.request import Kind
 from dynident.html import block, folded, listed, paragraph, table
 from dynident.progress import Progress, silent
 from dynident.reports.numbers import number, percent
-from dynident.robot import Limits, Robot
+from dynident.robot import Robot
 
 _ENDINGS = (".csv", ".parquet", ".yaml")
 _NEAREST = 5
@@ -103,16 +101,10 @@ def design(
     robot: Robot,
     request: DesignRequest | DiagnosedModel | None = None,
     *,
-    kind: str | None = None,
+    kind: Kind | None = None,
     effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
-    criterion: str | CriterionChoice | None = None,
     duration: float | None = None,
-    periods: int | None = None,
     sampling_rate: float | None = None,
-    limits: Mapping[str, Limits] | None = None,
-    surroundings: Surroundings | None = None,
-    time_budget: float | None = None,
-    seed: int | None = None,
     earlier: SomeRecordings = (),
     progress: Progress = silent,
 ) -> DesignedMotion:
@@ -122,28 +114,16 @@ def design(
     ----------
     robot : Robot
     request : DesignRequest or diagnosis, optional
-        Everything that can be asked for; of a diagnosis, the next experiment that it proposes. What is said beside it
-        wins.
+        Everything that can be asked for: criterion, limits, surroundings, time, seed and, in its `trajectory`, the
+        family of motions. Of a diagnosis, the next experiment that it proposes. What is said beside it wins.
     kind : str, optional
         "optimized" (where nothing is said), "random", "sequential", "constant_velocity", "slow_sweep", "reversals".
     effects : texts or choices, optional
         What is to be identified: ["default", "offset"].
-    criterion : str or CriterionChoice, optional
-        "condition_number" (where nothing is said), "d_optimal", …
     duration : float, optional
         One period in s.
-    periods : int, optional
-        How often it is repeated.
     sampling_rate : float, optional
         Hz.
-    limits : mapping of joint name to Limits, optional
-        Tighter ones than the robot's.
-    surroundings : Surroundings, optional
-        Floor, walls, boxes; itself where nothing is said.
-    time_budget : float, optional
-        Seconds of optimisation; the best so far is taken.
-    seed : int, optional
-        The same seed gives the same motion.
     earlier : recordings
         Runs that the motion is to complement.
 
@@ -152,19 +132,15 @@ def design(
     DynidentError
         Where that cannot be designed; it names the limit in the way.
     """
-    asked = _asked(request)
-    motion: dict[str, Any] = {"duration": duration, "periods": periods, "sampling_rate": sampling_rate}
-    stated: dict[str, Any] = {
-        "kind": kind,
-        "effects": None if effects is None else checked_effects(named_effects(effects), robot),
-        "criterion": CriterionChoice(criterion) if isinstance(criterion, str) else criterion,
-        "limits": limits,
-        "surroundings": surroundings,
-        "time_budget": time_budget,
-        "seed": seed,
-        "trajectory": replace(asked.trajectory, **{key: value for key, value in motion.items() if value is not None}),
-    }
-    wanted = replace(asked, **{key: value for key, value in stated.items() if value is not None})
+    wanted = _asked(request)
+    if kind is not None:
+        wanted = replace(wanted, kind=kind)
+    if effects is not None:
+        wanted = replace(wanted, effects=checked_effects(named_effects(effects), robot))
+    if duration is not None:
+        wanted = replace(wanted, trajectory=replace(wanted.trajectory, duration=duration))
+    if sampling_rate is not None:
+        wanted = replace(wanted, trajectory=replace(wanted.trajectory, sampling_rate=sampling_rate))
     found = design_experiment(robot, wanted, progress, as_recordings(earlier).recordings)
     return DesignedMotion(robot, found)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from dynident.desk.choosing import checked_effects, named_effects
 from dynident.desk.model import NO_DATA, Model
@@ -14,7 +13,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import Identification, IdentificationChoices, from_bytes
 from dynident.identification import identify as identify_parameters
-from dynident.identification.choices import EstimatorName, ModelName, PriorName, StrategyName
+from dynident.identification.choices import EstimatorName
 from dynident.identification.methods.bases import Estimator
 from dynident.progress import Progress, silent
 from dynident.robot import Robot
@@ -26,10 +25,7 @@ def identify(
     *,
     validation: SomeRecordings = (),
     effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
-    model: ModelName | None = None,
-    strategy: StrategyName | None = None,
     estimator: EstimatorName | Estimator | None = None,
-    prior: PriorName | None = None,
     choices: IdentificationChoices | None = None,
     progress: Progress = silent,
 ) -> Model:
@@ -45,28 +41,23 @@ def identify(
     effects : texts or choices, optional
         ["default", "offset", "stribeck@joint2:vs=0.05"]; "default" stands for links, rotors, Coulomb and viscous
         friction, which are taken where nothing is said. `dynident effects` lists all.
-    model, strategy, estimator, prior : str, optional
-        The other choices, each by its name: see `IdentificationChoices` and docs/methods.md.
+    estimator : str or Estimator, optional
+        How the parameters are solved for, by its name or with options of its own: see docs/methods.md.
     choices : IdentificationChoices, optional
-        Everything that can be chosen, filters included; what is said beside it wins.
+        Everything that can be chosen: model, strategy, prior, filters and the rest. What is said beside it wins.
 
     Raises
     ------
     DynidentError
         Where the choices do not fit each other or the robot, or the data do not determine the parameters.
     """
-    given: dict[str, Any] = {"model": model, "strategy": strategy, "estimator": estimator, "prior": prior}
-    stated = {name: value for name, value in given.items() if value is not None}
+    wanted = choices or IdentificationChoices()
     if effects is not None:
-        stated["effects"] = checked_effects(named_effects(effects), robot)
+        wanted = replace(wanted, effects=checked_effects(named_effects(effects), robot))
+    if estimator is not None:
+        wanted = replace(wanted, estimator=estimator)
     learnt, tried = as_recordings(recordings), as_recordings(validation)
-    found = identify_parameters(
-        robot,
-        learnt.recordings,
-        tried.recordings,
-        replace(choices or IdentificationChoices(), **stated),
-        progress,
-    )
+    found = identify_parameters(robot, learnt.recordings, tried.recordings, wanted, progress)
     return Model(found, learnt, tried)
 
 

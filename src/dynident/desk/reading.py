@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from dynident.desk.recordings import CheckedRecording, Recordings, Source
 from dynident.desk.robots import DriveGains, with_gains
@@ -20,14 +20,12 @@ from dynident.recordings import Check, Recording, RecordingError, RecordingMetad
 from dynident.recordings.names import unique_names
 from dynident.robot import Robot
 
-Role = Literal["identification", "validation", "friction", "payload"]
-
 # How the checks word it for a request over HTTP, and the same as arguments of Python.
 _REWORDED = (
-    (re.compile(r'say "accept": (\["\w+"\])'), r"say accept=\1"),
+    (re.compile(r'say "accept": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(accept=(\1,))"),
     (re.compile(r'"units": (\{[^}]*\})'), r"units=\1"),
     (re.compile(r'Name it by columns, (\{"\w+": "…"\})'), r"Name it by columns=\1"),
-    (re.compile(r'say "role": "(\w+)" for'), r'say role="\1" for'),
+    (re.compile(r'say "role": "(\w+)" for'), r'say metadata=dy.RecordingMetadata(role="\1") for'),
     (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give drive_gains in N m/A"),
 )
 
@@ -38,13 +36,9 @@ def read_recordings(
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     windows: Sequence[tuple[float, float]] = (),
-    role: Role | None = None,
     drive_gains: DriveGains | None = None,
-    payload: Mapping[str, Any] | None = None,
-    torque_delay: float = 0.0,
-    accept: Sequence[str] = (),
+    metadata: RecordingMetadata | None = None,
     cure: bool = False,
-    folder: str | Path | None = None,
     progress: Progress = silent,
 ) -> Recordings:
     """Read CSV or Parquet files, and check what usually goes wrong in them.
@@ -52,9 +46,9 @@ def read_recordings(
     Files hold the columns `t`, `q1`, … (or `q_<joint>`, …) and `tau1`, … or `current1`, …; see docs/my-robot.md. What
     is said here is said of all of them: read files that differ by a call each, and join the results with +.
 
-    A checked recording is kept as a Parquet file in SI units on an even grid of time, since it may be larger than
-    memory. Without `folder` that file is temporary: it is removed when nothing that reads it is left, at the latest
-    when Python ends.
+    A checked recording is a Parquet file in SI units on an even grid of time, since it may be larger than memory. That
+    file is temporary (`TMPDIR` says where): it is removed when nothing that reads it is left, at the latest when Python
+    ends. `Recordings.save` keeps it.
 
     Parameters
     ----------
@@ -68,20 +62,14 @@ def read_recordings(
         {"q": "deg", "t": "ms"}; SI where nothing is said.
     windows : pairs (from, to)
         Seconds of t to use; all of them where there are none.
-    role : "identification", "validation", "friction" or "payload"
-        "friction" for runs at constant velocity, one joint at a time.
     drive_gains : mapping of joint name to float, or one float a joint
         G_T of [12.17] in N m (N) per unit of current, for these files instead of the robot's.
-    payload : mapping, optional
-        The known load of these runs: {"mass": kg, "centre": [x, y, z] in m}.
-    torque_delay : float
-        Seconds by which the torque in the files is late.
-    accept : names of checks
-        What these find is reported, and blocks nothing.
+    metadata : RecordingMetadata, optional
+        Everything that can be said of a file: its role ("friction" for runs at constant velocity, one joint at a time),
+        a known payload, checks to accept, signs, factors and order of columns, a delay of the torque. What is said
+        beside it wins, and recordings are called after their files all the same.
     cure : bool
         Read what would be refused as its checks propose (their `apply`), and say so among the findings.
-    folder : path, optional
-        Where checked recordings are kept, as `<name>.checked.parquet`; `dynident.recordings.open_recording` opens them.
 
     Returns
     -------
@@ -99,24 +87,19 @@ def read_recordings(
     if not files:
         raise DynidentError("give at least one file to read", title="No such file")
     machine = robot if drive_gains is None else with_gains(robot, drive_gains)
-    kept = Path(_temporary_folder().name if folder is None else folder)
-    kept.mkdir(parents=True, exist_ok=True)
+    said = metadata or RecordingMetadata()
+    if columns is not None:
+        said = replace(said, columns=dict(columns))
+    if units is not None:
+        said = replace(said, units=dict(units))
+    if windows:
+        said = replace(said, windows=tuple((float(start), float(end)) for start, end in windows))
     found: list[CheckedRecording] = []
     failures: list[tuple[Path, RecordingError]] = []
     for index, (path, name) in enumerate(zip(files, unique_names(files), strict=True)):
-        metadata = RecordingMetadata(
-            name=name,
-            columns=dict(columns or {}),
-            units=dict(units or {}),
-            role=role,
-            windows=tuple((float(start), float(end)) for start, end in windows),
-            payload=payload,
-            torque_delay=torque_delay,
-            accept=tuple(accept),
-        )
         share = part(progress, index / len(files), (index + 1) / len(files))
         try:
-            found.append(_read(path, kept, machine, metadata, temporary=folder is None, cure=cure, progress=share))
+            found.append(_read(path, machine, replace(said, name=name), cure=cure, progress=share))
         except RecordingError as error:
             failures.append((path, error))
     if failures:
@@ -126,20 +109,15 @@ def read_recordings(
 
 def _read(
     path: Path,
-    folder: Path,
     robot: Robot,
     metadata: RecordingMetadata,
     *,
-    temporary: bool,
     cure: bool = False,
     edits: tuple[Revision, ...] = (),
     progress: Progress = silent,
 ) -> CheckedRecording:
-    if temporary:
-        with tempfile.NamedTemporaryFile(dir=folder, suffix=".parquet", delete=False) as made:
-            destination = Path(made.name)
-    else:
-        destination = folder / f"{metadata.name}.checked.parquet"
+    with tempfile.NamedTemporaryFile(dir=_temporary_folder().name, suffix=".parquet", delete=False) as made:
+        destination = Path(made.name)
     try:
         if cure:
             mended = import_cured(robot, path, destination, metadata, progress)
@@ -148,11 +126,9 @@ def _read(
         else:
             recording, checks = import_for_robot(robot, path, destination, metadata, progress)
     except BaseException:
-        if temporary:
-            destination.unlink(missing_ok=True)
+        destination.unlink(missing_ok=True)
         raise
-    if temporary:
-        _remove_when_unused(recording, destination)
+    _remove_when_unused(recording, destination)
     found = tuple(replace(one, detail=_reworded(one.detail)) for one in checks)
     return CheckedRecording(recording, found, robot, Source(path, metadata, edits))
 
@@ -188,8 +164,7 @@ def revise(recording: CheckedRecording, change: Revision | None = None, **fields
     said = wanted.of(source.metadata)
     if wanted.name is None:
         said = replace(said, name=f"{source.metadata.name} r{len(edits)}")
-    folder = Path(_temporary_folder().name)
-    return _read(source.path, folder, recording.robot, said, temporary=True, edits=edits)
+    return _read(source.path, recording.robot, said, edits=edits)
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,6 +53,16 @@ class CheckedRecording:
         """What the checks did not find in order."""
         return tuple(check for check in self.checks if check.status != "ok")
 
+    def save(self, folder: str | Path) -> None:
+        """Keep the checked recording in a folder, as `Recordings.save` does.
+
+        Raises
+        ------
+        DynidentError
+            For a recording that is held in memory.
+        """
+        Recordings((self,)).save(folder)
+
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time."""
         from dynident.reports.figures.recording import recording_figure
@@ -88,6 +99,30 @@ class Recordings(Sequence[CheckedRecording]):
     def findings(self) -> dict[str, tuple[Check, ...]]:
         """What the checks did not find in order, by recording; only those that have any."""
         return {item.name: item.findings for item in self.items if item.findings}
+
+    def save(self, folder: str | Path) -> None:
+        """Keep the checked recordings in a folder, each as `<name>.checked.parquet`.
+
+        `dynident.recordings.open_recording` opens them on another day.
+
+        Raises
+        ------
+        DynidentError
+            For a recording that is held in memory, or two of the same name.
+        """
+        repeated = next((name for name in self.names if self.names.count(name) > 1), None)
+        if repeated is not None:
+            raise DynidentError(f"two recordings are called {repeated!r}; save them in folders of their own")
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        for item in self.items:
+            if item.recording.path is None:
+                raise DynidentError(f"{item.name} is held in memory; what read_recordings gives can be saved")
+            kept = folder / f"{item.name}.checked.parquet"
+            # A copy that breaks off leaves what was there.
+            unfinished = kept.with_suffix(".unfinished")
+            shutil.copyfile(item.recording.path, unfinished)
+            unfinished.replace(kept)
 
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time, one recording below the other."""
