@@ -29,15 +29,15 @@ from scipy.optimize import minimize
 from dynident.effects import EffectChoice
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.criteria.deciding import yardstick_of
-from dynident.excitation.limits.bounds import Bounds, bounds_of
-from dynident.excitation.limits.shrinking import Shrinking
 from dynident.excitation.observation.model import DesignModel, design_model
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising.optimise import search
 from dynident.excitation.optimising.problem import DesignProblem
 from dynident.excitation.optimising.random_trajectories import Judge, random_candidates
-from dynident.excitation.trajectories.family import Family
-from dynident.excitation.trajectories.fourier import FourierFamily
+from dynident.motion.limits.bounds import Bounds, bounds_of
+from dynident.motion.limits.shrinking import Shrinking
+from dynident.motion.trajectories.family import Family
+from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.progress import silent
 from dynident.regressors.base_parameters import random_observation, select_base
 from dynident.regressors.observation import Observation

@@ -39,8 +39,9 @@ if TYPE_CHECKING:
     from dynident.desk.validating import Validation, Validations, validate
     from dynident.effects import EffectChoice
     from dynident.errors import DynidentError
-    from dynident.excitation import CriterionChoice, DesignRequest, Surroundings, TrajectoryRequest
+    from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest
     from dynident.identification import IdentificationChoices
+    from dynident.motion import Surroundings
     from dynident.recordings import RecordingError, RecordingMetadata, Revision
     from dynident.robot import Drive, Limits, Robot
 
@@ -110,8 +111,9 @@ _HOMES = {
     "dynident.desk.validating": ("Validation", "Validations", "validate"),
     "dynident.effects": ("EffectChoice",),
     "dynident.errors": ("DynidentError",),
-    "dynident.excitation": ("CriterionChoice", "DesignRequest", "Surroundings", "TrajectoryRequest"),
+    "dynident.excitation": ("CriterionChoice", "DesignRequest", "TrajectoryRequest"),
     "dynident.identification": ("IdentificationChoices",),
+    "dynident.motion": ("Surroundings",),
     "dynident.recordings": ("RecordingError", "RecordingMetadata", "Revision"),
     "dynident.robot": ("Drive", "Limits", "Robot"),
 }

@@ -21,9 +21,9 @@ from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
 from dynident.excitation import design_experiment
-from dynident.excitation.limits.bounds import bounds_of
 from dynident.excitation.observation.model import design_model
 from dynident.identification import IdentificationChoices, identify
+from dynident.motion.limits.bounds import bounds_of
 
 
 def on(joint: int, effect: str, **shape: float) -> EffectChoice:

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from dynident.excitation import Surroundings
+from dynident.motion import Surroundings
 from dynident.robot import Robot, library_table, robot_from_library, robot_from_urdf, to_pinocchio
 
 FloatArray = NDArray[np.float64]

@@ -8,15 +8,16 @@ from safe_robots import safe_robot
 from scipy.optimize import minimize
 
 from dynident.effects import EffectChoice
-from dynident.excitation import Box, CriterionChoice, DesignRequest, Surroundings, ToolRange, Wall
+from dynident.excitation import CriterionChoice, DesignRequest
 from dynident.excitation.criteria.smooth import criterion_of
-from dynident.excitation.limits.bounds import Bounds, bounds_of
 from dynident.excitation.nearness import nearest_along
 from dynident.excitation.observation.model import design_model
 from dynident.excitation.optimising.problem import DesignProblem, Multipliers
-from dynident.excitation.surroundings.obstacles import block_of
-from dynident.excitation.surroundings.segments import closest_shares, distance_to_block
-from dynident.excitation.trajectories.fourier import FourierFamily
+from dynident.motion import Box, Surroundings, ToolRange, Wall
+from dynident.motion.limits.bounds import Bounds, bounds_of
+from dynident.motion.surroundings.obstacles import block_of
+from dynident.motion.surroundings.segments import closest_shares, distance_to_block
+from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.robot import Limits
 from dynident.robot.kinematics import joint_frames
 

@@ -9,12 +9,12 @@ from dynident.effects.memory import step
 from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
 from dynident.excitation.criteria.deciding import yardstick_of
 from dynident.excitation.criteria.smooth import criterion_of
-from dynident.excitation.limits.bounds import bounds_of
 from dynident.excitation.observation.model import design_model
 from dynident.excitation.observation.path_memory import PathMemory
 from dynident.excitation.observation.sensitivity import ObservationGradient
 from dynident.excitation.optimising.problem import DesignProblem, Multipliers
-from dynident.excitation.trajectories.fourier import FourierFamily
+from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.robot import robot_from_library, to_pinocchio
 
 MOST = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")

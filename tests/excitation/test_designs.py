@@ -19,7 +19,6 @@ from dynident.excitation import (
     CriterionChoice,
     Design,
     DesignRequest,
-    ImpossibleLimitsError,
     TrajectoryRequest,
     design_document,
     design_experiment,
@@ -27,6 +26,7 @@ from dynident.excitation import (
     trajectory_document,
     write_design,
 )
+from dynident.motion import ImpossibleLimitsError
 from dynident.robot import Limits, Robot, robot_from_library, to_pinocchio
 
 INERTIA_AND_FRICTION = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))

@@ -12,11 +12,11 @@ from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.deciding import yardstick_of
 from dynident.excitation.criteria.smooth import criterion_of
-from dynident.excitation.limits.bounds import bounds_of
 from dynident.excitation.observation.model import design_model
 from dynident.excitation.observation.row_models import ROW_MODELS, row_model
 from dynident.excitation.optimising.problem import DesignProblem, Multipliers
-from dynident.excitation.trajectories.fourier import FourierFamily
+from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.recordings import recording_from_arrays
 from dynident.robot import robot_from_library
 

@@ -11,18 +11,11 @@ from machines import five_bar, palletiser
 from scipy.signal import resample
 
 from dynident.effects import EffectChoice
-from dynident.excitation import (
-    Box,
-    Design,
-    DesignRequest,
-    ImpossibleLimitsError,
-    Surroundings,
-    TrajectoryRequest,
-    design_experiment,
-)
-from dynident.excitation.limits.bounds import bounds_of
-from dynident.excitation.surroundings.clearance import Clearances, Hindrances, Part
-from dynident.excitation.surroundings.loop_rooms import LoopRooms
+from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
+from dynident.motion import Box, ImpossibleLimitsError, Surroundings
+from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.surroundings.clearance import Clearances, Hindrances, Part
+from dynident.motion.surroundings.loop_rooms import LoopRooms
 from dynident.robot import Limits, Robot
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.modified_dh import robot_from_modified_dh

@@ -8,13 +8,15 @@ import pytest
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.excitation import DesignRequest, Surroundings, TrajectoryRequest, design_experiment
+from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.deciding import yardstick_of
-from dynident.excitation.limits.bounds import bounds_of
-from dynident.excitation.limits.locked import locked_bounds, locked_model
+from dynident.excitation.observation.locked import locked_model
 from dynident.excitation.observation.model import design_model
 from dynident.excitation.optimising.problem import DesignProblem, Multipliers
-from dynident.excitation.trajectories.fourier import FourierFamily
+from dynident.motion import Surroundings
+from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.limits.locked import locked_bounds
+from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.robot import Robot, to_pinocchio
 
 LINKS = (EffectChoice("rigid_body"),)

@@ -10,11 +10,11 @@ from dynident.effects import EffectChoice
 from dynident.errors import Cancelled, DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.deciding import yardstick_of
-from dynident.excitation.limits.bounds import bounds_of
 from dynident.excitation.observation.model import design_model
 from dynident.excitation.points.sequence import Legs, PointSequence, rows_of
 from dynident.excitation.points.spaces import FreePoints, TwoPoints
-from dynident.excitation.surroundings.obstacles import Surroundings
+from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.surroundings.obstacles import Surroundings
 from dynident.robot import Limits, Robot, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))

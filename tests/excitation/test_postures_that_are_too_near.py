@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from safe_robots import safe_robot
 
-from dynident.excitation import Box, Surroundings
-from dynident.excitation.surroundings.free_space import free_space_of
+from dynident.motion import Box, Surroundings
+from dynident.motion.surroundings.free_space import free_space_of
 
 AROUND = Surroundings(
     self_collision=True, clearance=0.03, boxes=(Box("table", center=(0.4, 0.3, 0.2), size=(0.5, 0.4, 0.3)),)

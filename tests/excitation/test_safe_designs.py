@@ -12,17 +12,8 @@ from scipy.signal import resample
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.excitation import (
-    Box,
-    Design,
-    DesignRequest,
-    ImpossibleLimitsError,
-    Surroundings,
-    ToolRange,
-    TrajectoryRequest,
-    Wall,
-    design_experiment,
-)
+from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
+from dynident.motion import Box, ImpossibleLimitsError, Surroundings, ToolRange, Wall
 from dynident.robot import Limits
 
 ROBOTS = ("franka_panda", "ur10", "gantry")

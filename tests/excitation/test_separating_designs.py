@@ -9,14 +9,8 @@ import pytest
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.excitation import (
-    CriterionChoice,
-    Design,
-    DesignRequest,
-    ImpossibleLimitsError,
-    TrajectoryRequest,
-    design_experiment,
-)
+from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_experiment
+from dynident.motion import ImpossibleLimitsError
 from dynident.regressors.model import build_model
 from dynident.robot import Robot
 

@@ -21,7 +21,7 @@ from dynident.excitation import (
 )
 from dynident.excitation.sets.planned import BetweenTwoPoints, planned_runs
 from dynident.excitation.sets.run_search import rows_like
-from dynident.excitation.surroundings.obstacles import Surroundings
+from dynident.motion.surroundings.obstacles import Surroundings
 from dynident.robot import Robot, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))

@@ -10,11 +10,12 @@ import pytest
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.excitation import Box, DesignRequest, Surroundings, TrajectoryRequest, design_experiment
-from dynident.excitation.limits.bounds import ImpossibleLimitsError
-from dynident.excitation.limits.margins import keeps
+from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.observation.model import design_model
-from dynident.excitation.surroundings.free_space import free_space_of
+from dynident.motion import Box, Surroundings
+from dynident.motion.limits.bounds import ImpossibleLimitsError
+from dynident.motion.limits.margins import keeps
+from dynident.motion.surroundings.free_space import free_space_of
 from dynident.robot import Limits, robot_from_urdf
 from dynident.robot.mesh_files import mesh_file
 from dynident.robot.meshes import hulls_of, surface_of_mesh

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from dynident.errors import DynidentError
-from dynident.excitation import Surroundings
-from dynident.excitation.surroundings.contacts import solid_of
-from dynident.excitation.surroundings.free_space import free_space_of
+from dynident.motion import Surroundings
+from dynident.motion.surroundings.contacts import solid_of
+from dynident.motion.surroundings.free_space import free_space_of
 from dynident.robot import collision_geometry, robot_from_urdf
 from dynident.robot.collision import UNCHECKED
 from dynident.robot.shapes import Hull

@@ -11,7 +11,7 @@ from dynident.diagnosis import NextExperiment
 from dynident.diagnosis.advice.kinds import EXPERIMENTS, Question
 from dynident.diagnosis.result import Separation
 from dynident.effects import EffectChoice
-from dynident.excitation.limits.bounds import bounds_of
+from dynident.motion.limits.bounds import bounds_of
 from dynident.robot import library_table
 from dynident_service.adapters.designs import design_request, request_of
 from dynident_service.adapters.diagnoses import advice_of, show_next

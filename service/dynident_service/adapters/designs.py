@@ -15,7 +15,7 @@ from dynident.excitation import CriterionChoice, Design, DesignRequest, Trajecto
 from dynident.excitation.checks import check_request
 from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.excitation.nearness import nearest_along
-from dynident.excitation.surroundings.contacts import Nearest
+from dynident.motion.surroundings.contacts import Nearest
 from dynident.recordings.arrow import to_numbers
 from dynident.robot import Robot
 from dynident.simulation import Reference

@@ -11,7 +11,8 @@ from pydantic import TypeAdapter, ValidationError
 from rich.console import Console
 
 from dynident.errors import DynidentError
-from dynident.excitation import Design, DesignRequest, Surroundings
+from dynident.excitation import Design, DesignRequest
+from dynident.motion import Surroundings
 from dynident.reports.numbers import number, percent
 from dynident.robot import Limits
 from dynident.robot.collision import UNCHECKED

@@ -12,12 +12,7 @@ from dynident.desk.figure import Figure, check_folder, figure_of
 from dynident.desk.recordings import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.excitation import (
-    Design,
-    DesignRequest,
-    design_experiment,
-    write_design,
-)
+from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.excitation.request import Kind
 from dynident.html import block, folded, listed, paragraph, table

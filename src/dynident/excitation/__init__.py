@@ -1,4 +1,4 @@
-"""Experiments that excite: trajectories, criteria, limits, and the design of both together."""
+"""Experiments that excite: criteria, the trajectories that are best by them, and the design of whole sets of runs."""
 
 from __future__ import annotations
 
@@ -19,32 +19,23 @@ if TYPE_CHECKING:
         trajectory_document,
         write_design,
     )
-    from dynident.excitation.limits.bounds import ImpossibleLimitsError
-    from dynident.excitation.limits.margins import Margin
     from dynident.excitation.quick import Rehearsal, quick_motion, rehearsed_motion
     from dynident.excitation.request import KINDS, DesignRequest, TrajectoryRequest
     from dynident.excitation.result import Design, Run
-    from dynident.excitation.surroundings.obstacles import Box, Surroundings, ToolRange, Wall
 
 __all__ = [
     "CRITERIA",
     "FORMATS",
     "KINDS",
     "Baseline",
-    "Box",
     "CriterionChoice",
     "CriterionValues",
     "Design",
     "DesignRequest",
     "ExpectedParameter",
-    "ImpossibleLimitsError",
-    "Margin",
     "Rehearsal",
     "Run",
-    "Surroundings",
-    "ToolRange",
     "TrajectoryRequest",
-    "Wall",
     "design_document",
     "design_experiment",
     "design_table",
@@ -74,8 +65,6 @@ if not TYPE_CHECKING:
                 "trajectory_document",
                 "write_design",
             ),
-            "limits.bounds": ("ImpossibleLimitsError",),
-            "limits.margins": ("Margin",),
             "quick": (
                 "Rehearsal",
                 "quick_motion",
@@ -89,12 +78,6 @@ if not TYPE_CHECKING:
             "result": (
                 "Design",
                 "Run",
-            ),
-            "surroundings.obstacles": (
-                "Box",
-                "Surroundings",
-                "ToolRange",
-                "Wall",
             ),
         },
     )

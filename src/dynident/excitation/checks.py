@@ -9,8 +9,8 @@ from dynident.excitation.criteria.choice import check_criterion, check_wishes
 from dynident.excitation.observation.row_models import ROW_MODELS
 from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT, KINDS, DesignRequest, TrajectoryRequest
 from dynident.excitation.sets.planned import SETS
-from dynident.excitation.surroundings.obstacles import check_surroundings
-from dynident.excitation.trajectories.motion import MOST_SAMPLES
+from dynident.motion.surroundings.obstacles import check_surroundings
+from dynident.motion.trajectories.motion import MOST_SAMPLES
 
 _MOST_TIMES = 1_000_000
 _SAMPLES_PER_WAVE = 4

@@ -12,15 +12,16 @@ from dynident.excitation.experiments.periodic import periodic
 from dynident.excitation.experiments.point_to_point import point_to_point
 from dynident.excitation.experiments.strokes import joint_by_joint
 from dynident.excitation.experiments.task import Made, Task
-from dynident.excitation.limits.bounds import bounds_of
-from dynident.excitation.limits.locked import locked_bounds, locked_model, locked_note, moving_joints
-from dynident.excitation.moves.home import check_home, home_candidates
+from dynident.excitation.observation.locked import locked_model, locked_note
 from dynident.excitation.observation.model import design_model
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
 from dynident.excitation.result import Design
 from dynident.excitation.sets.sequential import sequential
-from dynident.excitation.trajectories.motion import in_sequence
+from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.limits.locked import locked_bounds, moving_joints
+from dynident.motion.moves.home import check_home, home_candidates
+from dynident.motion.trajectories.motion import in_sequence
 from dynident.progress import Progress, ascending, silent
 from dynident.recordings import Recording
 from dynident.robot.model import Robot

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from dynident.arrays import FloatArray
-from dynident.excitation.limits.bounds import bounds_of
 from dynident.excitation.request import DesignRequest
-from dynident.excitation.surroundings.contacts import Nearest
+from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.surroundings.contacts import Nearest
 from dynident.robot.model import Robot
 
 

@@ -11,15 +11,15 @@ from dynident.arrays import FloatArray
 from dynident.excitation.criteria.deciding import yardstick_of
 from dynident.excitation.experiments.periodic import family_of, searched
 from dynident.excitation.experiments.strokes import Stroke, course_of, strokes_of
-from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.excitation.limits.postures import static_torque
-from dynident.excitation.moves.home import home_candidates
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising.sampling import samples_of_a_period
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
-from dynident.excitation.trajectories.family import PeriodicMotion
-from dynident.excitation.trajectories.motion import Motion, in_sequence, joined
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.motion.limits.postures import static_torque
+from dynident.motion.moves.home import home_candidates
+from dynident.motion.trajectories.family import PeriodicMotion
+from dynident.motion.trajectories.motion import Motion, in_sequence, joined
 
 _CANDIDATES = 6
 _POSTURES = 30

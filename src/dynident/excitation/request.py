@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from dynident.asking import Choice, OneOf, said
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.observation.row_names import ROW_MODELS, RowModelName
-from dynident.excitation.surroundings.stated import Surroundings
+from dynident.motion.surroundings.stated import Surroundings
 
 if TYPE_CHECKING:
     from dynident.effects import EffectChoice

@@ -10,8 +10,8 @@ from dynident.arrays import FloatArray, IntArray
 from dynident.excitation.criteria.baseline import Baseline
 from dynident.excitation.criteria.expected import ExpectedParameter
 from dynident.excitation.criteria.values import CriterionValues
-from dynident.excitation.limits.margins import Margin
 from dynident.excitation.request import DesignRequest
+from dynident.motion.limits.margins import Margin
 
 _HAIR = 1e-9
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.effects import EffectChoice, ExperimentKind
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest
-from dynident.excitation.limits.bounds import Bounds
+from dynident.motion.limits.bounds import Bounds
 
 _STARTS, _RANDOM = 1, 20
 """Starts of the optimisation that a proposed design asks for, and random trajectories to start from.

@@ -25,12 +25,13 @@ from dynident.diagnosis.result import NextExperiment, Separation
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
-from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, Surroundings, quick_motion, rehearsed_motion
+from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, quick_motion, rehearsed_motion
 from dynident.excitation.criteria.deciding import parameters_of
 from dynident.excitation.experiments.earlier import planned_seconds
-from dynident.excitation.limits.bounds import Bounds, bounds_of
 from dynident.excitation.observation.model import DesignModel, design_model
 from dynident.identification import Identification
+from dynident.motion import Surroundings
+from dynident.motion.limits.bounds import Bounds, bounds_of
 from dynident.recordings import Recording
 from dynident.robot.model import Robot
 from dynident.simulation import typical_effect

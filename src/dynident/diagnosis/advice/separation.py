@@ -16,7 +16,7 @@ from dynident.excitation import Rehearsal
 from dynident.excitation.criteria.variances import inverse_diagonal_of
 from dynident.excitation.experiments.task import STANDS
 from dynident.excitation.observation.model import DesignModel
-from dynident.excitation.trajectories.motion import Motion
+from dynident.motion.trajectories.motion import Motion
 from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
 from dynident.regressors.stream import in_run

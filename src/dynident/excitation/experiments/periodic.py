@@ -12,10 +12,6 @@ from dynident.errors import DynidentError
 from dynident.excitation.criteria.baseline import baseline_of
 from dynident.excitation.criteria.deciding import Yardstick
 from dynident.excitation.experiments.task import Made, Task, Valued
-from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.excitation.limits.margins import Margin, broken, keeps
-from dynident.excitation.limits.shrinking import Shrinking
-from dynident.excitation.moves.home import with_moves
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising.optimise import Course, optimise
@@ -23,9 +19,13 @@ from dynident.excitation.optimising.problem import DesignProblem
 from dynident.excitation.optimising.random_trajectories import Candidate, Judge, random_candidates
 from dynident.excitation.optimising.reached import reached_of
 from dynident.excitation.request import DesignRequest, TrajectoryRequest
-from dynident.excitation.trajectories.b_spline import BSplineFamily
-from dynident.excitation.trajectories.family import Family, PeriodicMotion
-from dynident.excitation.trajectories.fourier import FourierFamily
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.motion.limits.margins import Margin, broken, keeps
+from dynident.motion.limits.shrinking import Shrinking
+from dynident.motion.moves.home import with_moves
+from dynident.motion.trajectories.b_spline import BSplineFamily
+from dynident.motion.trajectories.family import Family, PeriodicMotion
+from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.progress import Progress, part, silent
 
 _VALUED_SAMPLES = 1000

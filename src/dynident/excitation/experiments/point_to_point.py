@@ -10,17 +10,17 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.baseline import baseline_of
 from dynident.excitation.experiments.task import Made, Task
-from dynident.excitation.limits.bounds import ImpossibleLimitsError
-from dynident.excitation.limits.margins import Margin, broken, keeps, tightest
-from dynident.excitation.limits.postures import holdable_postures
-from dynident.excitation.moves.home import with_moves
-from dynident.excitation.moves.move import move_within_torque
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.points.search import FoundSequence, drawn, improved
 from dynident.excitation.points.sequence import Legs, PointSequence, values_of
 from dynident.excitation.points.spaces import FreePoints
-from dynident.excitation.trajectories.motion import Piece, Rest
+from dynident.motion.limits.bounds import ImpossibleLimitsError
+from dynident.motion.limits.margins import Margin, broken, keeps, tightest
+from dynident.motion.limits.postures import holdable_postures
+from dynident.motion.moves.home import with_moves
+from dynident.motion.moves.move import move_within_torque
+from dynident.motion.trajectories.motion import Piece, Rest
 from dynident.progress import part
 
 _VARIATIONS_OF_A_POINT = 40

@@ -9,15 +9,15 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.excitation.experiments.task import Made, Task
-from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.excitation.limits.locked import moving_joints
-from dynident.excitation.limits.margins import broken, keeps
-from dynident.excitation.moves.home import home_candidates, posture_note
-from dynident.excitation.moves.move import move_within_torque
-from dynident.excitation.moves.ways import way_between
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.request import DesignRequest
-from dynident.excitation.trajectories.motion import Piece
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.motion.limits.locked import moving_joints
+from dynident.motion.limits.margins import broken, keeps
+from dynident.motion.moves.home import home_candidates, posture_note
+from dynident.motion.moves.move import move_within_torque
+from dynident.motion.moves.ways import way_between
+from dynident.motion.trajectories.motion import Piece
 from dynident.progress import Progress, part, silent
 
 # Of the position range, and at most so far (rad, m).

@@ -14,13 +14,13 @@ from dynident.excitation.criteria.deciding import Yardstick, row_weights
 from dynident.excitation.criteria.expected import ExpectedParameter, expected_parameters
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.experiments.earlier import planned_seconds
-from dynident.excitation.limits.bounds import Bounds
-from dynident.excitation.limits.margins import Margin, margins_of
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.observation.row_models import EVERY_JOINT, RowModel
 from dynident.excitation.request import DesignRequest
 from dynident.excitation.result import Run
-from dynident.excitation.trajectories.motion import Motion, Piece, check_length, in_sequence
+from dynident.motion.limits.bounds import Bounds
+from dynident.motion.limits.margins import Margin, margins_of
+from dynident.motion.trajectories.motion import Motion, Piece, check_length, in_sequence
 from dynident.progress import Progress, part
 
 _CHECKS_PER_SAMPLE = 10

@@ -14,8 +14,8 @@ from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import LINKS, Column, EffectChoice, ReferenceParameters, Signals, columns_of, role_of
 from dynident.errors import DynidentError
 from dynident.excitation.observation.path_memory import PathMemory
-from dynident.excitation.trajectories.motion import Motion
 from dynident.expressions import Program
+from dynident.motion.trajectories.motion import Motion
 from dynident.regressors.base_parameters import BaseParameters, base_parameters
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation

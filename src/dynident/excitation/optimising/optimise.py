@@ -15,11 +15,11 @@ from scipy.optimize import OptimizeResult, minimize
 
 from dynident.arrays import FloatArray
 from dynident.checkpoints import Checkpoints, NoCheckpoints
-from dynident.excitation.limits.shrinking import Shrinking
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising.problem import DesignProblem, Evaluation, Multipliers
 from dynident.excitation.optimising.random_trajectories import Candidate, Judge
 from dynident.excitation.optimising.reached import Reached, StartReached
+from dynident.motion.limits.shrinking import Shrinking
 from dynident.progress import Progress
 
 _PENALTY = 1.0

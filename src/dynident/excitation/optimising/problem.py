@@ -8,12 +8,12 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.excitation.criteria.smooth import Criterion
-from dynident.excitation.limits.bounds import Bounds
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.observation.row_models import RowModelName, row_model
 from dynident.excitation.observation.sensitivity import ObservationGradient
 from dynident.excitation.optimising.sampling import samples_of_a_period, smooth_sign
-from dynident.excitation.trajectories.family import Family
+from dynident.motion.limits.bounds import Bounds
+from dynident.motion.trajectories.family import Family
 
 # Between the samples a motion swings out a little further than on them.
 _SHARE_OF_LIMITS = 0.99

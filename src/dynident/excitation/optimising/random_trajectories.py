@@ -10,13 +10,13 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.excitation.criteria.deciding import Yardstick
 from dynident.excitation.criteria.values import CriterionValues
-from dynident.excitation.limits.bounds import Bounds
-from dynident.excitation.limits.postures import holdable_postures
-from dynident.excitation.limits.shrinking import Shrinking
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.observation.row_models import RowModelName, row_model
 from dynident.excitation.optimising.sampling import samples_of_a_period
-from dynident.excitation.trajectories.family import Family
+from dynident.motion.limits.bounds import Bounds
+from dynident.motion.limits.postures import holdable_postures
+from dynident.motion.limits.shrinking import Shrinking
+from dynident.motion.trajectories.family import Family
 from dynident.progress import Progress, silent
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dynident.effects import effect_by_id
-from dynident.excitation.limits.bounds import Bounds
 from dynident.excitation.observation.model import DesignModel
-from dynident.excitation.trajectories.family import Family
+from dynident.motion.limits.bounds import Bounds
+from dynident.motion.trajectories.family import Family
 
 _N_SAMPLES = 100
 _SAMPLES_PER_WAVE = 16

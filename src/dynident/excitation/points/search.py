@@ -14,10 +14,10 @@ import numpy as np
 
 from dynident.excitation.criteria.deciding import Yardstick
 from dynident.excitation.criteria.values import CriterionValues
-from dynident.excitation.limits.bounds import ImpossibleLimitsError
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.points.sequence import Legs, PointSequence, rows_of, values_of
 from dynident.excitation.points.spaces import PointSpace
+from dynident.motion.limits.bounds import ImpossibleLimitsError
 from dynident.progress import Progress
 
 _REDRAWN = 20

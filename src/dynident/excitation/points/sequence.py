@@ -11,13 +11,13 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.excitation.criteria.deciding import Yardstick
 from dynident.excitation.criteria.values import CriterionValues
-from dynident.excitation.limits.bounds import Bounds
-from dynident.excitation.moves.move import plan_move
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.observation.sensitivity import ObservationGradient
 from dynident.excitation.optimising.sampling import smooth_sign
-from dynident.excitation.surroundings.free_space import FreeSpace
-from dynident.excitation.trajectories.motion import Piece
+from dynident.motion.limits.bounds import Bounds
+from dynident.motion.moves.move import plan_move
+from dynident.motion.surroundings.free_space import FreeSpace
+from dynident.motion.trajectories.motion import Piece
 
 _SAMPLES_OF_A_MOVE = 16
 _FIRST_LOOKS, _LOOK_EVERY = 9, 0.08

@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.excitation.limits.bounds import Bounds
 from dynident.excitation.points.sequence import PointSequence
+from dynident.motion.limits.bounds import Bounds
 
 _SMALLEST_SHARE = 0.2
 _FRESH = 0.1

@@ -19,10 +19,6 @@ from dynident.excitation.criteria.variances import Deciding
 from dynident.excitation.experiments.periodic import family_of, within_limits
 from dynident.excitation.experiments.point_to_point import first_that_fits
 from dynident.excitation.experiments.task import Task
-from dynident.excitation.limits.bounds import ImpossibleLimitsError
-from dynident.excitation.limits.locked import locked_bounds
-from dynident.excitation.limits.postures import holdable_postures
-from dynident.excitation.limits.shrinking import Shrinking
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising.optimise import optimise
 from dynident.excitation.optimising.problem import DesignProblem
@@ -31,7 +27,11 @@ from dynident.excitation.points.search import drawn, improved
 from dynident.excitation.points.sequence import Legs, PointSequence, rows_of
 from dynident.excitation.points.spaces import FreePoints, PointSpace, TwoPoints
 from dynident.excitation.sets.planned import BetweenTwoPoints, Freely, PlannedRun
-from dynident.excitation.trajectories.motion import Piece
+from dynident.motion.limits.bounds import ImpossibleLimitsError
+from dynident.motion.limits.locked import locked_bounds
+from dynident.motion.limits.postures import holdable_postures
+from dynident.motion.limits.shrinking import Shrinking
+from dynident.motion.trajectories.motion import Piece
 from dynident.progress import Progress, part
 
 _KNOWN_BEFORE = 0.02

@@ -12,15 +12,15 @@ from dynident.excitation.criteria.baseline import Baseline, baseline_of
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.experiments.point_to_point import check_no_path, verified
 from dynident.excitation.experiments.task import Made, Task, Valued
-from dynident.excitation.limits.bounds import ImpossibleLimitsError
-from dynident.excitation.moves.home import home_candidates, posture_note
-from dynident.excitation.moves.ways import way_between
 from dynident.excitation.observation.row_models import EVERY_JOINT
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.result import Run
 from dynident.excitation.sets.planned import BetweenTwoPoints, PlannedRun, planned_runs
 from dynident.excitation.sets.run_search import FoundRun, RunSearch, rows_like
-from dynident.excitation.trajectories.motion import Motion, Piece, in_sequence
+from dynident.motion.limits.bounds import ImpossibleLimitsError
+from dynident.motion.moves.home import home_candidates, posture_note
+from dynident.motion.moves.ways import way_between
+from dynident.motion.trajectories.motion import Motion, Piece, in_sequence
 from dynident.progress import Progress, part
 from dynident.robot.pointers import listed
 

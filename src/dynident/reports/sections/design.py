@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from dynident.excitation import Design, Margin
+from dynident.excitation import Design
+from dynident.motion import Margin
 from dynident.reports.figures.design import design_figure
 from dynident.reports.numbers import counted, number, percent
 from dynident.reports.section import Section

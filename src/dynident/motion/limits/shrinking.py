@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.excitation.limits.bounds import Bounds
-from dynident.excitation.limits.postures import CENTRAL_SHARE
-from dynident.excitation.observation.model import DesignModel
-from dynident.excitation.trajectories.family import Family
+from dynident.motion.limits.bounds import Bounds
+from dynident.motion.limits.postures import CENTRAL_SHARE
+from dynident.motion.limits.torque import TorqueModel
+from dynident.motion.trajectories.family import Family
 
 _BISECTIONS = 12
 _SAMPLES_PER_WAVE = 80
@@ -17,7 +17,7 @@ _SAMPLES_PER_WAVE = 80
 class Shrinking:
     """Takes the coefficients of a family to the largest amplitude at which they keep the limits."""
 
-    def __init__(self, family: Family, bounds: Bounds, model: DesignModel, *, fine: bool = True) -> None:
+    def __init__(self, family: Family, bounds: Bounds, model: TorqueModel, *, fine: bool = True) -> None:
         self._bounds, self._model = bounds, model
         count = _SAMPLES_PER_WAVE * family.waves if fine else 2 * _SAMPLES_PER_WAVE
         self._basis = family.basis(np.arange(count) * family.period / count)[:4]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.excitation.observation.model import DesignModel
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.motion.limits.torque import TorqueModel
 from dynident.robot.pointers import pointer
 
 _POSTURES = 2000
@@ -19,13 +19,13 @@ _TRIED_WAYS, _ENOUGH_WAYS = 200, 5
 _ALONG_A_WAY = np.linspace(0.0, 1.0, 25)
 
 
-def static_torque(model: DesignModel, q: FloatArray) -> FloatArray:
+def static_torque(model: TorqueModel, q: FloatArray) -> FloatArray:
     """Torque (m, n) that holds postures q (m, n)."""
     still = np.zeros_like(q)
     return model.torque(q, still, still)
 
 
-def holdable_postures(bounds: Bounds, model: DesignModel, rng: np.random.Generator) -> FloatArray:
+def holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Generator) -> FloatArray:
     """Postures (m, n) in the inner part of the ranges, clear of everything, whose weight leaves room for motion.
 
     Those alone to which a straight way is clear from a usual home, if there are some: the rest may lie behind what no

@@ -11,11 +11,11 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
-from dynident.excitation.surroundings.clearance import Ball, Clearances, Hindrances, Part, balls_along
-from dynident.excitation.surroundings.contacts import ContactCheck, SolidPair, half_space_solid, pair_of, solid_of
-from dynident.excitation.surroundings.loop_rooms import LoopRooms
-from dynident.excitation.surroundings.obstacles import HalfSpace, Surroundings, ToolRange, block_of, half_spaces_of
-from dynident.excitation.surroundings.rooms import JoinedRooms, Rooms
+from dynident.motion.surroundings.clearance import Ball, Clearances, Hindrances, Part, balls_along
+from dynident.motion.surroundings.contacts import ContactCheck, SolidPair, half_space_solid, pair_of, solid_of
+from dynident.motion.surroundings.loop_rooms import LoopRooms
+from dynident.motion.surroundings.obstacles import HalfSpace, Surroundings, ToolRange, block_of, half_spaces_of
+from dynident.motion.surroundings.rooms import JoinedRooms, Rooms
 from dynident.robot.collision import BASE, Body, CollisionGeometry, collision_geometry
 from dynident.robot.kinematics import tool_path
 from dynident.robot.model import Robot

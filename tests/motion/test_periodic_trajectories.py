@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.errors import DynidentError
-from dynident.excitation.trajectories.b_spline import BSplineFamily
-from dynident.excitation.trajectories.family import PeriodicMotion
-from dynident.excitation.trajectories.fourier import FourierFamily
-from dynident.excitation.trajectories.motion import Rest, in_sequence
+from dynident.motion.trajectories.b_spline import BSplineFamily
+from dynident.motion.trajectories.family import PeriodicMotion
+from dynident.motion.trajectories.fourier import FourierFamily
+from dynident.motion.trajectories.motion import Rest, in_sequence
 
 families = st.one_of(
     st.builds(FourierFamily, st.integers(2, 12), st.floats(0.5, 60.0)),

@@ -9,11 +9,11 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.excitation.limits.postures import holdable_postures, static_torque, usual_homes
-from dynident.excitation.moves.ways import moves_through, stations_between
-from dynident.excitation.observation.model import DesignModel
-from dynident.excitation.trajectories.motion import Piece, Rest
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.motion.limits.postures import holdable_postures, static_torque, usual_homes
+from dynident.motion.limits.torque import TorqueModel
+from dynident.motion.moves.ways import moves_through, stations_between
+from dynident.motion.trajectories.motion import Piece, Rest
 
 _OTHER_HOMES = 5
 
@@ -42,7 +42,7 @@ def check_home(stated: Sequence[float], limits: Bounds) -> None:
             )
 
 
-def home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: DesignModel) -> list[FloatArray]:
+def home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: TorqueModel) -> list[FloatArray]:
     """Postures (n,) to begin at, in the order of preference, at least one.
 
     The stated one alone; else zero where the ranges have it (their middle where not), then the middle everywhere;
@@ -86,7 +86,7 @@ def posture_note(home: FloatArray) -> str:
 
 
 def with_moves(
-    stated: Sequence[float] | None, start: FloatArray, bounds: Bounds, model: DesignModel, rate: float
+    stated: Sequence[float] | None, start: FloatArray, bounds: Bounds, model: TorqueModel, rate: float
 ) -> Placed:
     """Moves from home to the posture (n,) at which the exciting part starts and ends, and back, within all limits.
 

@@ -1,4 +1,4 @@
-"""Motions in which some joints move while the others are locked (§12.3.4.2): their limits, and what they can show."""
+"""What motions can show in which some joints move while the others are locked (§12.3.4.2)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
-from dynident.excitation.limits.bounds import Bounds
 from dynident.excitation.observation.model import JUMP_TIME, DesignModel
 from dynident.regressors.base_parameters import select_base
 from dynident.regressors.further_signals import FurtherSignals
@@ -18,33 +17,6 @@ from dynident.robot.pointers import listed
 
 _STATES_PER_COLUMN = 2
 _VELOCITY, _ACCELERATION, _JERK, _SNAP = 2.0, 5.0, 20.0, 80.0
-
-
-def moving_joints(wanted: Sequence[str], names: Sequence[str]) -> BoolArray:
-    """Which of the joints `names` (n,) move: the wanted ones, or all where none is named.
-
-    Raises
-    ------
-    DynidentError
-        There is no such joint.
-    """
-    unknown = [name for name in wanted if name not in names]
-    if unknown:
-        raise DynidentError(
-            f"There is no joint {listed(unknown)}; joints: {listed(names)}.",
-            pointer="/trajectory/joints",
-            title="Unknown joint",
-        )
-    return np.array([not wanted or name in wanted for name in names])
-
-
-def locked_bounds(bounds: Bounds, posture: FloatArray, moving: BoolArray) -> Bounds:
-    """Bounds in which the joints that do not move have no range but their place in a posture (n,)."""
-    return replace(
-        bounds,
-        position_low=np.where(moving, bounds.position_low, posture),
-        position_high=np.where(moving, bounds.position_high, posture),
-    )
 
 
 def locked_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> DesignModel:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
-from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.excitation.surroundings.contacts import Approach
-from dynident.excitation.surroundings.free_space import FreeSpace, contact_complaint
-from dynident.excitation.surroundings.loop_rooms import LoopRooms, singular_complaint
-from dynident.excitation.trajectories.motion import Motion
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.motion.surroundings.contacts import Approach
+from dynident.motion.surroundings.free_space import FreeSpace, contact_complaint
+from dynident.motion.surroundings.loop_rooms import LoopRooms, singular_complaint
+from dynident.motion.trajectories.motion import Motion
 
 LimitName = Literal[
     "position_min",

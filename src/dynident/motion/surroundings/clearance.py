@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.excitation.surroundings.obstacles import HalfSpace
-from dynident.excitation.surroundings.segments import closest_shares, cross, distance_to_block, dot, unit
+from dynident.motion.surroundings.obstacles import HalfSpace
+from dynident.motion.surroundings.segments import closest_shares, cross, distance_to_block, dot, unit
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.model import Robot
 from dynident.robot.shapes import Block, Capsule

@@ -9,9 +9,9 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.excitation.surroundings.free_space import FreeSpace, free_space_of
-from dynident.excitation.surroundings.loop_rooms import LoopRooms, RatedFollowers
-from dynident.excitation.surroundings.obstacles import Surroundings, check_surroundings
+from dynident.motion.surroundings.free_space import FreeSpace, free_space_of
+from dynident.motion.surroundings.loop_rooms import LoopRooms, RatedFollowers
+from dynident.motion.surroundings.obstacles import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
 from dynident.robot.model import Joint
 from dynident.robot.pointers import listed, pointer

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.excitation.trajectories.motion import Motion
+from dynident.motion.trajectories.motion import Motion
 
 
 class Family(Protocol):

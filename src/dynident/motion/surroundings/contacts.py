@@ -15,7 +15,7 @@ import coal
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
-from dynident.excitation.surroundings.segments import segment_distances
+from dynident.motion.surroundings.segments import segment_distances
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.model import Robot
 from dynident.robot.shapes import Block, Capsule, Cylinder, Shape, enclosing_capsule

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.effects import EffectChoice
-from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError, bounds_of
-from dynident.excitation.moves.move import Move, move_within_torque, plan_move
 from dynident.excitation.observation.model import design_model
-from dynident.excitation.trajectories.motion import Rest
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, bounds_of
+from dynident.motion.moves.move import Move, move_within_torque, plan_move
+from dynident.motion.trajectories.motion import Rest
 from dynident.robot import Limits, robot_from_library
 
 BOUNDS = bounds_of(robot_from_library("ur10"), {})

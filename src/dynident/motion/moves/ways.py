@@ -11,11 +11,11 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from dynident.arrays import FloatArray
-from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.excitation.limits.postures import holdable_postures
-from dynident.excitation.moves.move import move_within_torque, straight_complaint
-from dynident.excitation.observation.model import DesignModel
-from dynident.excitation.trajectories.motion import Motion, Piece, joined
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.motion.limits.postures import holdable_postures
+from dynident.motion.limits.torque import TorqueModel
+from dynident.motion.moves.move import move_within_torque, straight_complaint
+from dynident.motion.trajectories.motion import Motion, Piece, joined
 
 # Postures on the way around: a few at first, then more.
 _VIA_POSTURES = (60, 300)
@@ -47,7 +47,7 @@ class Chain:
         return joined(parts)
 
 
-def way_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel, rate: float) -> Piece:
+def way_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
     """A motion between two postures (n,) at rest within all limits: straight, or around what is in the way.
 
     Raises
@@ -58,7 +58,7 @@ def way_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: Desig
     return moves_through(stations_between(start, end, bounds, model), bounds, model, rate)
 
 
-def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel) -> list[FloatArray]:
+def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel) -> list[FloatArray]:
     """Postures (n,), both ends among them, between which the straight ways are clear; raises as `way_between`."""
     complaint = straight_complaint(start, end, bounds)
     if complaint is None:
@@ -79,7 +79,7 @@ def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: 
     raise complaint
 
 
-def moves_through(stations: Sequence[FloatArray], bounds: Bounds, model: DesignModel, rate: float) -> Piece:
+def moves_through(stations: Sequence[FloatArray], bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
     """Moves from posture to posture, at rest in each, within all limits."""
     moves = tuple(move_within_torque(a, b, bounds, model, rate) for a, b in pairwise(stations))
     return moves[0] if len(moves) == 1 else Chain(moves)

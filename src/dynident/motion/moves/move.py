@@ -14,10 +14,10 @@ import numpy as np
 import ruckig
 
 from dynident.arrays import FloatArray
-from dynident.excitation.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.excitation.limits.postures import static_torque
-from dynident.excitation.observation.model import DesignModel
-from dynident.excitation.trajectories.motion import Motion, Piece, Rest, check_length
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.motion.limits.postures import static_torque
+from dynident.motion.limits.torque import TorqueModel
+from dynident.motion.trajectories.motion import Motion, Piece, Rest, check_length
 
 _SLOWER = 0.75
 _ATTEMPTS = 16
@@ -98,7 +98,7 @@ def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *
     )
 
 
-def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel, rate: float) -> Piece:
+def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
     """A move as by `plan_move`, slowed down until the limits of torque and power hold, and rates of followers.
 
     Raises
@@ -134,7 +134,7 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     raise _too_heavy(np.abs(model.torque(motion.q, motion.dq, motion.ddq)), bounds, "moving slowly")
 
 
-def _within_torque(motion: Motion, bounds: Bounds, model: DesignModel) -> bool:
+def _within_torque(motion: Motion, bounds: Bounds, model: TorqueModel) -> bool:
     if not bounds.checks_torque:
         return True
     torque = model.torque(motion.q, motion.dq, motion.ddq)
@@ -160,7 +160,7 @@ def _listed(posture: FloatArray) -> str:
     return ", ".join(f"{value:.4g}" for value in posture)
 
 
-def _check_holding(start: FloatArray, end: FloatArray, bounds: Bounds, model: DesignModel) -> None:
+def _check_holding(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel) -> None:
     way = start + np.linspace(0.0, 1.0, _CHECKS)[:, None] * (end - start)
     torque = np.abs(static_torque(model, way))
     if not (torque <= bounds.torque).all():

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.excitation.surroundings.stated import Box, Surroundings, ToolRange, Wall
+from dynident.motion.surroundings.stated import Box, Surroundings, ToolRange, Wall
 from dynident.robot.pointers import pointer
 from dynident.robot.shapes import Block
 

@@ -1,0 +1,37 @@
+"""Motions that a robot can make: trajectories, limits, surroundings, and moves from rest to rest within them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.lazy import lazily
+
+if TYPE_CHECKING:
+    from dynident.motion.limits.bounds import ImpossibleLimitsError
+    from dynident.motion.limits.margins import Margin
+    from dynident.motion.surroundings.stated import Box, Surroundings, ToolRange, Wall
+
+__all__ = [
+    "Box",
+    "ImpossibleLimitsError",
+    "Margin",
+    "Surroundings",
+    "ToolRange",
+    "Wall",
+]
+
+if not TYPE_CHECKING:
+    # What a request says of surroundings is declared in this room, too: who reads that does not wait for the rest.
+    __getattr__ = lazily(
+        __name__,
+        {
+            "limits.bounds": ("ImpossibleLimitsError",),
+            "limits.margins": ("Margin",),
+            "surroundings.stated": (
+                "Box",
+                "Surroundings",
+                "ToolRange",
+                "Wall",
+            ),
+        },
+    )
