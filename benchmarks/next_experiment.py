@@ -31,7 +31,8 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 from common import FloatArray, show
 
-from dynident.diagnosis import Diagnosis, NextExperiment, diagnose
+from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
+from dynident.diagnosis import Diagnosis, examine
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.excitation import Design, design_experiment
@@ -166,7 +167,7 @@ def judged(case: Case, two: bool) -> Outcome | None:
     choices = IdentificationChoices(tuple(EffectChoice(name) for name in _model(case)))
     first = measured(robot, case, first_motion(robot, case), 1, "first")
     names = _names(case) if two else None
-    found = diagnose(identify(robot, [first], [], choices), [first], candidates=names)
+    found = advise(examine(identify(robot, [first], [], choices), [first], candidates=names))
     if _decided(found, case):
         return None
     if not _between(found, case):
@@ -179,7 +180,7 @@ def judged(case: Case, two: bool) -> Outcome | None:
     design = design_experiment(robot, advice.design, earlier=[first])
     second = measured(robot, case, Reference(design.t, design.q, design.dq, design.ddq), 2, "proposed")
     runs = [first, second]
-    again = diagnose(identify(robot, runs, [], choices), runs, candidates=names)
+    again = advise(examine(identify(robot, runs, [], choices), runs, candidates=names))
     recommended = [one.effect for one in again.recommended]
     return Outcome(
         case,
@@ -225,7 +226,7 @@ def _is_equal(found: Diagnosis, case: Case) -> bool:
     )
 
 
-def _decided(found: Diagnosis, case: Case) -> bool:
+def _decided(found: AdvisedDiagnosis, case: Case) -> bool:
     """Whether the data decide: the true one alone is recommended, and what is proposed next is not about the two."""
     if not _is_right(found, case) or _is_equal(found, case):
         return False

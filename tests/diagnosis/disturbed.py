@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from hidden_effects import EFFORT, ROBOT, Case, Hidden, drives, on_joint
+from hidden_physics import EFFORT, ROBOT, Case, Hidden, drives, on_joint
 from oracles import FloatArray, Motion, pinocchio_torque
 
 from dynident.robot import Robot, to_pinocchio

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_effects import BAND, NAMES, NOISE, ROBOT, experiment, motions, recorded
+from hidden_physics import BAND, NAMES, NOISE, ROBOT, experiment, motions, recorded
 from oracles import Motion, fourier_motion, record
 
 from dynident.diagnosis import compare

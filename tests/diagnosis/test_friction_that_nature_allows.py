@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden_effects import BAND, NAMES, experiment, on_joint
+from hidden_physics import BAND, NAMES, experiment, on_joint
 
 from dynident.diagnosis.candidates.gathering import gather
 from dynident.diagnosis.candidates.plausible import plausible

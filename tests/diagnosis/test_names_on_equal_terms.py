@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, nothing, on_joint, recorded
+from hidden_physics import BAND, NAMES, ROBOT, WITH_OFFSET, nothing, on_joint, recorded
 from oracles import FloatArray, Motion, fourier_motion, pinocchio_torque
 
 from dynident.diagnosis import diagnose

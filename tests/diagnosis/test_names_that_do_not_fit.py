@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import NAMES, ROBOT, compared, experiment
+from hidden_physics import NAMES, ROBOT, compared, experiment
 
 from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.candidates.pool import Candidate

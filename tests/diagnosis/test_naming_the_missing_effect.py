@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from hidden_effects import (
+from hidden_physics import (
     BAND,
     CASES,
     NAMES,
@@ -24,7 +24,8 @@ from hidden_effects import (
 )
 from oracles import fourier_motion
 
-from dynident.diagnosis import Diagnosis, diagnose
+from dynident.advice import advise
+from dynident.diagnosis import Diagnosis, diagnose, examine
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.identification import IdentificationChoices, extend, identify
 
@@ -224,7 +225,7 @@ def test_what_this_motion_could_not_have_shown_is_said():
     motion.ddq[:, 5] *= 0.01
     run = recorded(motion, nothing, 3, "run")
     identification = identify(ROBOT, [run], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
-    found = diagnose(identification, [run], candidates=["joint_spring"])
+    found = advise(examine(identification, [run], candidates=["joint_spring"]))
     hidden = {item.joints: item for item in found.not_visible}
     assert (NAMES[5],) in hidden
     assert (NAMES[0],) not in hidden

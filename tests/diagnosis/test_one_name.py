@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import BAND, NAMES, ROBOT, on_joint, recorded
+from hidden_physics import BAND, NAMES, ROBOT, on_joint, recorded
 from oracles import fourier_motion
 
 from dynident.diagnosis.candidates.pool import pool_of

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import BAND, NAMES, NOISE, ROBOT, WITH_OFFSET, experiment, nothing, on_joint, recorded
+from hidden_physics import BAND, NAMES, NOISE, ROBOT, WITH_OFFSET, experiment, nothing, on_joint, recorded
 from oracles import Motion, fourier_motion
 
 from dynident.diagnosis import compare, diagnose, judge

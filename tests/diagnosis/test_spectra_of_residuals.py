@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden_effects import ROBOT
+from hidden_physics import ROBOT
 from oracles import fourier_motion
 
 from dynident.diagnosis import angle_spectrum, autocorrelation, time_spectrum

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from disturbed import FREQUENCY, in_gravity
 from disturbed import shaking as shaken
-from hidden_effects import BAND, ROBOT, WITH_OFFSET, nothing, recorded
+from hidden_physics import BAND, ROBOT, WITH_OFFSET, nothing, recorded
 from oracles import FloatArray, Motion, fourier_motion
 
 from dynident.diagnosis import Comparison, compare

@@ -16,7 +16,7 @@ LONGEST = 400
 MOST_PARAMETERS = 8
 
 # Classes of these rooms are read side by side. Names that stand in two of their modules; none may join them.
-NEIGHBOURS = ("estimation", "identification", "diagnosis", "validation")
+NEIGHBOURS = ("estimation", "identification", "diagnosis", "advice", "validation")
 NAMES_OF_TWO = {"Bootstrap", "Finding", "Question", "Rows"}
 
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
-from dynident.diagnosis.result import Change, ChangedValue, RankedEffect, Separation
+from dynident.advice import AdvisedDiagnosis, NextExperiment, Separation
+from dynident.diagnosis.result import Adequacy, Change, ChangedValue, RankedEffect
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors
 from dynident.validation.on_recordings import TorqueValidation
 from dynident.validation.verdict import Judged
 from dynident_service.adapters.answers import known, shown
+from dynident_service.hints import hint_of
 from dynident_service.models import diagnoses, validations
 
 CHOICE = EffectChoice("stribeck", ("a",), (("vs", 0.1),), ("run 1",))
@@ -35,6 +38,12 @@ def test_what_nothing_determines_comes_back_as_infinite() -> None:
     assert known(Separation, shown(diagnoses.Separation, found)) == found
     value = ChangedValue("m", 1.0, "kg", (-math.inf, 2.0))
     assert known(ChangedValue, shown(diagnoses.ChangedValue, value)) == value
+
+
+def test_a_field_that_is_inherited_has_the_type_of_where_it_is_stated() -> None:
+    hints = {one.name: hint_of(AdvisedDiagnosis, one) for one in fields(AdvisedDiagnosis)}
+    assert hints["verdict"] == Adequacy
+    assert hints["next_experiment"] == NextExperiment | None
 
 
 def test_a_change_is_told_with_the_number_that_says_how_large_it_is() -> None:

@@ -7,9 +7,8 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from dynident.diagnosis import NextExperiment
-from dynident.diagnosis.advice.kinds import EXPERIMENTS, Question
-from dynident.diagnosis.result import Separation
+from dynident.advice import NextExperiment, Separation
+from dynident.advice.kinds import EXPERIMENTS, Question
 from dynident.effects import EffectChoice
 from dynident.motion.limits.bounds import bounds_of
 from dynident.robot import library_table

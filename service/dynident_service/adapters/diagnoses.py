@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dynident.diagnosis import Diagnosis, NextExperiment
+from dynident.advice import AdvisedDiagnosis, NextExperiment
 from dynident.diagnosis.result import Change, ChangedValue
 from dynident_service.adapters.answers import known, shown
 from dynident_service.adapters.designs import design_request, show_request
@@ -13,7 +13,9 @@ from dynident_service.models import diagnoses as wire
 from dynident_service.models.designs import DesignRequest
 
 
-def describe_diagnosis(found: Diagnosis, robot_id: str, measurement_ids: Sequence[str] = ()) -> wire.DiagnosisResult:
+def describe_diagnosis(
+    found: AdvisedDiagnosis, robot_id: str, measurement_ids: Sequence[str] = ()
+) -> wire.DiagnosisResult:
     """Describe a diagnosis of measurements for the wire; without their ids where they are no resources."""
     advice = found.next_experiment
     return shown(
@@ -38,11 +40,11 @@ def show_next(advice: NextExperiment, robot_id: str, measurement_ids: Sequence[s
     return shown(wire.NextExperiment, advice, design={"robot_id": robot_id, "kind": advice.design.kind, **body})
 
 
-def diagnosis_of(stored: Mapping[str, Any]) -> Diagnosis:
+def diagnosis_of(stored: Mapping[str, Any]) -> AdvisedDiagnosis:
     """Make the diagnosis of a stored result."""
     told = wire.DiagnosisResult.model_validate(stored)
     return known(
-        Diagnosis,
+        AdvisedDiagnosis,
         told,
         next_experiment=None if told.next_experiment is None else advice_of(told.next_experiment),
         changes=None

@@ -34,7 +34,7 @@ from dynident_service.cli.options import Reading
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
-    from dynident.diagnosis import Diagnosis
+    from dynident.advice import AdvisedDiagnosis
 
 # How the contract words it, and the same in the words of the command line.
 _REWORDED = (
@@ -209,7 +209,7 @@ def model_of(path: Path) -> Identification:
         raise
 
 
-def stored_diagnosis(path: Path) -> Diagnosis:
+def stored_diagnosis(path: Path) -> AdvisedDiagnosis:
     """Read what `dynident diagnose --out` wrote."""
     from dynident_service.adapters.diagnoses import diagnosis_of
 

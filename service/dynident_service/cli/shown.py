@@ -23,6 +23,7 @@ from dynident_service.cli.inputs import Loaded
 from dynident_service.cli.terminal import table
 
 if TYPE_CHECKING:
+    from dynident.advice import AdvisedDiagnosis
     from dynident.diagnosis import Comparison, Diagnosis, Judgement
 
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
@@ -131,7 +132,7 @@ def show_comparison(console: Console, name: str, found: Comparison, judged: Judg
         console.print(f"  {note}", markup=False)
 
 
-def show_diagnosis(console: Console, found: Diagnosis, robot: Robot) -> None:
+def show_diagnosis(console: Console, found: AdvisedDiagnosis, robot: Robot) -> None:
     """The verdict, the ranking, what was not visible."""
     console.print(found.summary, markup=False, style="bold")
     rows = [

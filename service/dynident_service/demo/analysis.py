@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from dynident.advice import AdvisedDiagnosis, advise
 from dynident.arrays import FloatArray
-from dynident.diagnosis import Comparison, Diagnosis, compare, diagnose
+from dynident.diagnosis import Comparison, Diagnosis, compare, examine
 from dynident.excitation import Design
 from dynident.identification import Identification, extend, identify
 from dynident.progress import Progress, part
@@ -25,7 +26,7 @@ class Analysis:
     training: tuple[Loaded, ...]
     held_out: tuple[Loaded, ...]
     comparison: Comparison
-    diagnosis: Diagnosis
+    diagnosis: AdvisedDiagnosis
     ladder: tuple[Identification, ...]
     report: str
 
@@ -59,7 +60,7 @@ def analyse(
         recordings, validation = recordings_of(given), recordings_of(tried)
         first = identify(robot, recordings, validation, progress=part(progress, 0.1, 0.2))
         compared = compare(first, validation[0])
-        found = diagnose(first, recordings, progress=part(progress, 0.2, 0.7))
+        found = advise(examine(first, recordings, progress=part(progress, 0.2, 0.7)))
         ladder = _ladder(first, found, recordings, validation, part(progress, 0.7, 0.85))
         runs = reported_runs(ladder[-1], given, tried, part(progress, 0.85, 0.9))
         progress(0.9, "writing the report")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dynident.diagnosis import diagnose, evidence
+from dynident.advice import advise
+from dynident.diagnosis import evidence, examine
 from dynident.diagnosis.changes import together
 from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
 from dynident.progress import part
@@ -23,7 +24,7 @@ def diagnose_model(task: Task) -> Outcome:
     model = model_by_id(task, request.identification_id)
     recordings = recordings_by_id(task, measurement_ids)
     earlier = recordings_by_id(task, request.baseline_ids)
-    found = diagnose(
+    examined = examine(
         model,
         recordings,
         baseline=earlier,
@@ -31,6 +32,7 @@ def diagnose_model(task: Task) -> Outcome:
         most_effects=request.max_effects or DEFAULT_MOST_EFFECTS,
         progress=part(task.progress, 0.0, 0.9),
     )
+    found = advise(examined)
     shown, seen, _ = together(model, earlier, recordings) if earlier else (model, recordings, ())
     drawn = evidence(shown, found.candidates, seen, part(task.progress, 0.9, 1.0))
     kept = task.keep("evidence", write_evidence(drawn, model.model.robot), "application/json")

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import overload
 
+from dynident.advice import AdvisedDiagnosis, advise
 from dynident.desk.diagnosing import check_some
 from dynident.desk.figure import Figure, figure_of
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
 from dynident.desk.texts import text_table
-from dynident.diagnosis import Change, Diagnosis
-from dynident.diagnosis import diagnose as diagnose_model
+from dynident.diagnosis import Change, examine
 from dynident.errors import DynidentError
 from dynident.html import block, folded, listed, paragraph, table
 from dynident.identification import Identification
@@ -32,7 +32,7 @@ class Changes(Sequence[Change]):
     model: Model
     before: Recordings
     after: Recordings
-    diagnosis: Diagnosis
+    diagnosis: AdvisedDiagnosis
 
     @property
     def summary(self) -> str:
@@ -113,11 +113,11 @@ def changes(
     known, earlier, later = as_model(model), as_recordings(before), as_recordings(after)
     check_some(earlier, "before")
     check_some(later, "after")
-    found = diagnose_model(
+    examined = examine(
         known.identification,
         later.recordings,
         baseline=earlier.recordings,
         candidates=candidates,
         progress=progress,
     )
-    return Changes(known, earlier, later, found)
+    return Changes(known, earlier, later, advise(examined))

@@ -6,21 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
 from dynident.desk.figure import Figure, figure_of
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
 from dynident.desk.texts import text_table
 from dynident.diagnosis import (
-    Diagnosis,
     Evidence,
     Invisible,
-    NextExperiment,
     RankedEffect,
     UnknownPattern,
     evidence,
+    examine,
 )
-from dynident.diagnosis import diagnose as diagnose_model
 from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
@@ -40,7 +39,7 @@ class DiagnosedModel:
 
     model: Model
     recordings: Recordings
-    diagnosis: Diagnosis
+    diagnosis: AdvisedDiagnosis
 
     @property
     def verdict(self) -> str:
@@ -146,14 +145,14 @@ def diagnose(
         known.check_data("diagnose the model")
     learnt = known.recordings if recordings is None else as_recordings(recordings)
     check_some(learnt, "recordings")
-    found = diagnose_model(
+    examined = examine(
         known.identification,
         learnt.recordings,
         candidates=candidates,
         most_effects=most_effects,
         progress=progress,
     )
-    return DiagnosedModel(known, learnt, found)
+    return DiagnosedModel(known, learnt, advise(examined))
 
 
 def check_some(recordings: Recordings, name: str) -> None:

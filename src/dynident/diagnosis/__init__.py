@@ -1,11 +1,12 @@
-"""Compare, find where the model fails, rank what is missing, advise the next experiment."""
+"""Compare, find where the model fails, rank what is missing, say what is left open."""
 
 from dynident.diagnosis.comparing.autocorrelation import Autocorrelation, autocorrelation
 from dynident.diagnosis.comparing.compare import Comparison, WorstStretch, compare
 from dynident.diagnosis.comparing.judging import Judgement, RepeatedMotion, judge
 from dynident.diagnosis.comparing.noise import LackOfFit, NoiseFloor, floor_of
 from dynident.diagnosis.comparing.spectrum import ResidualSpectrum, angle_spectrum, time_spectrum
-from dynident.diagnosis.diagnose import diagnose
+from dynident.diagnosis.diagnose import Examination, diagnose, examine
+from dynident.diagnosis.doubts import Doubt
 from dynident.diagnosis.evidence import Evidence, evidence
 from dynident.diagnosis.result import (
     Change,
@@ -13,7 +14,6 @@ from dynident.diagnosis.result import (
     Diagnosis,
     FailureSpot,
     Invisible,
-    NextExperiment,
     RankedEffect,
     UnknownPattern,
 )
@@ -24,12 +24,13 @@ __all__ = [
     "ChangedValue",
     "Comparison",
     "Diagnosis",
+    "Doubt",
     "Evidence",
+    "Examination",
     "FailureSpot",
     "Invisible",
     "Judgement",
     "LackOfFit",
-    "NextExperiment",
     "NoiseFloor",
     "RankedEffect",
     "RepeatedMotion",
@@ -41,6 +42,7 @@ __all__ = [
     "compare",
     "diagnose",
     "evidence",
+    "examine",
     "floor_of",
     "judge",
     "time_spectrum",

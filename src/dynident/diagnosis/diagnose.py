@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.advice.doubts import doubts_of
-from dynident.diagnosis.advice.next_experiment import next_experiment
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.changes import changes_of, summary_of, together
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import sensor_noise
+from dynident.diagnosis.doubts import Doubt, doubts_of
 from dynident.diagnosis.friction_since import friction_since, with_friction_differences
 from dynident.diagnosis.residuals.failure_map import failure_map
 from dynident.diagnosis.residuals.leads import find_leads
@@ -49,7 +49,21 @@ _AT_FIRST = (
 )
 
 
-@single_threaded
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """A diagnosis, the doubts that it leaves open, most important first, and what it was made from.
+
+    `identification` is the model in question, identified on both sets of recordings where there was a baseline;
+    `comparisons` are it beside each of `recordings`, from which tests of single joints' friction are left out.
+    """
+
+    diagnosis: Diagnosis
+    doubts: tuple[Doubt, ...]
+    identification: Identification
+    comparisons: tuple[Comparison, ...]
+    recordings: tuple[Recording, ...]
+
+
 def diagnose(
     identification: Identification,
     recordings: Sequence[Recording],
@@ -75,6 +89,27 @@ def diagnose(
     most_effects : int
         At most so many effects are recommended.
     """
+    return examine(
+        identification,
+        recordings,
+        baseline=baseline,
+        candidates=candidates,
+        most_effects=most_effects,
+        progress=progress,
+    ).diagnosis
+
+
+@single_threaded
+def examine(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    *,
+    baseline: Sequence[Recording] = (),
+    candidates: Sequence[str] | None = None,
+    most_effects: int = DEFAULT_MOST_EFFECTS,
+    progress: Progress = silent,
+) -> Examination:
+    """Find what is missing as `diagnose` does, and keep what advice on the next experiment is made from."""
     for index, name in enumerate(candidates or ()):
         effect_by_id(name, f"/candidates/{index}")
     recordings, _ = motions_and_friction(recordings)
@@ -131,7 +166,7 @@ def diagnose(
     if changes is not None:
         sentences.insert(0, summary_of(changes, friction))
     progress(1.0, "diagnosed")
-    return Diagnosis(
+    diagnosis = Diagnosis(
         verdict=verdict,
         summary=" ".join(sentences),
         noise_floor=floor,
@@ -141,15 +176,11 @@ def diagnose(
         unknown=unknown,
         not_visible=hidden + too_uncertain(data, pool, start.base, picks, hidden),
         failure_map=failure_map(comparisons),
-        next_experiment=next_experiment(
-            identification,
-            comparisons,
-            doubts_of(picks, recommended, hidden, model.robot, first, candidates or ()),
-            recordings,
-        ),
         changes=changes,
         friction=friction,
     )
+    doubts = doubts_of(picks, recommended, hidden, model.robot, first, candidates or ())
+    return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
 
 
 def _start(data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray) -> State:

@@ -7,7 +7,6 @@ from typing import Literal
 
 from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice
-from dynident.excitation import DesignRequest
 
 Adequacy = Literal["adequate", "missing_effect", "unexplained"]
 Variable = Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]
@@ -121,42 +120,6 @@ class FailureSpot:
     ratio: float
 
 
-@dataclass(frozen=True)
-class Separation:
-    """How well an effect can be told from all else that may explain the same residual.
-
-    `share` is what is left of its column beside the model and its rival; `standard_deviation`, in `unit`, that of the
-    parameter which comes out best, infinite where nothing determines it; `t_value` the amplitude found so far over it,
-    `None` where none is known.
-    """
-
-    parameter: str
-    unit: str
-    share: float
-    standard_deviation: float
-    t_value: float | None
-
-
-@dataclass(frozen=True)
-class NextExperiment:
-    """A motion that would tell more: why, the design, and what people have to do beside running it.
-
-    `present_separation` is that of the data at hand, `expected_separation` that of these data and the motion together;
-    `None` where it rests on more than the motion (a temperature, a touch).
-    """
-
-    reason: str
-    design: DesignRequest
-    present_separation: Separation | None = None
-    expected_separation: Separation | None = None
-    instructions: tuple[str, ...] = ()
-
-    @property
-    def kind(self) -> str:
-        """The kind of design."""
-        return self.design.kind
-
-
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """The verdict on a model, what is missing in it, and what the data could not tell.
@@ -175,7 +138,6 @@ class Diagnosis:
     unknown: tuple[UnknownPattern, ...]
     not_visible: tuple[Invisible, ...]
     failure_map: tuple[FailureSpot, ...]
-    next_experiment: NextExperiment | None
     changes: tuple[Change, ...] | None = None
     friction: tuple[FrictionDifference, ...] = ()
 

@@ -36,7 +36,8 @@ def changes(
     """
     import json
 
-    from dynident.diagnosis import diagnose
+    from dynident.advice import advise
+    from dynident.diagnosis import examine
     from dynident.progress import part
     from dynident_service.adapters.diagnoses import describe_diagnosis
     from dynident_service.cli import inputs, shown, terminal
@@ -50,12 +51,13 @@ def changes(
         inputs.loaded([*before, *after], robot, options, part(progress, 0.0, 0.3)) as (given, _),
     ):
         recordings = inputs.recordings_of(given)
-        found = diagnose(
+        examined = examine(
             identification,
             recordings[len(before) :],
             baseline=recordings[: len(before)],
             progress=part(progress, 0.3, 1.0),
         )
+        found = advise(examined)
     document = plain(describe_diagnosis(found, robot.name))
     if out is not None:
         inputs.write_whole(out, json.dumps(document, indent=1).encode())

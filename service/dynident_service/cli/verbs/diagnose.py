@@ -26,7 +26,8 @@ def diagnose(
     """
     import json
 
-    from dynident.diagnosis import diagnose as diagnose_model
+    from dynident.advice import advise
+    from dynident.diagnosis import examine
     from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
     from dynident.progress import part
     from dynident_service.adapters.diagnoses import describe_diagnosis
@@ -41,13 +42,14 @@ def diagnose(
         terminal.progress_bar("diagnose") as progress,
         inputs.loaded(measurements, robot, options, part(progress, 0.0, 0.3)) as (given, _),
     ):
-        found = diagnose_model(
+        examined = examine(
             identification,
             inputs.recordings_of(given),
             candidates=names,
             most_effects=max_effects or DEFAULT_MOST_EFFECTS,
             progress=part(progress, 0.3, 1.0),
         )
+        found = advise(examined)
     document = plain(describe_diagnosis(found, robot.name))
     if out is not None:
         inputs.write_whole(out, json.dumps(document, indent=1).encode())

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from dynident.diagnosis import Change, Diagnosis, FailureSpot, NextExperiment, RankedEffect, UnknownPattern, evidence
+from dynident.advice import AdvisedDiagnosis, NextExperiment
+from dynident.diagnosis import Change, Diagnosis, FailureSpot, RankedEffect, UnknownPattern, evidence
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification
 from dynident.recordings import Recording
@@ -125,7 +126,7 @@ def diagnosis_section(
         tuple((pattern, percent(pattern.share, 2)) for pattern in diagnosis.unknown),
         tuple(_invisible(diagnosis, robot)),
         tuple(_spot(spot, robot) for spot in diagnosis.failure_map[:_MOST_SPOTS]),
-        diagnosis.next_experiment,
+        diagnosis.next_experiment if isinstance(diagnosis, AdvisedDiagnosis) else None,
     )
     return Section("diagnosis", "Diagnosis", "diagnosis", content)
 

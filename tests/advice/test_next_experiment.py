@@ -8,15 +8,16 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hidden_effects import BAND, CASES, NAMES, ROBOT, WITH_OFFSET, Experiment, experiment, nothing, recorded
+from hidden_physics import BAND, CASES, NAMES, ROBOT, WITH_OFFSET, Experiment, experiment, nothing, recorded
 from oracles import fourier_motion
 
-from dynident.diagnosis import Comparison, NextExperiment, compare
-from dynident.diagnosis.advice.doubts import Doubt, doubts_of
-from dynident.diagnosis.advice.kinds import EXPERIMENTS, Question
-from dynident.diagnosis.advice.next_experiment import next_experiment, within_the_motion
-from dynident.diagnosis.advice.pairs import experiment_for
+from dynident.advice import NextExperiment
+from dynident.advice.kinds import EXPERIMENTS, Question
+from dynident.advice.next_experiment import next_experiment, within_the_motion
+from dynident.advice.pairs import experiment_for
+from dynident.diagnosis import Comparison, compare
 from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.doubts import Doubt, doubts_of
 from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, effect_by_id

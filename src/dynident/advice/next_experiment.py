@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray
-from dynident.diagnosis.advice.doubts import Doubt
-from dynident.diagnosis.advice.kinds import EXPERIMENTS, Experiment, Question
-from dynident.diagnosis.advice.pairs import experiment_for
-from dynident.diagnosis.advice.separation import (
+from dynident.advice.kinds import EXPERIMENTS, Experiment, Question
+from dynident.advice.pairs import experiment_for
+from dynident.advice.result import NextExperiment, Separation
+from dynident.advice.separation import (
     NormalEquations,
     Rows,
     amplitudes,
@@ -20,8 +19,9 @@ from dynident.diagnosis.advice.separation import (
     rows_of,
     separation,
 )
+from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.result import NextExperiment, Separation
+from dynident.diagnosis.doubts import Doubt
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError

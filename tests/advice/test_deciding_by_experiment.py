@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, on_joint, recorded
+from hidden_physics import BAND, NAMES, ROBOT, WITH_OFFSET, on_joint, recorded
 from oracles import Motion, fourier_motion
 
-from dynident.diagnosis import Diagnosis, RankedEffect, diagnose
+from dynident.advice import AdvisedDiagnosis, advise
+from dynident.diagnosis import Diagnosis, RankedEffect, examine
 from dynident.excitation import Design, design_experiment
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording, recording_from_arrays
@@ -18,9 +19,9 @@ pytestmark = pytest.mark.slow
 JOINT = NAMES[0]
 
 
-def diagnosed(*runs: Recording) -> Diagnosis:
+def diagnosed(*runs: Recording) -> AdvisedDiagnosis:
     identification = identify(ROBOT, runs, [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
-    return diagnose(identification, runs)
+    return advise(examine(identification, runs))
 
 
 def significant(found: Diagnosis) -> list[RankedEffect]:

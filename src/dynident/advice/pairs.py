@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynident.diagnosis.advice.kinds import EXPERIMENTS, Experiment
+from dynident.advice.kinds import EXPERIMENTS, Experiment
 from dynident.effects import Effect, ExperimentKind, effect_by_id
 
 

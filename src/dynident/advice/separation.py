@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.advice.result import Separation
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.result import Separation
 from dynident.estimation.correlation import overstatement
 from dynident.estimation.least_squares import floored
 from dynident.excitation import Rehearsal

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET
+from hidden_physics import BAND, NAMES, ROBOT, WITH_OFFSET
 from oracles import Motion, fourier_motion
 
-from dynident.diagnosis import Diagnosis, diagnose
+from dynident.advice import AdvisedDiagnosis, advise
+from dynident.diagnosis import examine
 from dynident.excitation import Design, design_experiment
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording, recording_from_arrays
@@ -46,9 +47,9 @@ def with_a_stiff_wrist(motion: Motion) -> Motion:
     return replace(motion, q=q, dq=dq, ddq=ddq)
 
 
-def diagnosed(*runs: Recording) -> Diagnosis:
+def diagnosed(*runs: Recording) -> AdvisedDiagnosis:
     found = identify(ROBOT, runs, [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
-    return diagnose(found, runs, candidates=("payload",))
+    return advise(examine(found, runs, candidates=("payload",)))
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,0 @@
-"""The experiment that would decide what the data could not."""
