@@ -44,7 +44,7 @@ from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.search import contest, search
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.identification import identify
-from dynident.identification.shapes import between
+from dynident.identification.shapes.shapes import between
 from dynident.regressors.model import Model
 
 RIVALS, STARTS = 0.3, 12

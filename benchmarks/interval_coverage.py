@@ -33,8 +33,8 @@ from dynident.effects.memory import step
 from dynident.estimation import CovarianceName, statistics
 from dynident.identification import Identification, IdentificationChoices, identify, identify_model
 from dynident.identification.choices import AVAILABLE_COVARIANCES, EstimatorName
-from dynident.identification.prediction import predict
-from dynident.identification.shapes import refine_shapes
+from dynident.identification.shapes.shapes import refine_shapes
+from dynident.identification.study.prediction import predict
 from dynident.progress import silent
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays
 from dynident.regressors.model import build_model

@@ -15,7 +15,7 @@ from dynident.diagnosis.search.own_constants import joined
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice
 from dynident.identification import extend
-from dynident.identification.shapes import nearly_alike
+from dynident.identification.shapes.shapes import nearly_alike
 
 SHORT, LONG = 0.006, 0.024
 

@@ -18,8 +18,8 @@ from dynident.diagnosis.search.source import Source
 from dynident.diagnosis.search.state import State, judge_all, noise_left
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.shape_columns import shape_places
-from dynident.identification.shapes import between
+from dynident.identification.shapes.shape_columns import shape_places
+from dynident.identification.shapes.shapes import between
 from dynident.robot import Robot
 
 

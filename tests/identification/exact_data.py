@@ -8,7 +8,7 @@ import numpy as np
 from oracles import Motion, pinocchio_torque, random_states
 
 from dynident.estimation import FactorAccumulator, concatenate
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
 from dynident.robot import Robot

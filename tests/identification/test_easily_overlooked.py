@@ -13,7 +13,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import FactorAccumulator, instrumental, known_values, weighted
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.estimators.feasible_problem import _not_negative
-from dynident.identification.prediction import predict
+from dynident.identification.study.prediction import predict
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 

@@ -15,12 +15,12 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import weighted, weighted_factor
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.data import reduced
-from dynident.identification.entropic import EntropicPrior, entropic_prior
+from dynident.identification.equations.data import reduced
 from dynident.identification.estimators.feasible import nearest
 from dynident.identification.estimators.feasible_problem import believed_of, problem_of
-from dynident.identification.prior import belief_of, prior_of
-from dynident.identification.storage import from_bytes, to_bytes
+from dynident.identification.prior.entropic import EntropicPrior, entropic_prior
+from dynident.identification.prior.prior import belief_of, prior_of
+from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_urdf

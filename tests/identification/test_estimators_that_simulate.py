@@ -12,11 +12,11 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import ordinary, statistics
 from dynident.identification import IdentificationChoices, identify, remove
-from dynident.identification.commanded_motion import commanded_motion
-from dynident.identification.data import torque_of
+from dynident.identification.equations.data import torque_of
+from dynident.identification.estimators.commanded_motion import commanded_motion
+from dynident.identification.estimators.recorded_motion import whole_segments
 from dynident.identification.estimators.simulated_motion import movable_simulator, simulated_motion
 from dynident.identification.estimators.simulating import instrumental_variables
-from dynident.identification.recorded_motion import whole_segments
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 

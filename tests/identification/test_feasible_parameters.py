@@ -15,9 +15,9 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.estimation import errors, statistics, weighted_factor
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.estimators.feasible import feasible
-from dynident.identification.storage import from_bytes, to_bytes
+from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS, pseudo_inertia, smallest_pseudo_inertia
 

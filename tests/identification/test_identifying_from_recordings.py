@@ -14,7 +14,7 @@ from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
-from dynident.identification.inertia import random_postures, smallest_inertia_eigenvalue
+from dynident.identification.parameters.inertia import random_postures, smallest_inertia_eigenvalue
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import to_pinocchio

@@ -12,9 +12,9 @@ from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
-from dynident.identification.model_equations import with_constants
-from dynident.identification.removing import remove
-from dynident.identification.storage import from_bytes, to_bytes
+from dynident.identification.equations.model_equations import with_constants
+from dynident.identification.study.removing import remove
+from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.progress import silent
 from dynident.recordings import Preprocessing, motion_band
 from dynident.regressors.model import build_model

@@ -20,7 +20,7 @@ from dynident.identification import (
     remove,
     to_bytes,
 )
-from dynident.identification.essential import essential_parameters
+from dynident.identification.study.essential import essential_parameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.rows import MOST_VALUES
 

@@ -11,7 +11,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, known_values
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.data import reduced
+from dynident.identification.equations.data import reduced
 from dynident.identification.estimators.kalman import noise_of
 from dynident.identification.estimators.kalman_run import run_filter
 from dynident.identification.estimators.torque_function import TorqueFunction

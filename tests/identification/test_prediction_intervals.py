@@ -9,8 +9,8 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.dependence import parameter_dependence
-from dynident.identification.prediction import predict
+from dynident.identification.study.dependence import parameter_dependence
+from dynident.identification.study.prediction import predict
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("scara")

@@ -13,9 +13,9 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, solve, weighted_factor
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.belief import Belief, parted
-from dynident.identification.prior import belief_of, prior_of
-from dynident.identification.storage import from_bytes, to_bytes
+from dynident.identification.prior.belief import Belief, parted
+from dynident.identification.prior.prior import belief_of, prior_of
+from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import Robot

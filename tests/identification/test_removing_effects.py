@@ -10,7 +10,8 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.identification import IdentificationChoices, extend, from_bytes, gain, identify, remove, to_bytes
+from dynident.identification import IdentificationChoices, extend, from_bytes, identify, remove, to_bytes
+from dynident.identification.study import gain
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("ur10")

@@ -15,10 +15,10 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, errors
 from dynident.identification import IdentificationChoices, identify
+from dynident.identification.equations.unseen import unseen_parameters
 from dynident.identification.strategies.by_name import fit
 from dynident.identification.strategies.sequential import only, steps_of, wrist_joints
 from dynident.identification.strategies.steps import Findings, take_step
-from dynident.identification.warnings import unseen_parameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_urdf

@@ -10,7 +10,7 @@ from dynident.effects import STOP, EffectChoice, MemorySignal
 from dynident.effects.memory import step
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.shapes import (
+from dynident.identification.shapes.shapes import (
     check_shapes_given,
     complete_shapes,
     find_shapes,

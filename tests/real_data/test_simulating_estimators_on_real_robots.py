@@ -10,8 +10,8 @@ import pytest
 from test_real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, pytestmark, robot  # noqa: F401
 
 from dynident.identification import identify
-from dynident.identification.dependence import parameter_dependence
-from dynident.identification.essential import essential_parameters
+from dynident.identification.study.dependence import parameter_dependence
+from dynident.identification.study.essential import essential_parameters
 from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
 
 

@@ -9,7 +9,7 @@ from oracles import arm, pinocchio_torque
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors, errors, moving_errors, weighted
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.storage import from_bytes, to_bytes
+from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.recordings.phases import phases_of
 from dynident.regressors.model import build_model

@@ -16,7 +16,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction, errors, ordinary, solve, statistics, weighted
 from dynident.estimation.nuisance import without_nuisance
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.removing import remove
+from dynident.identification.study.removing import remove
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.regressors.base_wrench import wrench_model
 from dynident.regressors.forms import wrench_form

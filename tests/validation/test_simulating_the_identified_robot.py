@@ -12,8 +12,8 @@ from oracles import pinocchio_torque
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.recorded_motion import longest_stretch
-from dynident.identification.simulator import simulator_of
+from dynident.identification.estimators.recorded_motion import longest_stretch
+from dynident.identification.estimators.simulator import simulator_of
 from dynident.validation import filters_by_simulation, sensor_noise, validate_simulation
 
 

@@ -12,7 +12,7 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.inertia import joint_range, random_postures, smallest_inertia_eigenvalue
+from dynident.identification.parameters.inertia import joint_range, random_postures, smallest_inertia_eigenvalue
 from dynident.robot import to_pinocchio
 from dynident.validation import validate_inertia_matrix
 from dynident.validation.inertia_matrix import _Search

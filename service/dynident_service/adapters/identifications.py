@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dynident.effects import EffectChoice
 from dynident.effects.catalogue import check_shape, joints_of
 from dynident.identification import Identification, IdentificationChoices
-from dynident.identification.data import motions_and_friction
-from dynident.identification.dependence import parameter_dependence
-from dynident.identification.essential import EssentialPath
-from dynident.identification.shapes import check_shapes_given
+from dynident.identification.equations.data import motions_and_friction
+from dynident.identification.shapes.shapes import check_shapes_given
+from dynident.identification.study.dependence import parameter_dependence
+from dynident.identification.study.essential import EssentialPath
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
 from dynident.robot import Robot
 from dynident_service.adapters.answers import show_errors, shown

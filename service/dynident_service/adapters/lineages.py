@@ -8,7 +8,7 @@ from itertools import zip_longest
 import numpy as np
 
 from dynident.identification import Identification
-from dynident.identification.gain import best_of
+from dynident.identification.study.gain import best_of
 from dynident_service.adapters.answers import shown
 from dynident_service.adapters.identifications import show_fit
 from dynident_service.models.common import EffectChoice

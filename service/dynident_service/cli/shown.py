@@ -11,8 +11,8 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.written import effect_text
 from dynident.estimation import Errors
 from dynident.identification import Identification
-from dynident.identification.dependence import parameter_dependence
-from dynident.identification.essential import EssentialPath
+from dynident.identification.study.dependence import parameter_dependence
+from dynident.identification.study.essential import EssentialPath
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports.change_rows import COLUMNS, change_rows

@@ -7,7 +7,7 @@ from itertools import zip_longest
 from rich.console import Console
 
 from dynident.identification import Identification
-from dynident.identification.gain import best_rung
+from dynident.identification.study.gain import best_rung
 from dynident.reports.numbers import percent
 from dynident.reports.words import best_rung_text, rung_mark
 from dynident_service.cli.shown import choice_text

@@ -111,7 +111,7 @@ def remove_from_identification(
     identification_id: str, body: RemovalRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Take effects out of an identified model: a new identification, whose parent is this one."""
-    from dynident.identification.removing import effects_without
+    from dynident.identification.study.removing import effects_without
     from dynident_service.adapters.effects import choices_of, show_choice
     from dynident_service.adapters.robots import robot_of
 

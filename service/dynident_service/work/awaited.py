@@ -8,8 +8,8 @@ from typing import Any
 
 from dynident.export import ExportedFile, ExportFormat
 from dynident.identification import Identification, from_bytes
-from dynident.identification.dependence import parameter_dependence
-from dynident.identification.essential import essential_parameters
+from dynident.identification.study.dependence import parameter_dependence
+from dynident.identification.study.essential import essential_parameters
 from dynident.recordings import RecordingError
 from dynident.robot.collision import collision_meshes
 from dynident_service.adapters.answers import shown

@@ -10,7 +10,7 @@ from dynident.effects import EffectChoice
 from dynident.effects.catalogue import check_shape, joints_of
 from dynident.effects.written import written_effects
 from dynident.errors import DynidentError
-from dynident.identification.shapes import check_shapes_given
+from dynident.identification.shapes.shapes import check_shapes_given
 from dynident.robot import Robot
 
 _TITLE = "Nothing to add"

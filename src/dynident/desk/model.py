@@ -18,7 +18,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.html import block, folded, listed, paragraph, table
 from dynident.identification import Identification, extend, remove, to_bytes
-from dynident.identification.gain import best_rung
+from dynident.identification.study.gain import best_rung
 from dynident.progress import Progress, silent
 from dynident.reports.numbers import counted, number, percent
 from dynident.reports.words import place_text, rung_mark, shape_text, title_of

@@ -13,9 +13,9 @@ from dynident.effects import effect_by_id
 from dynident.effects.catalogue import is_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, identify_model
-from dynident.identification.checks import check_runs, check_temperature
 from dynident.identification.choices import PriorName
-from dynident.identification.data import motions_and_friction
+from dynident.identification.equations.checks import check_runs, check_temperature
+from dynident.identification.equations.data import motions_and_friction
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording
 

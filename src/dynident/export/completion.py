@@ -20,7 +20,7 @@ from dynident.estimation import errors
 from dynident.estimation.semidefinite import Equations, InfeasibleError, constrained_least_squares
 from dynident.export.unknowns import Unknowns
 from dynident.identification import Identification
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.estimators.feasible import feasible
 
 # Least eigenvalues of a link's pseudo-inertia, in units of its usual mass and size, that are tried one after the other.

@@ -11,7 +11,7 @@ from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import effect_by_id, role_of
 from dynident.errors import DynidentError
 from dynident.estimation.semidefinite import MatrixBound
-from dynident.identification.standard import StandardParameters
+from dynident.identification.parameters.standard import StandardParameters
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 from dynident.lazy import lazily
 
 if TYPE_CHECKING:
-    from dynident.identification.again import reidentify
     from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.identifying import extend, identify, identify_model
     from dynident.identification.loads.current_units import CurrentModel, identify_currents
     from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
     from dynident.identification.loads.weighing import PayloadVerdict, payload_from_pair
-    from dynident.identification.removing import remove
-    from dynident.identification.result import Identification, IdentifiedParameter
-    from dynident.identification.shape_constants import ShapeConstant
-    from dynident.identification.standard import StandardParameters
-    from dynident.identification.storage import from_bytes, to_bytes
+    from dynident.identification.parameters.standard import StandardParameters
+    from dynident.identification.shapes.shape_constants import ShapeConstant
+    from dynident.identification.study.again import reidentify
+    from dynident.identification.study.identifying import extend, identify, identify_model
+    from dynident.identification.study.removing import remove
+    from dynident.identification.study.result import Identification, IdentifiedParameter
+    from dynident.identification.study.storage import from_bytes, to_bytes
 
 __all__ = [
     "CurrentModel",
@@ -47,9 +47,9 @@ if not TYPE_CHECKING:
     __getattr__ = lazily(
         __name__,
         {
-            "again": ("reidentify",),
+            "study.again": ("reidentify",),
             "choices": ("IdentificationChoices",),
-            "identifying": (
+            "study.identifying": (
                 "extend",
                 "identify",
                 "identify_model",
@@ -68,14 +68,14 @@ if not TYPE_CHECKING:
                 "PayloadVerdict",
                 "payload_from_pair",
             ),
-            "removing": ("remove",),
-            "result": (
+            "study.removing": ("remove",),
+            "study.result": (
                 "Identification",
                 "IdentifiedParameter",
             ),
-            "shape_constants": ("ShapeConstant",),
-            "standard": ("StandardParameters",),
-            "storage": (
+            "shapes.shape_constants": ("ShapeConstant",),
+            "parameters.standard": ("StandardParameters",),
+            "study.storage": (
                 "from_bytes",
                 "to_bytes",
             ),

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from dynident.arrays import FloatArray
 from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
-from dynident.identification.gain import BestRung
-from dynident.identification.judgement import ParameterJudgement
-from dynident.identification.shape_constants import ShapeConstant, ShapeJudgement
+from dynident.identification.parameters.judgement import ParameterJudgement
+from dynident.identification.shapes.shape_constants import ShapeConstant, ShapeJudgement
+from dynident.identification.study.gain import BestRung
 from dynident.reports.numbers import estimate
 from dynident.robot import Robot
 from dynident.robot.pointers import listed

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import Estimator
 from dynident.regressors.model import Model

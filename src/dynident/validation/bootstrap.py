@@ -16,9 +16,9 @@ from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statist
 from dynident.estimation.bootstrap import DRAWS
 from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied
 from dynident.identification import Identification
-from dynident.identification.identifying import least_squares_of_torque
-from dynident.identification.shape_columns import shape_places
-from dynident.identification.shape_constants import looked_at_shapes
+from dynident.identification.shapes.shape_columns import shape_places
+from dynident.identification.shapes.shape_constants import looked_at_shapes
+from dynident.identification.study.identifying import least_squares_of_torque
 from dynident.progress import Progress, silent
 from dynident.threads import single_threaded
 from dynident.validation.verdict import Judged

@@ -16,8 +16,8 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import share_of_measured, weighted
 from dynident.identification import Identification
-from dynident.identification.recorded_motion import RecordedMotion, longest_stretch
-from dynident.identification.simulator import Simulator, simulator_of
+from dynident.identification.estimators.recorded_motion import RecordedMotion, longest_stretch
+from dynident.identification.estimators.simulator import Simulator, simulator_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import (
     FurtherColumns,

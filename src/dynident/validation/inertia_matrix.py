@@ -17,7 +17,7 @@ from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
-from dynident.identification.inertia import joint_range, random_postures
+from dynident.identification.parameters.inertia import joint_range, random_postures
 from dynident.progress import Progress, silent
 from dynident.regressors.model import Model
 from dynident.robot.model import Robot

@@ -13,7 +13,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, errors, moving_errors, share_of_measured
 from dynident.identification import Identification
 from dynident.identification.choices import IdentificationChoices, ModelName
-from dynident.identification.data import Data, reduced, torque_of
+from dynident.identification.equations.data import Data, reduced, torque_of
 from dynident.identification.strategies.by_name import fit
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, errors, moving_errors
 from dynident.identification import Identification
-from dynident.identification.data import torque_of
+from dynident.identification.equations.data import torque_of
 from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording

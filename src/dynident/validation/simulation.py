@@ -12,8 +12,8 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
-from dynident.identification.recorded_motion import RecordedMotion, longest_stretch
-from dynident.identification.simulator import simulator_of
+from dynident.identification.estimators.recorded_motion import RecordedMotion, longest_stretch
+from dynident.identification.estimators.simulator import simulator_of
 from dynident.identification.thresholds import LARGEST_ERROR
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, low_pass

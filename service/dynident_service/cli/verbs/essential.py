@@ -22,7 +22,7 @@ def essential(
     --out writes the model with the essential parameters estimated anew, the others at zero.
     """
     from dynident.identification import to_bytes
-    from dynident.identification.essential import essential_parameters
+    from dynident.identification.study.essential import essential_parameters
     from dynident_service.adapters.identifications import describe_essential
     from dynident_service.cli import inputs, shown, terminal
     from dynident_service.models.common import plain

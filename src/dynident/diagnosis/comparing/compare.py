@@ -14,7 +14,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors, distance_to_band
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
-from dynident.identification.prediction import prediction_deviation
+from dynident.identification.study.prediction import prediction_deviation
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording, SampleBlock
 from dynident.recordings.phases import Phase, PhaseArray

@@ -20,7 +20,7 @@ from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.search.choosing import choose, is_seldom_change
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.effects import EffectChoice
-from dynident.identification.shapes import between
+from dynident.identification.shapes.shapes import between
 from dynident.regressors.model import Model
 
 # `benchmarks/equal_terms.py` calibrates these; seeds 1 to 3 and 5.

@@ -16,7 +16,7 @@ from dynident.diagnosis.search.contest import finer_pool, says_as_much, starts
 from dynident.diagnosis.search.reconsidering import Rows, is_of_position
 from dynident.diagnosis.search.state import Finding, State, judge_all
 from dynident.effects import effect_by_id
-from dynident.identification.shapes import between
+from dynident.identification.shapes.shapes import between
 
 
 def by_one_name(rows: Rows, data: PhasedProducts, pool: Pool, state: State) -> State:

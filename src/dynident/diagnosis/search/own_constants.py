@@ -12,7 +12,7 @@ from dynident.diagnosis.residuals.resolution import Resolution
 from dynident.diagnosis.residuals.stretches import t_of
 from dynident.diagnosis.search.state import Finding, State, judge_all, judge_one
 from dynident.effects import EffectChoice, effect_by_id
-from dynident.identification.shapes import nearly_alike
+from dynident.identification.shapes.shapes import nearly_alike
 from dynident.robot import Robot
 
 _OWN_DROP, _OWN_T = 0.1, 2.5

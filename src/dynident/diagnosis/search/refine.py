@@ -19,7 +19,7 @@ from dynident.diagnosis.search.transients import without_faded_contacts
 from dynident.effects import EffectChoice, columns_of, effect_by_id
 from dynident.estimation import EstimationError, weighted
 from dynident.identification import Identification
-from dynident.identification.shapes import refine_shapes
+from dynident.identification.shapes.shapes import refine_shapes
 from dynident.progress import Progress, part
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.extension import extended_model

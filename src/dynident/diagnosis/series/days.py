@@ -18,8 +18,8 @@ from dynident.effects.catalogue import columns_everywhere
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification import Identification
-from dynident.identification.checks import check_runs, check_temperature
-from dynident.identification.data import motions_and_friction
+from dynident.identification.equations.checks import check_runs, check_temperature
+from dynident.identification.equations.data import motions_and_friction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model

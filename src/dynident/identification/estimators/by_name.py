@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dynident.estimation import Information
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
 from dynident.regressors.model import Model
 

@@ -20,7 +20,7 @@ from dynident.estimation import Information, Reduction, Solution, errors, noise_
 from dynident.estimation.least_squares import doubtful_noise, weighted_factor, weights_settled
 from dynident.estimation.semidefinite import Constrained
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.estimators.feasible_problem import Believed, FeasibleProblem, believed_of, problem_of
 from dynident.identification.fit import Fit
 from dynident.regressors.model import Model

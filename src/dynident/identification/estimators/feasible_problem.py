@@ -13,12 +13,12 @@ from dynident.estimation import Information, Reduction, Solution
 from dynident.estimation.deviations import deviations, null_space
 from dynident.estimation.least_squares import doubtful_noise, weighted_factor
 from dynident.estimation.semidefinite import Constrained, InfeasibleError, MatrixBound, constrained_least_squares
-from dynident.identification.belief import Belief, parted
-from dynident.identification.bodies import Body, bodies_of
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.entropic import EntropicPrior, entropic_prior
-from dynident.identification.prior import belief_of
-from dynident.identification.standard import StandardParameters
+from dynident.identification.parameters.bodies import Body, bodies_of
+from dynident.identification.parameters.standard import StandardParameters
+from dynident.identification.prior.belief import Belief, parted
+from dynident.identification.prior.entropic import EntropicPrior, entropic_prior
+from dynident.identification.prior.prior import belief_of
 from dynident.regressors.model import Model
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
 

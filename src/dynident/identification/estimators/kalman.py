@@ -24,7 +24,7 @@ from dynident.estimation import (
 from dynident.estimation.kalman import KalmanNoise
 from dynident.estimation.recursive import recursive_statistics
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.estimators.kalman_run import KalmanRun, diverged, run_filter
 from dynident.identification.estimators.simulating import check_simulable
 from dynident.identification.estimators.torque_function import TorqueFunction

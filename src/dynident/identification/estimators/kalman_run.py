@@ -14,7 +14,7 @@ from dynident.estimation import EstimationError, Information, Reduction
 from dynident.estimation.information import covariance_of
 from dynident.estimation.kalman import KalmanFilter, KalmanNoise, KalmanSample
 from dynident.estimation.triangles import triangular
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.estimators.torque_function import TorqueFunction
 from dynident.recordings import Preprocessing, Recording, filtered_blocks
 from dynident.regressors.folding import EquationRows, folded

@@ -19,7 +19,7 @@ from dynident.estimation import Information, Reduction, noise_levels, solve, sta
 from dynident.estimation.least_squares import doubtful_noise, floored
 from dynident.estimation.robust import BISQUARE, HUBER, Influence, robust_scale
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
 from dynident.recordings import Recording
 from dynident.regressors.model import Model

@@ -9,9 +9,9 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.identification.inertia import smallest_inertia_eigenvalue
-from dynident.identification.recorded_motion import RecordedMotion
-from dynident.identification.simulator import Simulator, simulator_of
+from dynident.identification.estimators.recorded_motion import RecordedMotion
+from dynident.identification.estimators.simulator import Simulator, simulator_of
+from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
 from dynident.recordings import Recording, SampleBlock
 from dynident.regressors.model import Model
 from dynident.simulation import Controller

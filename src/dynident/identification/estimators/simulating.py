@@ -16,8 +16,9 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, instrumental, statistics, weighted
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.commanded_motion import commanded_motion
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
+from dynident.identification.estimators.commanded_motion import commanded_motion
+from dynident.identification.estimators.recorded_motion import RecordedMotion, whole_segments
 from dynident.identification.estimators.simulated_motion import (
     BANDWIDTH,
     SimulatedMotion,
@@ -25,7 +26,6 @@ from dynident.identification.estimators.simulated_motion import (
     simulated_motion,
 )
 from dynident.identification.fit import Fit
-from dynident.identification.recorded_motion import RecordedMotion, whole_segments
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, motion_band
 from dynident.regressors.folding import EquationRows, folded
 from dynident.regressors.model import Model

@@ -16,10 +16,10 @@ from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, Solution, Statistics, errors, statistics, weighted
-from dynident.identification.checks import check_recordings, check_temperature
-from dynident.identification.judgement import ParameterJudgement, judged
+from dynident.identification.equations.checks import check_recordings, check_temperature
 from dynident.identification.loads.payloads import PLAIN_EFFECTS, scaled
 from dynident.identification.loads.stated import refuse_coupled_drives, stated_gains
+from dynident.identification.parameters.judgement import ParameterJudgement, judged
 from dynident.identification.strategies.sequential import only
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing

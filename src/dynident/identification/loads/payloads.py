@@ -13,7 +13,7 @@ from dynident.arrays import FloatArray
 from dynident.effects import DEFAULT_EFFECTS, OFFSETS, EffectChoice, effect_by_id, load_in, role_of
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.checks import check_recordings, check_reduction
+from dynident.identification.equations.checks import check_recordings, check_reduction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.model import Model, build_model

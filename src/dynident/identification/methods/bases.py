@@ -11,7 +11,7 @@ from dynident.kinds import Kind, Kinds
 if TYPE_CHECKING:
     from dynident.estimation import Information
     from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.data import Data
+    from dynident.identification.equations.data import Data
     from dynident.identification.fit import Fit
     from dynident.regressors.model import Model
 

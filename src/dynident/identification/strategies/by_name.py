@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from dynident.errors import DynidentError
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
 from dynident.regressors.model import Model
 

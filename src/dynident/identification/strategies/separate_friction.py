@@ -7,7 +7,7 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
 from dynident.identification.strategies.friction_runs import FrictionRuns, friction_columns, friction_runs
 from dynident.identification.strategies.sequential import check_estimator

@@ -9,7 +9,7 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction
 from dynident.identification.choices import IdentificationChoices, StepsName
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import ESTIMATORS, MODELS
 from dynident.identification.strategies.steps import Findings, Step, conclude_steps, take_step

@@ -29,7 +29,7 @@ from dynident.estimation import (
     weighted_factor,
 )
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data
+from dynident.identification.equations.data import Data
 from dynident.identification.estimators.by_name import estimate
 from dynident.identification.fit import Fit
 from dynident.regressors.model import Model

@@ -13,7 +13,7 @@ from dynident.diagnosis import Diagnosis
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.estimation import Errors
 from dynident.identification import Identification
-from dynident.identification.gain import best_rung
+from dynident.identification.study.gain import best_rung
 from dynident.reports.figures.ladder import models_figure
 from dynident.reports.numbers import percent
 from dynident.reports.section import Section

@@ -9,8 +9,8 @@ from types import MappingProxyType
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.estimation import CovarianceName
 from dynident.identification import Identification, IdentifiedParameter
-from dynident.identification.dependence import parameter_dependence
-from dynident.identification.shape_constants import ShapeConstant
+from dynident.identification.shapes.shape_constants import ShapeConstant
+from dynident.identification.study.dependence import parameter_dependence
 from dynident.reports.numbers import estimate, number, percent
 from dynident.reports.section import Section
 from dynident.reports.words import JUDGED, SHAPES_JUDGED, interval_text, place_text, shape_text

@@ -10,7 +10,7 @@ from dynident.identification.methods.bases import Estimator
 if TYPE_CHECKING:
     from dynident.estimation import Information
     from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.data import Data
+    from dynident.identification.equations.data import Data
     from dynident.identification.fit import Fit
     from dynident.regressors.model import Model
 

@@ -9,7 +9,7 @@ from dynident.identification.methods.bases import Strategy
 
 if TYPE_CHECKING:
     from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.data import Data
+    from dynident.identification.equations.data import Data
     from dynident.identification.fit import Fit
     from dynident.regressors.model import Model
 
@@ -29,6 +29,6 @@ class AllAtOnce(Strategy):
     def solve(self, model: Model, choices: IdentificationChoices, data: Data) -> Fit:
         """Solve the data part by part."""
         from dynident.identification.estimators.by_name import estimate
-        from dynident.identification.prior import prior_of, with_prior_said
+        from dynident.identification.prior.prior import prior_of, with_prior_said
 
         return with_prior_said(model, data, estimate(model, choices, data, prior_of(model, choices)), choices)

@@ -9,7 +9,7 @@ from dynident.identification.methods.bases import Strategy
 
 if TYPE_CHECKING:
     from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.data import Data
+    from dynident.identification.equations.data import Data
     from dynident.identification.fit import Fit
     from dynident.regressors.model import Model
 

@@ -11,8 +11,8 @@ import numpy as np
 from dynident.effects import EffectChoice, ShapeSpec, columns_of, effect_by_id
 from dynident.effects.catalogue import joints_of
 from dynident.estimation import CovarianceName, EstimationError, Linearised, Reduction, Solution, linearised
-from dynident.identification.shape_columns import ShapePlace, shape_places
-from dynident.identification.shapes import DOWN, UP
+from dynident.identification.shapes.shape_columns import ShapePlace, shape_places
+from dynident.identification.shapes.shapes import DOWN, UP
 from dynident.identification.thresholds import DETERMINED
 from dynident.regressors.model import Model
 from dynident.robot.model import Robot

@@ -17,7 +17,7 @@ from dynident.estimation import (
     solve,
     weighted_factor,
 )
-from dynident.identification.shape_columns import TINY, ShapePlace, changed_choice, shape_places
+from dynident.identification.shapes.shape_columns import TINY, ShapePlace, changed_choice, shape_places
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.stream import reduce_recordings

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from dynident.arrays import FloatArray
 from dynident.estimation import Statistics, statistics
 from dynident.estimation.dependence import NEVER, CloseTogether, Dependence, HardlySeen, dependence
-from dynident.identification.result import Identification
+from dynident.identification.study.result import Identification
 
 MOST_SENTENCES = 10
 _MOST_PARTS = 5

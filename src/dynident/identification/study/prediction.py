@@ -12,7 +12,7 @@ from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.effects.memory import MemoryStates
 from dynident.errors import DynidentError
-from dynident.identification.result import Identification
+from dynident.identification.study.result import Identification
 from dynident.regressors.observation import Observation
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.identification.recorded_motion import RecordedMotion, whole_segments
+from dynident.identification.estimators.recorded_motion import RecordedMotion, whole_segments
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.commanded import commanded
 

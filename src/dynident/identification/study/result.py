@@ -14,9 +14,9 @@ from dynident.effects import EffectChoice, role_of
 from dynident.estimation import Errors, Reduction, Solution, Statistics, effective_rows, moving_errors, noise_levels
 from dynident.estimation.deviations import owed_to_known
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.judgement import ParameterJudgement, judged
-from dynident.identification.shape_constants import ShapeConstant
-from dynident.identification.standard import StandardParameters
+from dynident.identification.parameters.judgement import ParameterJudgement, judged
+from dynident.identification.parameters.standard import StandardParameters
+from dynident.identification.shapes.shape_constants import ShapeConstant
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
 from dynident.regressors.rows import KeptRows

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.estimation import Reduction
-from dynident.identification.result import Identification
+from dynident.identification.study.result import Identification
 
 SURE, _CHANCE = 2.0, 1.0
 """t of the gain over the stretches: surely above zero from the first on; below the second, less than its own spread."""

@@ -19,9 +19,9 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.errors import DynidentError
-from dynident.identification.belief import Belief
-from dynident.identification.bodies import bodies_of
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.parameters.bodies import bodies_of
+from dynident.identification.prior.belief import Belief
 from dynident.regressors.model import Model
 from dynident.robot.pseudo_inertia import inertial_parameters, pseudo_inertia, smallest_pseudo_inertia
 

@@ -12,7 +12,7 @@ from dynident.effects import Column, EffectChoice, ShapeSpec, Signals, columns_o
 from dynident.effects.catalogue import joints_of
 from dynident.errors import DynidentError
 from dynident.estimation import noise_levels, ordinary, weighted_factor
-from dynident.identification.shape_settling import settled_shapes
+from dynident.identification.shapes.shape_settling import settled_shapes
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model

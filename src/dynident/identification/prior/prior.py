@@ -11,11 +11,11 @@ from dynident.effects import Column, role_of
 from dynident.errors import DynidentError
 from dynident.estimation import Information
 from dynident.estimation.deviations import owed_to_known
-from dynident.identification.belief import Belief, parted
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data
-from dynident.identification.entropic import entropic_prior
+from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
+from dynident.identification.prior.belief import Belief, parted
+from dynident.identification.prior.entropic import entropic_prior
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.robot.pseudo_inertia import smallest_pseudo_inertia

@@ -8,7 +8,7 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, Information, Reduction
 from dynident.identification.choices import ModelName
-from dynident.identification.warnings import unseen_parameters
+from dynident.identification.equations.unseen import unseen_parameters
 from dynident.recordings import Recording
 from dynident.regressors.model import Model
 from dynident.robot import Robot

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.identification.bodies import bodies_of
+from dynident.identification.parameters.bodies import bodies_of
 from dynident.regressors.model import Model
 
 

@@ -22,10 +22,10 @@ from dynident.estimation import (
     statistics,
 )
 from dynident.estimation.essential import RATIO, Stop
-from dynident.identification.identifying import least_squares_of_torque
-from dynident.identification.inertia import smallest_inertia_eigenvalue
-from dynident.identification.result import Identification
-from dynident.identification.shape_constants import looked_at_shapes
+from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
+from dynident.identification.shapes.shape_constants import looked_at_shapes
+from dynident.identification.study.identifying import least_squares_of_torque
+from dynident.identification.study.result import Identification
 from dynident.threads import single_threaded
 
 

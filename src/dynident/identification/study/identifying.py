@@ -11,27 +11,27 @@ from dynident.arrays import FloatArray
 from dynident.effects import LINKS, EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Linearised, Reduction, condition_number, errors, noise_levels, weighted
-from dynident.identification.carrying import carrying, is_open, note_of
-from dynident.identification.checks import (
+from dynident.identification.choices import IdentificationChoices
+from dynident.identification.equations.checks import (
     check_recordings,
     check_reduction,
     check_runs,
     check_temperature,
     check_torque,
 )
-from dynident.identification.choices import IdentificationChoices
-from dynident.identification.data import Data, motions_and_friction, reduced, torque_of
+from dynident.identification.equations.data import Data, motions_and_friction, reduced, torque_of
+from dynident.identification.equations.model_equations import with_constants
 from dynident.identification.fit import Fit
-from dynident.identification.gain import warnings_of_addition
-from dynident.identification.inertia import smallest_inertia_eigenvalue
-from dynident.identification.model_equations import with_constants
-from dynident.identification.prior import prior_of
-from dynident.identification.result import Identification
-from dynident.identification.shape_columns import shape_columns, shape_places
-from dynident.identification.shape_constants import looked_at_shapes, shape_constants
-from dynident.identification.shapes import check_shapes_given, complete_shapes, lacks_shape
+from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
+from dynident.identification.prior.prior import prior_of
+from dynident.identification.shapes.shape_columns import shape_columns, shape_places
+from dynident.identification.shapes.shape_constants import looked_at_shapes, shape_constants
+from dynident.identification.shapes.shapes import check_shapes_given, complete_shapes, lacks_shape
 from dynident.identification.strategies.by_name import fit
-from dynident.identification.warnings import warnings_of
+from dynident.identification.study.carrying import carrying, is_open, note_of
+from dynident.identification.study.gain import warnings_of_addition
+from dynident.identification.study.result import Identification
+from dynident.identification.study.warnings import warnings_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.extension import extended_model

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.checks import check_equations
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.model_equations import equations_of
+from dynident.identification.equations.checks import check_equations
+from dynident.identification.equations.model_equations import equations_of
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model

@@ -14,7 +14,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.effects import Column, ReferenceParameters, effect_by_id, role_of
 from dynident.effects.prediction import ROTOR_INERTIA
-from dynident.identification.recorded_motion import RecordedMotion
+from dynident.identification.estimators.recorded_motion import RecordedMotion
 from dynident.progress import Progress, silent
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, Robot

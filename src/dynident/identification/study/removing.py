@@ -13,10 +13,10 @@ from dynident.effects.catalogue import joints_of
 from dynident.effects.written import constant_in_words
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.data import Data
-from dynident.identification.identifying import Part, conclude
-from dynident.identification.result import Identification
-from dynident.identification.shape_columns import shape_places
+from dynident.identification.equations.data import Data
+from dynident.identification.shapes.shape_columns import shape_places
+from dynident.identification.study.identifying import Part, conclude
+from dynident.identification.study.result import Identification
 from dynident.regressors.base_parameters import base_parameters_among
 from dynident.regressors.model import Model, build_model, check_columns
 from dynident.robot import Robot

@@ -27,9 +27,9 @@ from dynident.estimation import (
 )
 from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS
-from dynident.identification.result import Identification
-from dynident.identification.shape_constants import ShapeConstant, shape_constants
-from dynident.identification.standard import StandardParameters
+from dynident.identification.parameters.standard import StandardParameters
+from dynident.identification.shapes.shape_constants import ShapeConstant, shape_constants
+from dynident.identification.study.result import Identification
 from dynident.kinds import document_of
 from dynident.recordings import Preprocessing
 from dynident.regressors.base_parameters import BaseParameters

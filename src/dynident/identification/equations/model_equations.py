@@ -10,7 +10,7 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.wrench_equations import wrench_equations
+from dynident.identification.equations.wrench_equations import wrench_equations
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, motion_band
 from dynident.regressors.equations import SHARE_OF_PERIOD, Treatment, filtered, over_intervals, plain, reduce_form

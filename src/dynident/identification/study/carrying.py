@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.effects import EffectChoice, effect_by_id
-from dynident.identification.data import torque_of
-from dynident.identification.gain import SURE, stretch_squares, t_of
-from dynident.identification.result import Identification
+from dynident.identification.equations.data import torque_of
+from dynident.identification.study.gain import SURE, stretch_squares, t_of
+from dynident.identification.study.result import Identification
 from dynident.recordings import Recording
 from dynident.regressors.extension import extended_model
 from dynident.regressors.model import Model
