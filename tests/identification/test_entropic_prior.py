@@ -49,10 +49,10 @@ class TwoLinks:
         self.model = build_model(self.robot, LINKS)
         self.choices = replace(CHOICES, effects=LINKS)
         run = recorded(self.robot, self.truth, 0.3, noise, friction=False)
-        data = reduced(self.model, self.choices, [run], FILTERS, np.zeros(20))
-        known = prior_of(self.model, self.choices)
+        data = reduced(self.model, self.choices.rows_asked, [run], FILTERS, np.zeros(20))
+        known = prior_of(self.model, self.choices.trust)
         start = weighted(data.equations, known)
-        believed = believed_of(self.model, self.choices, start)
+        believed = believed_of(self.model, self.choices.trust, start)
         at_nominal = problem_of(self.model, data.equations, known, believed.at(believed.belief.mean))
         _, found = nearest(self.model, at_nominal, believed, start.noise)
         self.found = at_nominal.unit * found.values
@@ -152,8 +152,8 @@ def test_masses_are_believed_within_the_share_that_is_given():
     model = build_model(arm("ur10"), LINKS)
     for share in (0.2, 0.05):
         choices = replace(CHOICES, effects=LINKS, prior_error=share)
-        belief = belief_of(model, choices)
-        near = entropic_prior(model, choices, belief).belief_at(belief, belief.mean)
+        belief = belief_of(model, choices.trust)
+        near = entropic_prior(model, share, belief).belief_at(belief, belief.mean)
         masses = slice(9, None, 10)
         np.testing.assert_allclose(np.linalg.norm(near.spread[masses], axis=1), share * arm("ur10").inertias[:, 9])
         np.testing.assert_allclose(near.mean, belief.mean, atol=1e-9)
@@ -161,8 +161,8 @@ def test_masses_are_believed_within_the_share_that_is_given():
 
 def test_the_normal_belief_near_a_body_has_the_slope_and_curvature_of_the_distance():
     model = build_model(arm("ur10"), LINKS)
-    belief = belief_of(model, replace(CHOICES, effects=LINKS))
-    prior = entropic_prior(model, replace(CHOICES, effects=LINKS), belief)
+    belief = belief_of(model, CHOICES.trust)
+    prior = entropic_prior(model, CHOICES.prior_error, belief)
     here = 1.3 * belief.mean
     near = prior.belief_at(belief, here)
     information = np.linalg.inv(near.spread @ near.spread.T)

@@ -17,6 +17,7 @@ from dynident.identification.estimators.commanded_motion import commanded_motion
 from dynident.identification.estimators.recorded_motion import whole_segments
 from dynident.identification.estimators.simulated_motion import movable_simulator, simulated_motion
 from dynident.identification.estimators.simulating import instrumental_variables
+from dynident.identification.problem import Problem
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 
@@ -130,7 +131,7 @@ def test_instrumental_variables_remove_the_bias_that_encoder_noise_leaves_in_lea
         plain = ordinary(data.equations)
         least.append(plain.values)
         least_deviations.append(statistics(data.equations, plain).standard_deviations)
-        fit = instrumental_variables(big.model, choices("iv"), data)
+        fit = instrumental_variables(Problem.of(big.model, choices("iv"), data))
         found.append(fit.solution.values)
         deviations.append(fit.statistics.standard_deviations)
     plain_bias = np.abs(np.mean(least, axis=0) - big.truth) / np.mean(least_deviations, axis=0)

@@ -17,6 +17,7 @@ from dynident.estimation import errors, statistics, weighted_factor
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.equations.data import Data
 from dynident.identification.estimators.feasible import feasible
+from dynident.identification.problem import Problem
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS, pseudo_inertia, smallest_pseudo_inertia
@@ -128,7 +129,7 @@ def test_a_limit_that_holds_makes_its_direction_certain_and_leaves_the_others():
 def test_the_same_reduced_data_give_the_same_again():
     found = identified(1.0, 20.0)
     data = Data(found.equations, found.training, (), found.preprocessing, found.reference)
-    fit = feasible(found.model, found.choices, data, None)
+    fit = feasible(Problem.of(found.model, found.choices, data))
     np.testing.assert_allclose(fit.solution.values, found.values, rtol=1e-9)
 
 

@@ -115,8 +115,8 @@ def test_the_constants_of_a_model_are_chosen_once_and_their_reason_is_told(found
     assert energy.choices.interval == pytest.approx(1 / (8 * motion_band(TRAINING)))
     for one, word in ((filtered, "a = 50.3 rad/s"), (energy, "intervals of")):
         assert word in one.preprocessing.reasons[-1]
-        again, preprocessing = with_constants(one.choices, TRAINING, one.preprocessing)
-        assert (again, preprocessing) == (one.choices, one.preprocessing)
+        again, preprocessing = with_constants(one.choices.rows_asked, TRAINING, one.preprocessing)
+        assert (again, preprocessing) == (one.choices.rows_asked, one.preprocessing)
     given = identify(ROBOT, TRAINING, [], choices("filtered", pole=15.0))
     assert given.choices.pole == 15.0
     assert not any("F(s)" in reason for reason in given.preprocessing.reasons)

@@ -75,7 +75,7 @@ def test_a_description_that_is_stated_to_be_better_is_believed_more():
 def test_base_parameters_are_believed_as_sums_of_what_is_believed_of_standard_ones():
     robot = arm("ur10")
     model = build_model(robot, LINKS)
-    known = prior_of(model, replace(CHOICES, effects=LINKS))
+    known = prior_of(model, CHOICES.trust)
     mean = model.base.grouping @ robot.inertias.reshape(-1)
     covariance = (model.base.grouping * usual_errors(robot).reshape(-1) ** 2) @ model.base.grouping.T
     np.testing.assert_allclose(np.linalg.inv(known.factor.T @ known.factor), covariance, rtol=1e-6, atol=1e-12)
@@ -84,8 +84,8 @@ def test_base_parameters_are_believed_as_sums_of_what_is_believed_of_standard_on
 
 def test_nothing_is_believed_of_sums_with_something_unknown_in_them():
     model = build_model(arm("ur10"), EFFECTS)
-    known = prior_of(model, replace(CHOICES, free_links=(LAST,)))
-    belief = belief_of(model, replace(CHOICES, free_links=(LAST,)))
+    known = prior_of(model, replace(CHOICES, free_links=(LAST,)).trust)
+    belief = belief_of(model, replace(CHOICES, free_links=(LAST,)).trust)
     # Wide beliefs of the unknown instead of none: what these leave known has to be the same.
     grouping = np.where(belief.stated | model.base.written, model.base.grouping, 0.0)
     wide = (grouping * np.where(belief.stated, belief.size, 1e4) ** 2) @ grouping.T
@@ -99,7 +99,7 @@ def test_nothing_is_believed_of_sums_with_something_unknown_in_them():
 
 def test_the_two_parts_of_a_belief_are_the_whole_of_it():
     model = build_model(arm("ur10"), LINKS)
-    belief = belief_of(model, replace(CHOICES, effects=LINKS))
+    belief = belief_of(model, CHOICES.trust)
     both = parted(model, belief)
     in_units = both.base.factor @ (model.base.grouping * belief.size)
     everything = np.vstack([in_units, both.rest])
@@ -128,7 +128,7 @@ def test_parameters_that_rest_on_the_prior_are_named_and_not_called_well_identif
 
 def test_a_prior_is_weighed_as_rows_are():
     found = short("description")
-    known = prior_of(found.model, found.choices)
+    known = prior_of(found.model, found.choices.trust)
     c = found.model.n_parameters
     rows = np.vstack([weighted_factor(found.equations, found.solution.noise), known.rows])
     expected = np.linalg.lstsq(rows[:, :c], rows[:, c])[0]

@@ -16,6 +16,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, errors
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.equations.unseen import unseen_parameters
+from dynident.identification.problem import Problem
 from dynident.identification.strategies.by_name import fit
 from dynident.identification.strategies.sequential import only, steps_of, wrist_joints
 from dynident.identification.strategies.steps import Findings, take_step
@@ -34,6 +35,15 @@ def choices(**more) -> IdentificationChoices:
     return IdentificationChoices(**{"effects": EFFECTS, "strategy": "sequential", **more})
 
 
+def solved(model, asked, data):
+    return fit(asked, Problem.of(model, asked, data))
+
+
+def step_of(data, joint, findings):
+    asked = choices()
+    return take_step(asked.solver, Problem.of(MODEL, asked, data), only(data.equations, (joint,)), findings)
+
+
 @pytest.mark.parametrize("steps", STEPS)
 @pytest.mark.parametrize("estimator", ["ols", "wls"])
 @pytest.mark.parametrize("name", ["ur10", "franka_panda", "scara", "dual_arm", "crooked"])
@@ -43,7 +53,7 @@ def test_exact_torque_gives_the_true_base_parameters(name, estimator, steps):
     motion, standard = states(robot), drawn_standard(robot)
     data = reduced_states(model, [(motion, torque_of(robot, motion, standard))])
     truth = model.base.grouping @ standard
-    found = fit(model, choices(estimator=estimator, steps=steps), data)
+    found = solved(model, choices(estimator=estimator, steps=steps), data)
     assert np.abs(found.solution.values - truth).max() < 1e-8 * np.abs(truth).max()
 
 
@@ -59,7 +69,7 @@ def test_random_robots_are_identified_link_by_link(n, seed, data):
     reduced = reduced_states(model, [(motion, torque_of(robot, motion, standard))])
     truth = model.base.grouping @ standard
     for steps in STEPS:
-        found = fit(model, choices(steps=steps), reduced)
+        found = solved(model, choices(steps=steps), reduced)
         assert np.abs(found.solution.values - truth).max() < 1e-8 * np.abs(truth).max()
 
 
@@ -72,11 +82,11 @@ def test_the_first_step_is_the_terminal_joints_equation_alone():
     k = len(last.columns)
     alone = np.zeros(MODEL.n_parameters)
     alone[last.columns] = np.linalg.lstsq(last.joined[:, :k], last.joined[:, k])[0]
-    found = take_step(MODEL, choices(), data, only(data.equations, (5,)), Findings.nothing(MODEL.n_parameters)).findings
+    found = step_of(data, 5, Findings.nothing(MODEL.n_parameters)).findings
     assert len(found.values) == k
     np.testing.assert_allclose(found.values, found.functions @ alone, rtol=1e-6, atol=1e-9)
     # What one joint's equation has said no later one changes.
-    second = take_step(MODEL, choices(), data, only(data.equations, (4,)), found).findings
+    second = step_of(data, 4, found).findings
     np.testing.assert_array_equal(second.values[:k], found.values)
     np.testing.assert_array_equal(second.covariance[:k, :k], found.covariance)
 
@@ -92,7 +102,7 @@ def test_stated_deviations_are_those_of_repeated_experiments(steps):
     draws, stated, distances = [], [], []
     for _ in range(60):
         data = reduced_states(MODEL, [(motion, exact + NOISE * rng.normal(size=exact.shape))])
-        found = fit(MODEL, choices(steps=steps), data)
+        found = solved(MODEL, choices(steps=steps), data)
         error = found.solution.values - truth
         draws.append(error)
         stated.append(found.statistics.standard_deviations)
@@ -116,7 +126,7 @@ def test_what_is_uncertain_in_earlier_steps_weighs_less_in_later_ones():
     weighted, plain = [], []
     for _ in range(10):
         data = reduced_states(MODEL, [(motion, exact + noise * rng.normal(size=exact.shape))])
-        found = fit(MODEL, choices(), data)
+        found = solved(MODEL, choices(), data)
         scale = found.statistics.standard_deviations
         weighted.append((found.solution.values - truth) / scale)
         plain.append((_held_for_exact(data) - truth) / scale)
@@ -147,11 +157,11 @@ def test_combinations_that_one_equation_does_not_separate_wait_for_the_next():
     # Joint 6 has torque in the first run alone, where nothing else moves.
     equations = (*both.equations.equations[:5], alone.equations.equations[5])
     data = replace(both, equations=replace(both.equations, equations=equations))
-    step = take_step(MODEL, choices(), data, only(data.equations, (5,)), Findings.nothing(MODEL.n_parameters))
+    step = step_of(data, 5, Findings.nothing(MODEL.n_parameters))
     equation = data.equations.equations[5]
     assert 0 < len(step.findings.values) < len(equation.columns)
     np.testing.assert_allclose(step.findings.values, step.findings.functions @ truth, rtol=1e-9)
-    found = fit(MODEL, choices(), data)
+    found = solved(MODEL, choices(), data)
     assert np.abs(found.solution.values - truth).max() < 1e-7 * np.abs(truth).max()
 
 
@@ -166,7 +176,7 @@ def test_runs_with_a_locked_wrist_and_runs_of_the_wrist_alone_are_identified_tog
         assert unseen_parameters(MODEL, reduced_states(MODEL, [one]).equations)
     data = reduced_states(MODEL, runs)
     for strategy in ("global", "sequential"):
-        found = fit(MODEL, choices(strategy=strategy), data)
+        found = solved(MODEL, choices(strategy=strategy), data)
         assert np.abs(found.solution.values - truth).max() < 1e-7 * np.abs(truth).max()
 
 
@@ -210,7 +220,7 @@ def test_choices_that_cannot_be_taken_in_steps_are_refused(more, pointer, word, 
     motion, standard = states(UR10), drawn_standard(UR10)
     data = reduced_states(MODEL, [(motion, torque_of(UR10, motion, standard))])
     with pytest.raises(DynidentError, match=word) as caught:
-        fit(MODEL, choices(**more), data)
+        solved(MODEL, choices(**more), data)
     assert caught.value.pointer == pointer
     assert "global" in caught.value.detail
 

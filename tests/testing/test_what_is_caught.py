@@ -145,8 +145,8 @@ class Changed(Weighted):
     values: Callable[[FloatArray], FloatArray] = field(default=lambda x: x)
     covariance: Callable[[FloatArray], FloatArray] = field(default=lambda c: c)
 
-    def solve(self, model, choices, data, known):
-        fit = super().solve(model, choices, data, known)
+    def solve(self, problem):
+        fit = super().solve(problem)
         return replace(
             fit,
             solution=replace(fit.solution, values=self.values(fit.solution.values)),
@@ -158,10 +158,10 @@ class Changed(Weighted):
 class Spoiling(Weighted):
     """Weighted least squares that does not leave the data alone."""
 
-    def solve(self, model, choices, data, known):
-        for equation in data.equations.equations:
+    def solve(self, problem):
+        for equation in problem.data.equations.equations:
             equation.joined[:] *= 2.0
-        return super().solve(model, choices, data, known)
+        return super().solve(problem)
 
 
 DRAWN = np.random.default_rng()

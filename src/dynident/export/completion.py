@@ -22,6 +22,7 @@ from dynident.export.unknowns import Unknowns
 from dynident.identification import Identification
 from dynident.identification.equations.data import Data
 from dynident.identification.estimators.feasible import feasible
+from dynident.identification.problem import Problem
 
 # Least eigenvalues of a link's pseudo-inertia, in units of its usual mass and size, that are tried one after the other.
 # Links that were estimated as feasible are so already.
@@ -177,7 +178,10 @@ def _nearest(identification: Identification, rotors_in_links: bool, blamed: list
         identification.preprocessing,
         identification.reference,
     )
-    found = feasible(identification.model, identification.choices, data, identification.solution.known)
+    choices = identification.choices
+    found = feasible(
+        Problem(identification.model, data, identification.solution.known, choices.covariance, choices.trust)
+    )
     assert found.standard is not None
     values = found.solution.values
     before = errors(identification.training, identification.values).relative_total

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from dynident.asking import Choice, OneOf, check_ranges, said
 from dynident.errors import DynidentError
+from dynident.identification.asked import RowsAsked, Trust
 from dynident.identification.methods.bases import (
     ESTIMATORS,
     MODELS,
@@ -160,9 +161,23 @@ class IdentificationChoices:
         """The prior."""
         return None if self.prior is None else PRIORS.one(self.prior)
 
+    @property
+    def rows_asked(self) -> RowsAsked:
+        """What rows are made of recordings."""
+        return RowsAsked(self.model, self.pole, self.interval, self.tolerance, self.solver.weighted)
+
+    @property
+    def trust(self) -> Trust:
+        """How far the description is believed."""
+        return Trust(self.belief, self.free_links, self.prior_error)
+
+    @property
+    def least_squares_of_torque(self) -> bool:
+        """Whether parameters are least squares of the joints' torques; those with shapes uncertain are then, too."""
+        return self.model == "dynamic" and self.plan.at_once and self.solver.from_reduced
+
     def _check_prior(self) -> None:
-        of_bodies = self.belief is not None and self.belief.of_bodies
-        if of_bodies and not self.solver.possible_bodies:
+        if self.trust.of_bodies and not self.solver.possible_bodies:
             able = " or ".join(ESTIMATORS.having("possible_bodies"))
             raise DynidentError(
                 f"the entropic prior is a distance between bodies that can exist: it goes with the estimator "

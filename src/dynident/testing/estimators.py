@@ -11,6 +11,7 @@ from dynident.identification import Identification, IdentificationChoices, ident
 from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import Estimator
+from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
 from dynident.simulation.typical import typical_drive
 from dynident.testing.failing import expect
@@ -52,22 +53,27 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
         IdentificationChoices(effects=chosen.effects, preprocessing=start.preprocessing),
     )
     data = _data(start, trial)
+    problem = _problem(start, chosen, data)
     kept = [equation.joined.copy() for equation in data.equations.equations]
-    fit = estimator.solve(start.model, chosen, data, None)
+    fit = estimator.solve(problem)
     told = [_check_values(start.model, fit, data, _truth(start.model, trial)), _check_statistics(start.model, fit)]
     changed = [not np.array_equal(a, e.joined) for a, e in zip(kept, data.equations.equations, strict=True)]
     expect(not any(changed), "the estimator has changed the data that it was given")
-    again = estimator.solve(start.model, chosen, data, None)
+    again = estimator.solve(problem)
     expect(
         np.allclose(again.solution.values, fit.solution.values, rtol=1e-9, atol=1e-12),
         "the same data give other estimates the second time: draw random numbers from a fixed seed",
     )
-    told.append(_check_more_data(estimator.solve(few.model, chosen, _data(few, trial, 1), None), fit))
+    told.append(_check_more_data(estimator.solve(_problem(few, chosen, _data(few, trial, 1))), fit))
     return tuple(told)
 
 
 def _data(found: Identification, trial: Trial, runs: int | None = None) -> Data:
     return Data(found.equations, found.training, trial.recordings[:runs], found.preprocessing, found.reference)
+
+
+def _problem(found: Identification, choices: IdentificationChoices, data: Data) -> Problem:
+    return Problem(found.model, data, None, choices.covariance, choices.trust)
 
 
 def _truth(model: Model, trial: Trial) -> FloatArray:

@@ -18,7 +18,6 @@ from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied
 from dynident.identification import Identification
 from dynident.identification.shapes.shape_columns import shape_places
 from dynident.identification.shapes.shape_constants import looked_at_shapes
-from dynident.identification.study.identifying import least_squares_of_torque
 from dynident.progress import Progress, silent
 from dynident.threads import single_threaded
 from dynident.validation.verdict import Judged
@@ -95,7 +94,7 @@ def validate_bootstrap(
 
 
 def _why_not(identification: Identification, stretches: int) -> str:
-    if not least_squares_of_torque(identification.choices):
+    if not identification.choices.least_squares_of_torque:
         return (
             "Drawing anew is for parameters that are least squares of the joints' torques (the dynamic model, the "
             "strategy global, the estimators ols, wls and feasible)."

@@ -14,6 +14,7 @@ from dynident.estimation import Errors, Reduction, errors, moving_errors, share_
 from dynident.identification import Identification
 from dynident.identification.choices import IdentificationChoices, ModelName
 from dynident.identification.equations.data import Data, reduced, torque_of
+from dynident.identification.problem import Problem
 from dynident.identification.strategies.by_name import fit
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
@@ -136,7 +137,7 @@ def _data_of(
     try:
         return reduced(
             identification.model,
-            choices,
+            choices.rows_asked,
             recordings,
             identification.preprocessing,
             identification.reference,
@@ -158,7 +159,7 @@ def _result(
     try:
         if isinstance(data, DynidentError):
             raise data
-        found = fit(identification.model, choices, data)
+        found = fit(choices, Problem.of(identification.model, choices, data))
     except DynidentError as error:
         return MethodResult(
             method, None, None, None, None, None, None, None, perf_counter() - began, (), problem=error.detail

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.choices import IdentificationChoices
+from dynident.identification.asked import RowsAsked
 from dynident.identification.equations.checks import check_equations
 from dynident.identification.equations.model_equations import equations_of
 from dynident.progress import Progress, part, silent
@@ -58,14 +58,14 @@ def motions_and_friction(recordings: Sequence[Recording]) -> tuple[tuple[Recordi
 
 def reduced(
     model: Model,
-    choices: IdentificationChoices,
+    rows: RowsAsked,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> Data:
-    """Reduce recordings to the rows of the chosen model, and of the joints' torques.
+    """Reduce recordings to the rows that are asked for, and of the joints' torques.
 
     Raises
     ------
@@ -73,13 +73,13 @@ def reduced(
         Where the model cannot make equations of these columns or recordings.
     """
     ordinary, friction = motions_and_friction(recordings)
-    share = 1.0 if choices.model == "dynamic" else 0.5
+    share = 1.0 if rows.model == "dynamic" else 0.5
     found = torque_of(model, ordinary, preprocessing, reference, part(progress, 0.0, share), known)
     found = replace(found, friction=friction)
-    if choices.model == "dynamic":
+    if rows.model == "dynamic":
         return found
-    equations = equations_of(model, choices, ordinary, preprocessing, reference, part(progress, share, 1.0))
-    check_equations(model, choices.model, equations, found.torque)
+    equations = equations_of(model, rows, ordinary, preprocessing, reference, part(progress, share, 1.0))
+    check_equations(model, rows.model, equations, found.torque)
     return replace(found, equations=equations)
 
 

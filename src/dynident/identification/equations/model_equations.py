@@ -9,7 +9,7 @@ from math import pi
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.choices import IdentificationChoices
+from dynident.identification.asked import RowsAsked
 from dynident.identification.equations.wrench_equations import wrench_equations
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, motion_band
@@ -25,59 +25,59 @@ _HARMONICS = 15.0
 
 
 def with_constants(
-    choices: IdentificationChoices, recordings: Sequence[Recording], preprocessing: Preprocessing
-) -> tuple[IdentificationChoices, Preprocessing]:
-    """The choices with the constants that their model needs, and the reasons for them beside the filters' own.
+    rows: RowsAsked, recordings: Sequence[Recording], preprocessing: Preprocessing
+) -> tuple[RowsAsked, Preprocessing]:
+    """The rows with the constants that their model needs, and the reasons for them beside the filters' own.
 
     Raises
     ------
     DynidentError
         Where the recordings are too short to tell them.
     """
-    if choices.model == "filtered" and choices.pole is None:
+    if rows.model == "filtered" and rows.pole is None:
         pole, reason = _pole(recordings, preprocessing)
-        return replace(choices, pole=pole), replace(preprocessing, reasons=(*preprocessing.reasons, reason))
-    if choices.model == "energy" and choices.interval is None:
+        return replace(rows, pole=pole), replace(preprocessing, reasons=(*preprocessing.reasons, reason))
+    if rows.model == "energy" and rows.interval is None:
         interval, reason = _interval(recordings)
-        return replace(choices, interval=interval), replace(preprocessing, reasons=(*preprocessing.reasons, reason))
-    return choices, preprocessing
+        return replace(rows, interval=interval), replace(preprocessing, reasons=(*preprocessing.reasons, reason))
+    return rows, preprocessing
 
 
 def equations_of(
     model: Model,
-    choices: IdentificationChoices,
+    rows: RowsAsked,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress = silent,
 ) -> Reduction:
-    """The equations that the chosen model makes of recordings, in the columns of its base parameters.
+    """The equations that a model of rows makes of recordings, in the columns of its base parameters.
 
     Raises
     ------
     DynidentError
         Where filter or intervals leave no equation, or the base's wrench was not recorded or does not show an effect.
     """
-    if choices.model == "base_wrench":
-        return wrench_equations(model, choices, recordings, preprocessing, progress)
-    choices, _ = with_constants(choices, recordings, preprocessing)
-    form, treatment = _rows_of(model, choices)
-    memory = _FORGOTTEN / choices.pole if choices.model == "filtered" and choices.pole is not None else 0.0
+    if rows.model == "base_wrench":
+        return wrench_equations(model, rows, recordings, preprocessing, progress)
+    rows, _ = with_constants(rows, recordings, preprocessing)
+    form, treatment = _rows_of(model, rows)
+    memory = _FORGOTTEN / rows.pole if rows.model == "filtered" and rows.pole is not None else 0.0
     found = reduce_form(form, treatment, recordings, preprocessing, reference, progress, memory)
     if found.n_rows == 0:
-        raise _none_left(choices)
+        raise _none_left(rows)
     return found
 
 
-def _rows_of(model: Model, choices: IdentificationChoices) -> tuple[Form, Treatment]:
+def _rows_of(model: Model, rows: RowsAsked) -> tuple[Form, Treatment]:
     known = model.robot, model.kept, model.signals
-    if choices.model == "filtered" and choices.pole is not None:
-        return filtered_form(*known), filtered(choices.pole)
-    if choices.model == "energy" and choices.interval is not None:
-        return power_form(*known), over_intervals(choices.interval)
-    if choices.model == "power":
+    if rows.model == "filtered" and rows.pole is not None:
+        return filtered_form(*known), filtered(rows.pole)
+    if rows.model == "energy" and rows.interval is not None:
+        return power_form(*known), over_intervals(rows.interval)
+    if rows.model == "power":
         return power_form(*known), plain
-    raise ValueError(f"no equations for the model {choices.model}")
+    raise ValueError(f"no equations for the model {rows.model}")
 
 
 def _pole(recordings: Sequence[Recording], preprocessing: Preprocessing) -> tuple[float, str]:
@@ -109,16 +109,16 @@ def _interval(recordings: Sequence[Recording]) -> tuple[float, str]:
     )
 
 
-def _none_left(choices: IdentificationChoices) -> DynidentError:
-    if choices.model == "filtered" and choices.pole is not None:
+def _none_left(rows: RowsAsked) -> DynidentError:
+    if rows.model == "filtered" and rows.pole is not None:
         detail = (
-            f"no rows are left: F(s) with a = {choices.pole:g} rad/s needs {10 / choices.pole:.3g} s to settle, which "
+            f"no rows are left: F(s) with a = {rows.pole:g} rad/s needs {10 / rows.pole:.3g} s to settle, which "
             "no run inside the windows outlasts; use a longer recording, wider windows, or a larger pole"
         )
         return DynidentError(detail, pointer="/pole", title="Too few samples")
-    if choices.model == "energy" and choices.interval is not None:
+    if rows.model == "energy" and rows.interval is not None:
         detail = (
-            f"no rows are left: no run inside the windows holds an interval of {choices.interval:g} s; use a longer "
+            f"no rows are left: no run inside the windows holds an interval of {rows.interval:g} s; use a longer "
             "recording, wider windows, or a shorter interval"
         )
         return DynidentError(detail, pointer="/interval", title="Too few samples")

@@ -9,7 +9,7 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, Reduction
 from dynident.estimation.nuisance import without_nuisance
-from dynident.identification.choices import IdentificationChoices
+from dynident.identification.asked import RowsAsked
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.types import WRENCH_NAMES
@@ -20,7 +20,7 @@ from dynident.regressors.model import Model
 
 def wrench_equations(
     model: Model,
-    choices: IdentificationChoices,
+    rows: RowsAsked,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     progress: Progress = silent,
@@ -33,9 +33,9 @@ def wrench_equations(
         For an effect that does not show in the base's wrench, a recording without one, or a base parameter that the
         wrench does not determine.
     """
-    check_effects(model, choices)
+    check_effects(model)
     check_wrenches(recordings)
-    found = wrench_model(model, tolerance=choices.tolerance)
+    found = wrench_model(model, tolerance=rows.tolerance)
     if found.unseen:
         raise EstimationError(
             f"the base's wrench does not determine {', '.join(found.unseen)} of this robot; choose another model",
@@ -47,13 +47,13 @@ def wrench_equations(
     reduction = reduce_form(found.form, plain, recordings, preprocessing, nothing, progress)
     if reduction.n_rows == 0:
         return reduction.combined(found.coordinates[:, found.n_extra :])
-    return without_nuisance(reduction.combined(found.coordinates), found.n_extra, weighted=choices.solver.weighted)
+    return without_nuisance(reduction.combined(found.coordinates), found.n_extra, weighted=rows.weighted)
 
 
-def check_effects(model: Model, choices: IdentificationChoices) -> None:
+def check_effects(model: Model) -> None:
     """Raise where an effect does not show in the base's wrench."""
     silent_ones = {column.effect for column in model.columns if column.wrench is None}
-    for index, choice in enumerate(choices.effects):
+    for index, choice in enumerate(model.effects):
         if choice.effect in silent_ones:
             raise DynidentError(
                 f"{', '.join(sorted(silent_ones))}: not in the base's wrench, which holds the weight and the motion of "

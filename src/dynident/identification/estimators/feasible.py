@@ -16,13 +16,12 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation import Information, Reduction, Solution, errors, noise_levels, statistics, weighted
+from dynident.estimation import Reduction, Solution, errors, noise_levels, statistics, weighted
 from dynident.estimation.least_squares import doubtful_noise, weighted_factor, weights_settled
 from dynident.estimation.semidefinite import Constrained
-from dynident.identification.choices import IdentificationChoices
-from dynident.identification.equations.data import Data
 from dynident.identification.estimators.feasible_problem import Believed, FeasibleProblem, believed_of, problem_of
 from dynident.identification.fit import Fit
+from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
 
 _ROUNDS = 20
@@ -33,7 +32,7 @@ _SETTLED, _PAYS, _SHORTEST, _MOST_STEPS = 1e-10, 1e-4, 1e-9, 100
 _NOTABLE = 1.02
 
 
-def feasible(model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+def feasible(asked: Problem) -> Fit:
     """Weighted least squares over all parameters that a real robot can have.
 
     Standard deviations take the constraints that hold the solution back as certain.
@@ -44,8 +43,9 @@ def feasible(model: Model, choices: IdentificationChoices, data: Data, known: In
         Where the data, with what is known beside them, do not determine the base parameters, or where nothing that is
         possible was found.
     """
+    model, data, known = asked.model, asked.data, asked.known
     unconstrained = weighted(data.equations, known)
-    believed = believed_of(model, choices, unconstrained)
+    believed = believed_of(model, asked.trust, unconstrained)
     problem = problem_of(model, data.equations, known, believed.at(believed.belief.mean))
     levels = noise_levels if known is None else doubtful_noise
     noise = unconstrained.noise
@@ -63,7 +63,7 @@ def feasible(model: Model, choices: IdentificationChoices, data: Data, known: In
     solution = Solution(values, noise, factor, problem.known, problem.free(found), converged)
     return Fit(
         solution,
-        statistics(data.equations, solution, choices.covariance),
+        statistics(data.equations, solution, asked.covariance),
         _warnings(model, problem, found, data.equations, unconstrained),
         problem.standard(found),
     )

@@ -13,7 +13,7 @@ from dynident.estimation import Information, Reduction, Solution
 from dynident.estimation.deviations import deviations, null_space
 from dynident.estimation.least_squares import doubtful_noise, weighted_factor
 from dynident.estimation.semidefinite import Constrained, InfeasibleError, MatrixBound, constrained_least_squares
-from dynident.identification.choices import IdentificationChoices
+from dynident.identification.asked import Trust
 from dynident.identification.parameters.bodies import Body, bodies_of
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.prior.belief import Belief, parted
@@ -119,14 +119,12 @@ class FeasibleProblem:
         return StandardParameters(self.unit * found.values, self.unit * deviations(rows, found.held))
 
 
-def believed_of(model: Model, choices: IdentificationChoices, unconstrained: Solution) -> Believed:
-    """The belief of the choices, parameters outside of bodies in units of the torque that they explain."""
-    belief = belief_of(model, choices)
-    entropic = (
-        entropic_prior(model, choices, belief) if choices.belief is not None and choices.belief.of_bodies else None
-    )
+def believed_of(model: Model, trust: Trust, unconstrained: Solution) -> Believed:
+    """The belief in a description, parameters outside of bodies in units of the torque that they explain."""
+    belief = belief_of(model, trust)
+    entropic = entropic_prior(model, trust.error, belief) if trust.of_bodies else None
     sized = replace(belief, size=_sizes(model, belief, unconstrained))
-    return Believed(sized, choices.prior is not None, entropic)
+    return Believed(sized, trust.prior is not None, entropic)
 
 
 def problem_of(model: Model, equations: Reduction, known: Information | None, believed: Believed) -> FeasibleProblem:

@@ -23,12 +23,11 @@ from dynident.estimation import (
 )
 from dynident.estimation.kalman import KalmanNoise
 from dynident.estimation.recursive import recursive_statistics
-from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.data import Data
 from dynident.identification.estimators.kalman_run import KalmanRun, diverged, run_filter
-from dynident.identification.estimators.simulating import check_simulable
 from dynident.identification.estimators.torque_function import TorqueFunction
 from dynident.identification.fit import Fit
+from dynident.identification.problem import Problem
 from dynident.recordings import Recording, choose_preprocessing, filtered_blocks
 from dynident.recordings.spectra import spectra
 from dynident.regressors.model import Model
@@ -58,7 +57,7 @@ class _Initial:
     residual: FloatArray
 
 
-def kalman(model: Model, choices: IdentificationChoices, data: Data, known: Information | None = None) -> Fit:
+def kalman(problem: Problem) -> Fit:
     """Estimate with an extended Kalman filter: state [q, q̇, χ], measured positions and torques, χ constant.
 
     Initial parameters come from the beginning of the data by weighted least squares, widely doubted. The noises:
@@ -74,7 +73,7 @@ def kalman(model: Model, choices: IdentificationChoices, data: Data, known: Info
     DynidentError
         Where an effect has no place in the filter, the data do not determine the parameters, or the filter diverges.
     """
-    check_simulable(model, choices, data)
+    model, data, known = problem.model, problem.data, problem.known
     torque = TorqueFunction(model)
     if data.preprocessing.position_cutoff is None:
         data = replace(data, preprocessing=choose_preprocessing(data.recordings))

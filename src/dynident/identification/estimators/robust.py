@@ -18,9 +18,9 @@ from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, noise_levels, solve, statistics, weighted
 from dynident.estimation.least_squares import doubtful_noise, floored
 from dynident.estimation.robust import BISQUARE, HUBER, Influence, robust_scale
-from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
+from dynident.identification.problem import Problem
 from dynident.recordings import Recording
 from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
@@ -34,7 +34,7 @@ _NOTABLE = 0.002
 _MOST_SPANS, _GAP = 3, 0.5
 
 
-def reweighted(model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+def reweighted(problem: Problem) -> Fit:
     """Robust estimates from the rows of all joints' torques.
 
     Raises
@@ -42,6 +42,7 @@ def reweighted(model: Model, choices: IdentificationChoices, data: Data, known: 
     DynidentError
         Where the equations are not the rows of the joints' torques, or no recording is at hand to go through again.
     """
+    model, data, known = problem.model, problem.data, problem.known
     _check(data)
     passes = _Passes(model, data)
     first = weighted(data.equations, known)
@@ -55,7 +56,7 @@ def reweighted(model: Model, choices: IdentificationChoices, data: Data, known: 
     sigma = robust_scale(passes.residuals(values))
     found = passes.pseudo_observations(values, sigma, BISQUARE)
     solution = replace(solve(found, floored(sigma) * share, known), converged=converged)
-    return Fit(solution, statistics(found, solution, choices.covariance), passes.told(values, sigma))
+    return Fit(solution, statistics(found, solution, problem.covariance), passes.told(values, sigma))
 
 
 def _settled(

@@ -15,7 +15,6 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Information, Reduction, instrumental, statistics, weighted
-from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.data import Data
 from dynident.identification.estimators.commanded_motion import commanded_motion
 from dynident.identification.estimators.recorded_motion import RecordedMotion, whole_segments
@@ -26,6 +25,7 @@ from dynident.identification.estimators.simulated_motion import (
     simulated_motion,
 )
 from dynident.identification.fit import Fit
+from dynident.identification.problem import Problem
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, motion_band
 from dynident.regressors.folding import EquationRows, folded
 from dynident.regressors.model import Model
@@ -40,9 +40,7 @@ _SETTLED, _ROUNDS = 0.05, 10
 _STRONG = 0.7
 
 
-def instrumental_variables(
-    model: Model, choices: IdentificationChoices, data: Data, known: Information | None = None
-) -> Fit:
+def instrumental_variables(problem: Problem) -> Fit:
     """Instrumental variables [Gautier, Janot and Vandanjon 2013]: Z from simulation, W measured, all filtered alike.
 
     Simulation and estimate alternate until the estimates change by less than a twentieth of a standard deviation.
@@ -57,13 +55,13 @@ def instrumental_variables(
     DynidentError
         Where nothing can be simulated, or the simulated motion is no instrument for the measured one.
     """
-    check_simulable(model, choices, data)
+    model, data, known = problem.model, problem.data, problem.known
     references = _references(data, _HARMONICS * motion_band(data.recordings))
     strength = 1.0
 
     def solved(both: Reduction) -> Fit:
         nonlocal strength
-        found = instrumental(both, known, choices.covariance)
+        found = instrumental(both, known, problem.covariance)
         strength = found.strength
         return Fit(found.solution, found.statistics)
 
@@ -79,7 +77,7 @@ def instrumental_variables(
     return Fit(settled.fit.solution, settled.fit.statistics, warnings)
 
 
-def output_error(model: Model, choices: IdentificationChoices, data: Data, known: Information | None = None) -> Fit:
+def output_error(problem: Problem) -> Fit:
     """DIDIM, closed-loop output error on the torque: min over χ of |Y - W(q_s(χ)) χ|, q_s simulated with χ.
 
     The Gauss-Newton step takes the simulated positions for fixed (they hardly depend on χ under closed loop), so each
@@ -90,7 +88,7 @@ def output_error(model: Model, choices: IdentificationChoices, data: Data, known
     DynidentError
         Where nothing can be simulated.
     """
-    check_simulable(model, choices, data)
+    model, data, known = problem.model, problem.data, problem.known
     references = _references(data, choose_preprocessing(data.recordings).position_cutoff)
     c = model.n_parameters
     error = 0.0
@@ -99,7 +97,7 @@ def output_error(model: Model, choices: IdentificationChoices, data: Data, known
         nonlocal error
         simulated = both.select(np.arange(c))
         solution = weighted(simulated, known)
-        found = statistics(simulated, solution, choices.covariance)
+        found = statistics(simulated, solution, problem.covariance)
         error = float(np.sqrt(np.mean(found.noise**2)))
         return Fit(solution, found)
 
@@ -236,23 +234,3 @@ def _cutoff(data: Data, wanted: float | None) -> float:
     rate = min(recording.sampling_rate for recording in data.recordings)
     own = data.preprocessing.position_cutoff
     return float(min(np.inf if wanted is None else wanted, _NYQUIST_SHARE * 0.5 * rate, np.inf if own is None else own))
-
-
-def check_simulable(model: Model, choices: IdentificationChoices, data: Data) -> None:
-    """Raise where the estimator does not go with the other choices, or the recordings are not at hand."""
-    if choices.model != "dynamic":
-        raise DynidentError(
-            f"{choices.solver.name} integrates the dynamic model; it goes with the model dynamic, not {choices.model}",
-            pointer="/estimator",
-        )
-    if not choices.plan.at_once or data.equations.n_columns != model.n_parameters:
-        raise DynidentError(
-            f"{choices.solver.name} simulates the whole robot; it goes with the strategy global, not "
-            f"{choices.strategy}",
-            pointer="/estimator",
-        )
-    if not data.recordings:
-        raise DynidentError(
-            f"{choices.solver.name} needs the recordings themselves, not only their reduced rows: identify anew",
-            pointer="/estimator",
-        )

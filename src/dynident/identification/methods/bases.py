@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, ClassVar
 from dynident.kinds import Kind, Kinds
 
 if TYPE_CHECKING:
-    from dynident.estimation import Information
     from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.equations.data import Data
     from dynident.identification.fit import Fit
-    from dynident.regressors.model import Model
+    from dynident.identification.problem import Problem
 
 _HOME = "dynident.identification.methods"
 
@@ -24,25 +22,27 @@ class Estimator(Kind, ABC):
 
     `from_reduced`: it needs the reduced data alone, and gives least squares of the joints' torques where these are its
     equations. `in_steps`: it solves any part of the equations. `weighted`: joints count by their noise.
-    `possible_bodies`: what it finds are bodies that can exist. `tells_convergence`: its own warnings say whether it has
+    `simulates`: it integrates the dynamic model along the recordings. `possible_bodies`: what it finds are bodies that
+    can exist. `tells_convergence`: its own warnings say whether it has
     settled. `priors`: names of those that it is compared with when methods are.
     """
 
     from_reduced: ClassVar[bool] = False
     in_steps: ClassVar[bool] = False
     weighted: ClassVar[bool] = True
+    simulates: ClassVar[bool] = False
     possible_bodies: ClassVar[bool] = False
     tells_convergence: ClassVar[bool] = False
     priors: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
-    def solve(self, model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
-        """Solve all equations of the data; `known` is what is known of the parameters beside them.
+    def solve(self, problem: Problem) -> Fit:
+        """Solve all equations of the problem's data, with what is known of the parameters beside them.
 
         Raises
         ------
         DynidentError
-            Where the other choices or the data do not allow it.
+            Where the data do not allow it.
         """
 
 
@@ -59,8 +59,8 @@ class Strategy(Kind, ABC):
     friction_runs: ClassVar[bool] = False
 
     @abstractmethod
-    def solve(self, model: Model, choices: IdentificationChoices, data: Data) -> Fit:
-        """Solve the data part by part; `DynidentError` where the other choices or the data do not allow it."""
+    def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
+        """Solve the problem part by part; `DynidentError` where the other choices or the data do not allow it."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.errors import DynidentError
-from dynident.identification.choices import IdentificationChoices
 from dynident.identification.parameters.bodies import bodies_of
 from dynident.identification.prior.belief import Belief
 from dynident.regressors.model import Model
@@ -69,8 +68,8 @@ class EntropicPrior:
         return replace(belief, mean=mean, spread=spread)
 
 
-def entropic_prior(model: Model, choices: IdentificationChoices, belief: Belief) -> EntropicPrior:
-    """The entropic prior of the links that a belief says something of.
+def entropic_prior(model: Model, share: float, belief: Belief) -> EntropicPrior:
+    """The entropic prior of the links that a belief says something of; bodies are usually off by the share.
 
     Raises
     ------
@@ -81,7 +80,7 @@ def entropic_prior(model: Model, choices: IdentificationChoices, belief: Belief)
     nominal = np.array([belief.mean[body.columns] for body in believed]).reshape(-1, 10)
     _check(model.robot.name, [body.name for body in believed], nominal)
     columns = np.array([body.columns for body in believed], dtype=np.intp).reshape(-1, 10)
-    return EntropicPrior(columns, pseudo_inertia(nominal), choices.prior_error)
+    return EntropicPrior(columns, pseudo_inertia(nominal), share)
 
 
 def _check(robot: str, names: Sequence[str], nominal: FloatArray) -> None:

@@ -11,7 +11,7 @@ from dynident.effects import Column, role_of
 from dynident.errors import DynidentError
 from dynident.estimation import Information
 from dynident.estimation.deviations import owed_to_known
-from dynident.identification.choices import IdentificationChoices
+from dynident.identification.asked import Trust
 from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
 from dynident.identification.prior.belief import Belief, parted
@@ -27,8 +27,8 @@ _ALIKE = 1e-6
 _IMPOSSIBLE = 0.01
 
 
-def prior_of(model: Model, choices: IdentificationChoices) -> Information | None:
-    """What the chosen prior says of the base parameters; None where none is chosen.
+def prior_of(model: Model, trust: Trust) -> Information | None:
+    """What a prior says of the base parameters; None where there is none.
 
     Base parameters are sums of standard ones, β = G φ, so what is known of φ, with mean μ and covariance D, is known of
     β with mean G μ and covariance G D Gᵀ. Of sums with something unknown in them (a rotor's inertia, friction, a free
@@ -41,12 +41,12 @@ def prior_of(model: Model, choices: IdentificationChoices) -> Information | None
     DynidentError
         Where the description gives no inertias, gives placeholders or impossible ones, or a free link does not exist.
     """
-    if choices.prior is None:
+    if trust.prior is None:
         return None
-    check_description(model.robot.tree, choices.free_links)
-    belief = belief_of(model, choices)
-    if choices.belief is not None and choices.belief.of_bodies:
-        belief = entropic_prior(model, choices, belief).belief_at(belief, belief.mean)
+    check_description(model.robot.tree, trust.free_links)
+    belief = belief_of(model, trust)
+    if trust.of_bodies:
+        belief = entropic_prior(model, trust.error, belief).belief_at(belief, belief.mean)
     return parted(model, belief).base
 
 
@@ -98,11 +98,11 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
         )
 
 
-def belief_of(model: Model, choices: IdentificationChoices) -> Belief:
+def belief_of(model: Model, trust: Trust) -> Belief:
     """What the description says of a model's standard parameters, whether it is chosen to be believed or not."""
     robot = model.robot.tree
     nominal = np.zeros((robot.n, 10)) if robot.inertias is None else robot.inertias
-    errors, rotors = usual_errors(robot, choices.prior_error), usual_rotor_inertias(robot)
+    errors, rotors = usual_errors(robot, trust.error), usual_rotor_inertias(robot)
     mean, size = np.zeros(len(model.columns)), np.ones(len(model.columns))
     stated = np.zeros(len(model.columns), dtype=bool)
     for k, column in enumerate(model.columns):
@@ -110,7 +110,7 @@ def belief_of(model: Model, choices: IdentificationChoices) -> Belief:
         if role == "link":
             link, parameter = robot.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
             mean[k], size[k] = nominal[link, parameter], errors[link, parameter]
-            stated[k] = choices.prior is not None and column.link not in choices.free_links
+            stated[k] = trust.prior is not None and column.link not in trust.free_links
         elif role == "rotor":
             size[k] = rotors[robot.joint_names.index(column.link)]
         elif role == "load":
@@ -122,10 +122,8 @@ def _payload_parameter(column: Column) -> int:
     return [f"{name}p" for name in INERTIAL_NAMES].index(column.parameter)
 
 
-def with_prior_said(model: Model, data: Data, fit: Fit, choices: IdentificationChoices) -> Fit:
+def with_prior_said(model: Model, data: Data, fit: Fit) -> Fit:
     """The fit, with a warning that says what in it rests on the prior rather than on the data."""
-    if choices.prior is None:
-        return fit
     owed = owed_to_known(data.equations, fit.solution)
     names = [column.name for column, rests in zip(model.kept, owed, strict=True) if rests]
     told = (

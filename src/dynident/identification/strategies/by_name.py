@@ -6,13 +6,32 @@ from dataclasses import replace
 
 from dynident.errors import DynidentError
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
-from dynident.regressors.model import Model
+from dynident.identification.prior.prior import with_prior_said
+from dynident.identification.problem import Problem
 
 
-def fit(model: Model, choices: IdentificationChoices, data: Data) -> Fit:
-    """Solve by the chosen strategy with the chosen estimator."""
+def fit(choices: IdentificationChoices, problem: Problem) -> Fit:
+    """Solve by the chosen strategy with the chosen estimator.
+
+    Raises
+    ------
+    DynidentError
+        Where the choices do not fit each other, or the data do not allow them.
+    """
+    _check_together(choices, problem)
+    found = choices.plan.solve(choices, problem)
+    if choices.prior is not None:
+        found = with_prior_said(problem.model, problem.data, found)
+    friction = problem.data.friction
+    if not friction or choices.plan.friction_runs:
+        return found
+    names = ", ".join(recording.name for recording in friction)
+    unused = f"Not used: {names}. Tests of friction (role friction) serve the strategy separate_friction alone."
+    return replace(found, warnings=(*found.warnings, unused))
+
+
+def _check_together(choices: IdentificationChoices, problem: Problem) -> None:
     if choices.prior is not None and not choices.plan.at_once:
         raise DynidentError(
             f"the prior speaks of sums of parameters that the {choices.strategy} strategy finds one after the other; "
@@ -20,9 +39,15 @@ def fit(model: Model, choices: IdentificationChoices, data: Data) -> Fit:
             pointer="/prior",
             title="Choices that do not fit",
         )
-    found = choices.plan.solve(model, choices, data)
-    if not data.friction or choices.plan.friction_runs:
-        return found
-    names = ", ".join(recording.name for recording in data.friction)
-    unused = f"Not used: {names}. Tests of friction (role friction) serve the strategy separate_friction alone."
-    return replace(found, warnings=(*found.warnings, unused))
+    if not (choices.solver.simulates and choices.plan.at_once):
+        return
+    if choices.model != "dynamic":
+        raise DynidentError(
+            f"{choices.solver.name} integrates the dynamic model; it goes with the model dynamic, not {choices.model}",
+            pointer="/estimator",
+        )
+    if not problem.data.recordings:
+        raise DynidentError(
+            f"{choices.solver.name} needs the recordings themselves, not only their reduced rows: identify anew",
+            pointer="/estimator",
+        )

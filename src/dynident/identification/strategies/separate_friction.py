@@ -7,8 +7,8 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
+from dynident.identification.problem import Problem
 from dynident.identification.strategies.friction_runs import FrictionRuns, friction_columns, friction_runs
 from dynident.identification.strategies.sequential import check_estimator
 from dynident.identification.strategies.steps import Findings, conclude_steps, take_step
@@ -23,7 +23,7 @@ _PATIENCE = 30.0
 _OPEN = 0.1
 
 
-def separate_friction(model: Model, choices: IdentificationChoices, data: Data) -> Fit:
+def separate_friction(choices: IdentificationChoices, problem: Problem) -> Fit:
     """Find the friction of every joint that moves alone somewhere, then all other parameters with it known.
 
     The runs are those of the recordings with the role "friction", or else any that are found in the data. Friction
@@ -35,7 +35,8 @@ def separate_friction(model: Model, choices: IdentificationChoices, data: Data) 
     DynidentError
         Where no joint with friction in the model ever moves alone, or for an estimator that cannot be taken in steps.
     """
-    check_estimator(choices)
+    estimator, model, data = choices.solver, problem.model, problem.data
+    check_estimator(estimator)
     sources = data.friction or data.recordings
     if not sources:
         raise DynidentError(
@@ -54,8 +55,8 @@ def separate_friction(model: Model, choices: IdentificationChoices, data: Data) 
             title="No friction runs",
         )
     both = Reduction(model.n_parameters, runs.equations.equations + data.equations.equations, data.equations.spans)
-    alone = take_step(model, choices, data, runs.equations, Findings.nothing(model.n_parameters), both, _PATIENCE)
-    rest = take_step(model, choices, data, data.equations, alone.findings)
+    alone = take_step(estimator, problem, runs.equations, Findings.nothing(model.n_parameters), both, _PATIENCE)
+    rest = take_step(estimator, problem, data.equations, alone.findings)
     return conclude_steps(data, (alone, rest), _warnings(model, runs, alone.findings))
 
 

@@ -9,17 +9,16 @@ import numpy as np
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction
 from dynident.identification.choices import IdentificationChoices, StepsName
-from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
-from dynident.identification.methods.bases import ESTIMATORS, MODELS
+from dynident.identification.methods.bases import ESTIMATORS, MODELS, Estimator
+from dynident.identification.problem import Problem
 from dynident.identification.strategies.steps import Findings, Step, conclude_steps, take_step
-from dynident.regressors.model import Model
 from dynident.robot.model import Robot
 
 _LONGEST_WRIST = 3
 
 
-def sequential(model: Model, choices: IdentificationChoices, data: Data) -> Fit:
+def sequential(choices: IdentificationChoices, problem: Problem) -> Fit:
     """Find the parameters of the terminal link from its joint's equation, then those of the links before it.
 
     Raises
@@ -28,12 +27,13 @@ def sequential(model: Model, choices: IdentificationChoices, data: Data) -> Fit:
         For an estimator that needs all equations at once, or a model whose equations are not the joints'.
     """
     check_stepwise(choices)
+    model, data = problem.model, problem.data
     findings = Findings.nothing(model.n_parameters)
     steps: list[Step] = []
     to_come = set(range(model.robot.n))
     for joints in steps_of(model.robot, choices.steps):
         own, later = only(data.equations, joints), only(data.equations, tuple(to_come))
-        step = take_step(model, choices, data, own, findings, later)
+        step = take_step(choices.solver, problem, own, findings, later)
         to_come -= set(joints)
         findings = step.findings
         steps.append(step)
@@ -73,7 +73,7 @@ def only(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
 
 def check_stepwise(choices: IdentificationChoices) -> None:
     """Raise where an estimator or a model cannot be taken joint by joint."""
-    check_estimator(choices)
+    check_estimator(choices.solver)
     if not choices.rows.by_joint:
         raise DynidentError(
             f"the {choices.model} model has no equation of its own for every joint, so that nothing can be identified "
@@ -83,11 +83,11 @@ def check_stepwise(choices: IdentificationChoices) -> None:
         )
 
 
-def check_estimator(choices: IdentificationChoices) -> None:
+def check_estimator(estimator: Estimator) -> None:
     """Raise where an estimator cannot be taken in steps."""
-    if not choices.solver.in_steps:
+    if not estimator.in_steps:
         raise DynidentError(
-            f"{choices.solver.name} cannot be taken in steps; choose from "
+            f"{estimator.name} cannot be taken in steps; choose from "
             f"{', '.join(ESTIMATORS.having('in_steps'))}, or the global strategy",
             pointer="/estimator",
             title="Choices that do not fit",

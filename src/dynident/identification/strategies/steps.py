@@ -28,11 +28,10 @@ from dynident.estimation import (
     noise_levels,
     weighted_factor,
 )
-from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.data import Data
-from dynident.identification.estimators.by_name import estimate
 from dynident.identification.fit import Fit
-from dynident.regressors.model import Model
+from dynident.identification.methods.bases import Estimator
+from dynident.identification.problem import Problem
 
 # Share of the largest singular value, columns of equal size, below which a direction is rounding alone.
 _UNSEEN = 1e-8
@@ -92,15 +91,14 @@ class Step:
 
 
 def take_step(
-    model: Model,
-    choices: IdentificationChoices,
-    data: Data,
+    estimator: Estimator,
+    problem: Problem,
     equations: Reduction,
     findings: Findings,
     to_come: Reduction | None = None,
     patience: float = PATIENCE,
 ) -> Step:
-    """Find what these equations tell beyond what is known, by the chosen estimator.
+    """Find what these equations tell beyond what is known.
 
     Parameters
     ----------
@@ -120,8 +118,8 @@ def take_step(
     whole = np.vstack([findings.functions, split.functions]) / split.scale
     changed = equations.combined(np.linalg.pinv(whole) / split.scale[:, None])
     # What a step finds is what later ones know: in all directions, and from few stretches of time not all can be had.
-    choices = replace(choices, covariance="by_joint")
-    fit = estimate(model, choices, replace(data, equations=changed), findings.information(m + k))
+    data, known = replace(problem.data, equations=changed), findings.information(m + k)
+    fit = estimator.solve(replace(problem, data=data, known=known, covariance="by_joint"))
     new = slice(m, m + found)
     # The estimate moves with the error of what is known as (RᵀR)⁻¹ Fᵀε does, ε the known part's error in units of its
     # standard deviation; FᵀF is the inverse of its covariance.

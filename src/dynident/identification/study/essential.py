@@ -24,7 +24,6 @@ from dynident.estimation import (
 from dynident.estimation.essential import RATIO, Stop
 from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
 from dynident.identification.shapes.shape_constants import looked_at_shapes
-from dynident.identification.study.identifying import least_squares_of_torque
 from dynident.identification.study.result import Identification
 from dynident.threads import single_threaded
 
@@ -159,7 +158,7 @@ def _with_shapes_uncertain(
 ) -> Statistics | None:
     """How sure the parameters that are kept are with the shape constants uncertain; None where these are not."""
     shaped, choices = identification.shaped, identification.choices
-    if shaped is None or not least_squares_of_torque(choices):
+    if shaped is None or not choices.least_squares_of_torque:
         return None
     constants = np.arange(identification.model.n_parameters, shaped.n_columns)
     data = shaped.select(np.concatenate([kept, constants]))

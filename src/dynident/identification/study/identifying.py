@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from dynident.arrays import FloatArray
-from dynident.effects import LINKS, EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
-from dynident.estimation import Linearised, Reduction, condition_number, errors, noise_levels, weighted
+from dynident.estimation import Linearised, Reduction, condition_number, errors, noise_levels
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.checks import (
     check_recordings,
@@ -23,13 +21,14 @@ from dynident.identification.equations.data import Data, motions_and_friction, r
 from dynident.identification.equations.model_equations import with_constants
 from dynident.identification.fit import Fit
 from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
-from dynident.identification.prior.prior import prior_of
+from dynident.identification.problem import Problem
 from dynident.identification.shapes.shape_columns import shape_columns, shape_places
 from dynident.identification.shapes.shape_constants import looked_at_shapes, shape_constants
-from dynident.identification.shapes.shapes import check_shapes_given, complete_shapes, lacks_shape
+from dynident.identification.shapes.shapes import check_shapes_given, complete_shapes
 from dynident.identification.strategies.by_name import fit
 from dynident.identification.study.carrying import carrying, is_open, note_of
 from dynident.identification.study.gain import warnings_of_addition
+from dynident.identification.study.preparing import prepared
 from dynident.identification.study.result import Identification
 from dynident.identification.study.warnings import warnings_of
 from dynident.progress import Progress, part, silent
@@ -37,7 +36,6 @@ from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.extension import extended_model
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.rows import KeptRows, reduce_with_more
-from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import Robot
 from dynident.threads import single_threaded
 
@@ -73,9 +71,18 @@ def identify(
     check_runs(choices.effects, recordings, validation)
     ordinary, _ = motions_and_friction(recordings)
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)
-    choices, preprocessing = with_constants(choices, ordinary, preprocessing)
+    rows, preprocessing = with_constants(choices.rows_asked, ordinary, preprocessing)
     check_shapes_given(choices.effects)
-    choices, reference = _prepared(robot, ordinary, preprocessing, choices, part(progress, 0.0, 0.5))
+    effects, reference = prepared(
+        robot,
+        choices.effects,
+        choices.trust,
+        ordinary,
+        preprocessing,
+        part(progress, 0.0, 0.5),
+        tolerance=choices.tolerance,
+    )
+    choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
     return identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.5, 1.0))
 
@@ -228,7 +235,9 @@ def identify_model(
         Of a model that this one extends.
     """
     share = 0.9 * len(recordings) / (len(recordings) + len(validation))
-    training = reduced(model, choices, recordings, preprocessing, reference, part(progress, 0.0, share), known[0])
+    training = reduced(
+        model, choices.rows_asked, recordings, preprocessing, reference, part(progress, 0.0, share), known[0]
+    )
     held_out = None
     if validation:
         held_out = torque_of(model, validation, preprocessing, reference, part(progress, share, 0.9), known[1])
@@ -274,18 +283,19 @@ def conclude(
     shaped : function, optional
         Gives the joints' torques in the model's columns and, behind them, those of `shape_columns` at parameters (b,).
     """
-    check_reduction(model, data.equations, prior_of(model, choices))
+    problem = Problem.of(model, choices, data)
+    check_reduction(model, data.equations, problem.known)
     if choices.model != "base_wrench":
         check_torque(model, data.torque)
-    found = fit(model, choices, data)
+    found = fit(choices, problem)
     values = found.solution.values
     with_shapes = None if shaped is None else shaped(values)
-    looked = None if with_shapes is None else _with_shapes_uncertain(model, choices, data, found, with_shapes)
+    looked = None if with_shapes is None else _with_shapes_uncertain(problem, found, with_shapes)
     if part_of is None:
         smallest = smallest_inertia_eigenvalue(model, values)
     else:
         smallest = smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
-    certain = not least_squares_of_torque(choices)
+    certain = not choices.least_squares_of_torque
     result = Identification(
         model=model,
         choices=choices,
@@ -311,46 +321,9 @@ def conclude(
     return replace(result, warnings=found.warnings + warnings_of(result))
 
 
-def _with_shapes_uncertain(
-    model: Model, choices: IdentificationChoices, data: Data, found: Fit, with_shapes: Reduction
-) -> Linearised | None:
+def _with_shapes_uncertain(problem: Problem, found: Fit, with_shapes: Reduction) -> Linearised | None:
     """What the joints' torques say of the shape constants, whatever rows the parameters were solved from."""
-    solution = found.solution
+    data, solution = problem.data, found.solution
     if data.equations is not data.torque:
         solution = replace(solution, noise=noise_levels(data.torque, solution.values))
-    return looked_at_shapes(model, solution, choices.covariance, with_shapes)
-
-
-def least_squares_of_torque(choices: IdentificationChoices) -> bool:
-    """Whether parameters are least squares of the joints' torques: then those with the shapes uncertain are, too."""
-    return choices.model == "dynamic" and choices.plan.at_once and choices.solver.from_reduced
-
-
-def _prepared(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    choices: IdentificationChoices,
-    progress: Progress,
-) -> tuple[IdentificationChoices, FloatArray]:
-    """The choices with every shape constant found, and the standard inertial parameters for load predictions.
-
-    Both come from a first fit without the effects that need them.
-    """
-    plain = tuple(c for c in choices.effects if not effect_by_id(c.effect).needs_load and not lacks_shape(c))
-    if len(plain) == len(choices.effects):
-        return choices, np.zeros(10 * robot.tree.n)
-    if not any(choice.effect == LINKS.effect for choice in plain):
-        raise DynidentError(
-            "effects that depend on the load or whose shape is to be found need rigid_body beside them",
-            pointer="/effects",
-        )
-    first = build_model(robot, plain, tolerance=choices.tolerance)
-    zeros = np.zeros(10 * robot.tree.n)
-    reduction = reduce_recordings(first.observation, recordings, preprocessing, zeros, part(progress, 0.0, 0.5))
-    prior = prior_of(first, choices)
-    check_reduction(first, reduction, prior)
-    reference = first.reference(weighted(reduction, prior).values)
-    others = tuple(choice for choice in choices.effects if choice not in plain)
-    found = complete_shapes(first, others, recordings, preprocessing, reference, part(progress, 0.5, 1.0))
-    return replace(choices, effects=plain + found), reference
+    return looked_at_shapes(problem.model, solution, problem.covariance, with_shapes)

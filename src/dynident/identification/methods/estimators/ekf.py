@@ -8,11 +8,8 @@ from typing import TYPE_CHECKING
 from dynident.identification.methods.bases import Estimator
 
 if TYPE_CHECKING:
-    from dynident.estimation import Information
-    from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.equations.data import Data
     from dynident.identification.fit import Fit
-    from dynident.regressors.model import Model
+    from dynident.identification.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -24,10 +21,11 @@ class Kalman(Estimator):
     words = "Parameters as they emerge, sample by sample."
     brief = "in the order of time"
     place = 7
+    simulates = True
     tells_convergence = True
 
-    def solve(self, model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+    def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
         from dynident.identification.estimators.kalman import kalman
 
-        return kalman(model, choices, data, known)
+        return kalman(problem)

@@ -8,11 +8,8 @@ from typing import TYPE_CHECKING
 from dynident.identification.methods.bases import Estimator
 
 if TYPE_CHECKING:
-    from dynident.estimation import Information
-    from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.equations.data import Data
     from dynident.identification.fit import Fit
-    from dynident.regressors.model import Model
+    from dynident.identification.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -28,8 +25,8 @@ class Feasible(Estimator):
     possible_bodies = True
     priors = ("description", "description_entropic")
 
-    def solve(self, model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+    def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
         from dynident.identification.estimators.feasible import feasible
 
-        return feasible(model, choices, data, known)
+        return feasible(problem)

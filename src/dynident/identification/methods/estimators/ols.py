@@ -8,11 +8,8 @@ from typing import TYPE_CHECKING
 from dynident.identification.methods.bases import Estimator
 
 if TYPE_CHECKING:
-    from dynident.estimation import Information
-    from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.equations.data import Data
     from dynident.identification.fit import Fit
-    from dynident.regressors.model import Model
+    from dynident.identification.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -28,10 +25,10 @@ class Ordinary(Estimator):
     in_steps = True
     weighted = False
 
-    def solve(self, model: Model, choices: IdentificationChoices, data: Data, known: Information | None) -> Fit:
+    def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
         from dynident.estimation import ordinary, statistics
         from dynident.identification.fit import Fit
 
-        solution = ordinary(data.equations, known)
-        return Fit(solution, statistics(data.equations, solution, choices.covariance))
+        solution = ordinary(problem.data.equations, problem.known)
+        return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))

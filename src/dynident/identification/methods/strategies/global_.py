@@ -9,9 +9,8 @@ from dynident.identification.methods.bases import Strategy
 
 if TYPE_CHECKING:
     from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.equations.data import Data
     from dynident.identification.fit import Fit
-    from dynident.regressors.model import Model
+    from dynident.identification.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -26,9 +25,6 @@ class AllAtOnce(Strategy):
     from_reduced = True
     at_once = True
 
-    def solve(self, model: Model, choices: IdentificationChoices, data: Data) -> Fit:
+    def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
         """Solve the data part by part."""
-        from dynident.identification.estimators.by_name import estimate
-        from dynident.identification.prior.prior import prior_of, with_prior_said
-
-        return with_prior_said(model, data, estimate(model, choices, data, prior_of(model, choices)), choices)
+        return choices.solver.solve(problem)

@@ -9,9 +9,8 @@ from dynident.identification.methods.bases import Strategy
 
 if TYPE_CHECKING:
     from dynident.identification.choices import IdentificationChoices
-    from dynident.identification.equations.data import Data
     from dynident.identification.fit import Fit
-    from dynident.regressors.model import Model
+    from dynident.identification.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -25,8 +24,8 @@ class SeparateFriction(Strategy):
     place = 3
     friction_runs = True
 
-    def solve(self, model: Model, choices: IdentificationChoices, data: Data) -> Fit:
+    def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
         """Solve the data part by part."""
         from dynident.identification.strategies.separate_friction import separate_friction
 
-        return separate_friction(model, choices, data)
+        return separate_friction(choices, problem)

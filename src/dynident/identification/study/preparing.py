@@ -1,0 +1,59 @@
+"""What the effects of a model leave open, from a first fit without those that leave it: shapes, and predicted loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.effects import LINKS, EffectChoice, effect_by_id
+from dynident.errors import DynidentError
+from dynident.estimation import weighted
+from dynident.identification.asked import Trust
+from dynident.identification.equations.checks import check_reduction
+from dynident.identification.prior.prior import prior_of
+from dynident.identification.shapes.shapes import complete_shapes, lacks_shape
+from dynident.progress import Progress, part
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model import build_model
+from dynident.regressors.stream import reduce_recordings
+from dynident.robot.model import Robot
+
+
+def prepared(
+    robot: Robot,
+    effects: tuple[EffectChoice, ...],
+    trust: Trust,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    progress: Progress,
+    *,
+    tolerance: float,
+) -> tuple[tuple[EffectChoice, ...], FloatArray]:
+    """The effects with every shape constant found, and the standard inertial parameters for load predictions.
+
+    Both come from a first fit without the effects that need them.
+
+    Raises
+    ------
+    DynidentError
+        Where such effects stand alone, or the data do not determine the first fit.
+    """
+    plain = tuple(c for c in effects if not effect_by_id(c.effect).needs_load and not lacks_shape(c))
+    if len(plain) == len(effects):
+        return effects, np.zeros(10 * robot.tree.n)
+    if not any(choice.effect == LINKS.effect for choice in plain):
+        raise DynidentError(
+            "effects that depend on the load or whose shape is to be found need rigid_body beside them",
+            pointer="/effects",
+        )
+    first = build_model(robot, plain, tolerance=tolerance)
+    zeros = np.zeros(10 * robot.tree.n)
+    reduction = reduce_recordings(first.observation, recordings, preprocessing, zeros, part(progress, 0.0, 0.5))
+    prior = prior_of(first, trust)
+    check_reduction(first, reduction, prior)
+    reference = first.reference(weighted(reduction, prior).values)
+    others = tuple(choice for choice in effects if choice not in plain)
+    found = complete_shapes(first, others, recordings, preprocessing, reference, part(progress, 0.5, 1.0))
+    return plain + found, reference
