@@ -35,7 +35,7 @@ from dynident.effects.catalogue import is_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend
 from dynident.identification.equations.data import motions_and_friction
-from dynident.identification.study.identifying import extend_at_once
+from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.threads import single_threaded

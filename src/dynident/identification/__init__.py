@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from dynident.identification.parameters.standard import StandardParameters
     from dynident.identification.shapes.shape_constants import ShapeConstant
     from dynident.identification.study.again import reidentify
-    from dynident.identification.study.identifying import extend, identify, identify_model
+    from dynident.identification.study.extending import extend
+    from dynident.identification.study.fitting import identify_model
+    from dynident.identification.study.identifying import identify
     from dynident.identification.study.removing import remove
     from dynident.identification.study.result import Identification, IdentifiedParameter
     from dynident.identification.study.storage import from_bytes, to_bytes
@@ -49,11 +51,9 @@ if not TYPE_CHECKING:
         {
             "study.again": ("reidentify",),
             "choices": ("IdentificationChoices",),
-            "study.identifying": (
-                "extend",
-                "identify",
-                "identify_model",
-            ),
+            "study.extending": ("extend",),
+            "study.fitting": ("identify_model",),
+            "study.identifying": ("identify",),
             "loads.current_units": (
                 "CurrentModel",
                 "identify_currents",

@@ -7,7 +7,7 @@ from dataclasses import replace
 from dynident.errors import DynidentError
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS, STRATEGIES
-from dynident.identification.study.identifying import Part, conclude
+from dynident.identification.study.concluding import Part, conclude
 from dynident.identification.study.removing import combined_data, combined_shapes, smaller_model
 from dynident.identification.study.result import Identification
 from dynident.threads import single_threaded

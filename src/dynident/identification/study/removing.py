@@ -15,7 +15,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.equations.data import Data
 from dynident.identification.shapes.shape_columns import shape_places
-from dynident.identification.study.identifying import Part, conclude
+from dynident.identification.study.concluding import Part, conclude
 from dynident.identification.study.result import Identification
 from dynident.regressors.base_parameters import base_parameters_among
 from dynident.regressors.model import Model, build_model, check_columns

@@ -1,0 +1,148 @@
+"""Effects added to an identified model, on the data that it was identified from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dynident.effects import EffectChoice, effect_by_id
+from dynident.errors import DynidentError
+from dynident.identification.equations.checks import check_recordings, check_runs, check_temperature
+from dynident.identification.equations.data import motions_and_friction
+from dynident.identification.shapes.shapes import check_shapes_given, complete_shapes
+from dynident.identification.study.carrying import carrying, is_open, note_of
+from dynident.identification.study.fitting import identify_model
+from dynident.identification.study.gain import warnings_of_addition
+from dynident.identification.study.result import Identification
+from dynident.progress import Progress, part, silent
+from dynident.recordings import Recording
+from dynident.regressors.extension import extended_model
+from dynident.threads import single_threaded
+
+
+@single_threaded
+def extend(
+    identification: Identification,
+    added: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording] = (),
+    progress: Progress = silent,
+) -> Identification:
+    """Add effects to an identified model, one rung of the ladder each, on the data it was identified from.
+
+    The last rung is given; those below it are its parents. An effect that adds nothing to those before it gets none.
+
+    Raises
+    ------
+    DynidentError
+        Where nothing would be added.
+    """
+    new = tuple(choice for choice in added if choice not in identification.choices.effects)
+    if not new:
+        raise DynidentError("all of these effects are in the model already", pointer="/effects", title="Nothing to add")
+    check_shapes_given(new)
+    check_recordings(identification.model.robot, recordings, validation)
+    check_temperature(new, recordings, validation)
+    check_runs(new, recordings, validation)
+    grown, idle = identification, []
+    for number, choice in enumerate(new):
+        told = part(progress, number / len(new), (number + 1) / len(new))
+        found = _with_one_more(grown, choice, recordings, validation, told)
+        if found is None:
+            idle.append(choice.effect)
+        else:
+            grown = found
+    if grown is identification:
+        raise DynidentError(
+            f"{', '.join(idle)} adds nothing: its columns are combinations of those in the model",
+            pointer="/effects",
+            title="Nothing to add",
+        )
+    if not idle:
+        return grown
+    left_out = f"{', '.join(idle)} added nothing beside the others and was left out."
+    return replace(grown, warnings=(*grown.warnings, left_out))
+
+
+def extend_at_once(
+    identification: Identification,
+    added: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    progress: Progress = silent,
+) -> Identification:
+    """The model with several effects, whose shape constants are known, as one rung: without those between.
+
+    Raises
+    ------
+    DynidentError
+        Where they add nothing, or not all of it is determined.
+    """
+    grown = _identified_with(identification, tuple(added), recordings, (), progress)
+    if grown is None:
+        raise DynidentError("the columns of these effects are combinations of those in the model", pointer="/effects")
+    return grown
+
+
+def _with_one_more(
+    identification: Identification,
+    added: EffectChoice,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    progress: Progress,
+) -> Identification | None:
+    """The model with one more effect in it; None where its columns are combinations of those that it has."""
+    new = complete_shapes(
+        identification.model,
+        (added,),
+        motions_and_friction(recordings)[0],
+        identification.preprocessing,
+        identification.next_reference(),
+        part(progress, 0.0, 0.5),
+        identification.rows[0],
+    )
+    looked_for = any(is_open(choice, validation) for choice in new)
+    told = part(progress, 0.5, 0.75 if looked_for else 1.0)
+    grown = _identified_with(identification, new, recordings, validation, told)
+    if grown is None or not looked_for:
+        return grown
+    found = carrying(grown, identification.model, new, validation)
+    if not found:
+        return grown
+    more = tuple(one.run for one in found)
+    carried = tuple(replace(choice, runs=choice.runs + more) if choice.runs else choice for choice in new)
+    grown = _identified_with(identification, carried, recordings, validation, part(progress, 0.75, 1.0))
+    return grown and replace(grown, warnings=(note_of(new, found), *grown.warnings))
+
+
+def _identified_with(
+    identification: Identification,
+    new: tuple[EffectChoice, ...],
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    progress: Progress,
+) -> Identification | None:
+    choices = replace(identification.choices, effects=identification.choices.effects + new)
+    model = extended_model(identification.model, new, tolerance=choices.tolerance)
+    if model.n_parameters == identification.model.n_parameters:
+        return None
+    reference = identification.reference
+    if model.needs_load:
+        reference = identification.next_reference()
+    # The plain model's parameters made up for what was missing; columns of the predicted torque, and of the load that
+    # others change, are better about the new ones.
+    again = any(effect_by_id(choice.effect).first_order for choice in new) or (len(new) > 1 and model.needs_load)
+    passes = 2 if again else 1
+    for number in range(passes):
+        grown = identify_model(
+            model,
+            recordings,
+            validation,
+            choices,
+            identification.preprocessing,
+            reference,
+            part(progress, number / passes, (number + 1) / passes),
+            identification.rows,
+        )
+        reference = grown.next_reference()
+    grown = replace(grown, parent=identification, added=new)
+    return replace(grown, warnings=warnings_of_addition(grown) + grown.warnings)

@@ -1,0 +1,61 @@
+"""The parameters of a model that is built already, from recordings, with everything decided."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dynident.arrays import FloatArray
+from dynident.estimation import Reduction
+from dynident.identification.choices import IdentificationChoices
+from dynident.identification.equations.data import reduced, torque_of
+from dynident.identification.shapes.shape_columns import shape_columns, shape_places
+from dynident.identification.study.concluding import conclude
+from dynident.identification.study.result import Identification
+from dynident.progress import Progress, part
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.model import Model
+from dynident.regressors.rows import KeptRows, reduce_with_more
+
+
+def identify_model(
+    model: Model,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    choices: IdentificationChoices,
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress,
+    known: tuple[KeptRows | None, KeptRows | None] = (None, None),
+) -> Identification:
+    """Identify the parameters of a model that is built already, with everything decided.
+
+    Parameters
+    ----------
+    reference : (10 n,)
+        Standard inertial parameters for load predictions; any where no effect needs the load.
+    known : rows of the recordings and of the validation data, optional
+        Of a model that this one extends.
+    """
+    share = 0.9 * len(recordings) / (len(recordings) + len(validation))
+    training = reduced(
+        model, choices.rows_asked, recordings, preprocessing, reference, part(progress, 0.0, share), known[0]
+    )
+    held_out = None
+    if validation:
+        held_out = torque_of(model, validation, preprocessing, reference, part(progress, share, 0.9), known[1])
+    progress(0.9, "solving")
+    told = part(progress, 0.9, 1.0)
+
+    def shaped(values: FloatArray) -> Reduction | None:
+        places = shape_places(model.effects)
+        if not places:
+            return None
+        columns = shape_columns(model, values, places)
+        ordinary = training.recordings
+        return reduce_with_more(model, columns, ordinary, preprocessing, reference, told, training.rows)
+
+    found = conclude(model, choices, training, None if held_out is None else held_out.torque, shaped=shaped)
+    names = tuple(recording.name for recording in recordings), tuple(recording.name for recording in validation)
+    rows = training.rows, None if held_out is None else held_out.rows
+    return replace(found, measurement_names=names[0], validation_names=names[1], rows=rows)
