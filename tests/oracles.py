@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from dynident.recordings import Recording, recording_from_arrays
+from dynident.recordings import FurtherColumns, Recording, recording_from_arrays
 from dynident.robot import Robot, robot_from_library, robot_from_urdf, to_pinocchio
 
 FloatArray = NDArray[np.float64]
@@ -117,8 +117,10 @@ def fourier_motion(
 
 
 def record(robot: Robot, motion: Motion, tau: FloatArray, name: str = "run", **more) -> Recording:
-    """The motion and torque as a recording of the robot."""
-    return recording_from_arrays(motion.t, motion.q, tau, joint_names=robot.joint_names, name=name, **more)
+    """The motion and torque as a recording of the robot, with what was recorded beside them."""
+    beside = FurtherColumns(**{one.name: more.pop(one.name, None) for one in fields(FurtherColumns)})
+    columns = {"joint_names": robot.joint_names, "further": beside, "name": name}
+    return recording_from_arrays(motion.t, motion.q, tau, **columns, **more)
 
 
 def random_states(robot: Robot, count: int, seed: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
