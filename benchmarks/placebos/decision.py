@@ -1,6 +1,6 @@
 """What the decision rule would recommend of given rows: the one place that knows how candidates are judged.
 
-It does what `dynident.diagnosis.diagnose` does between its pool of candidates and its picks. Where that changes, this
+It does what `dynident.diagnosis.diagnosing` does between its pool of candidates and its picks. Where that changes, this
 has to follow; all else of the placebo stays.
 """
 
@@ -16,7 +16,7 @@ from dynident.diagnosis import compare
 from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.comparing.noise import sensor_noise
-from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
+from dynident.diagnosis.diagnosing import DEFAULT_MOST_EFFECTS
 from dynident.diagnosis.residuals.leads import find_leads
 from dynident.diagnosis.residuals.resolution import resolution
 from dynident.diagnosis.search.refine import improved

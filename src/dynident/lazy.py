@@ -33,7 +33,8 @@ def lazily(package: str) -> Callable[[str], Any]:
 def homes_of(package: str) -> Mapping[str, str]:
     """The module that each name comes from which a package imports for type checkers."""
     spec = sys.modules[package].__spec__
-    assert spec is not None and isinstance(spec.loader, InspectLoader)
+    assert spec is not None
+    assert isinstance(spec.loader, InspectLoader)
     source = spec.loader.get_source(package) or ""
     branches = [one.body for one in ast.parse(source).body if isinstance(one, ast.If)]
     imports = [one for body in branches for one in body if isinstance(one, ast.ImportFrom)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dynident.diagnosis import diagnose, evidence
 from dynident.diagnosis.changes import together
-from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
+from dynident.diagnosis.diagnosing import DEFAULT_MOST_EFFECTS
 from dynident.progress import part
 from dynident_service.adapters.diagnoses import describe_diagnosis
 from dynident_service.adapters.evidence import write_evidence

@@ -27,7 +27,7 @@ def diagnose(
     import json
 
     from dynident.diagnosis import diagnose as diagnose_model
-    from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
+    from dynident.diagnosis.diagnosing import DEFAULT_MOST_EFFECTS
     from dynident.progress import part
     from dynident_service.adapters.diagnoses import describe_diagnosis
     from dynident_service.cli import inputs, shown, terminal
