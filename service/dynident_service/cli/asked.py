@@ -92,7 +92,9 @@ def _parameters(name: str, parameter: inspect.Parameter, hint: Any) -> list[insp
         return list(_of_request(asks.science, asks.but))
     if is_dataclass(kind):
         inner = get_type_hints(kind, include_extras=True)
-        return [_parameter(one.name, inner[one.name], default_of(one)) for one in fields(kind)]
+        # A list is made anew for every call by its option.
+        defaults = {one.name: MISSING if one.default_factory is list else default_of(one) for one in fields(kind)}
+        return [_parameter(name, inner[name], default) for name, default in defaults.items()]
     missing = parameter.default is inspect.Parameter.empty
     return [_parameter(name, hint, MISSING if missing else parameter.default)]
 

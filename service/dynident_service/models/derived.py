@@ -24,7 +24,9 @@ SCIENCE: dict[type[BaseModel], type] = {}
 """What each of these bodies asks for."""
 
 
-def asks(science: type, *but: str, or_null: tuple[str, ...] = ()) -> Callable[[type[ModelT]], type[ModelT]]:
+def asks(
+    science: type, *but: str, only: tuple[str, ...] | None = None, or_null: tuple[str, ...] = ()
+) -> Callable[[type[ModelT]], type[ModelT]]:
     """A body that asks for a request of the science: with its fields beside those that the class states itself.
 
     Parameters
@@ -33,6 +35,8 @@ def asks(science: type, *but: str, or_null: tuple[str, ...] = ()) -> Callable[[t
         A frozen dataclass whose fields say what they are (`dynident.asking.said`).
     but : str
         Fields that are no part of the contract.
+    only : tuple of str, optional
+        Those that are, where they are few.
     or_null : tuple of str
         Those that may be null for their default.
     """
@@ -42,12 +46,13 @@ def asks(science: type, *but: str, or_null: tuple[str, ...] = ()) -> Callable[[t
         derived = {
             one.name: _derived(science, one, one.name in or_null)
             for one in fields(science)
-            if one.name not in but and one.name not in own and not said_of(one).local
+            if one.name not in (*but, *own) and (only is None or one.name in only) and not said_of(one).local
         }
         found: type[ModelT] = create_model(  # type: ignore[call-overload]
             body.__name__, __base__=body, __module__=body.__module__, __doc__=body.__doc__, **derived
         )
-        BODIES[science] = found
+        if only is None:
+            BODIES[science] = found
         SCIENCE[found] = science
         return found
 
@@ -66,6 +71,7 @@ def _derived(science: type, one: Field[Any], or_null: bool = False) -> tuple[Any
     about = said_of(one)
     if about.kinds is None:
         hint = _on_the_wire(hint_of(science, one), about)
+        hint = hint | None if or_null else hint
     else:
         hint = _one_of(about, optional=or_null or "None" in str(one.type))
     default = None if or_null else default_of(one)

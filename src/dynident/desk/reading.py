@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from dynident.desk.recordings import CheckedRecording, Recordings, Source
 from dynident.desk.robots import DriveGains, with_gains
@@ -18,9 +18,8 @@ from dynident.identification.robot_recordings import import_cured, import_for_ro
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.names import unique_names
+from dynident.recordings.stated import Role
 from dynident.robot import Robot
-
-Role = Literal["identification", "validation", "friction", "payload"]
 
 # How the checks word it for a request over HTTP, and the same as arguments of Python.
 _REWORDED = (

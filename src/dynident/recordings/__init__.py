@@ -13,17 +13,9 @@ if TYPE_CHECKING:
     from dynident.recordings.parallel import FilteredRows, ParallelFilter, low_pass
     from dynident.recordings.phases import PhaseShares, phase_shares
     from dynident.recordings.preprocessing import Preprocessing
-    from dynident.recordings.revisions import Revision
     from dynident.recordings.sources import open_recording
-    from dynident.recordings.types import (
-        Check,
-        JointLimits,
-        Recording,
-        RecordingError,
-        RecordingMetadata,
-        SampleBlock,
-        Segment,
-    )
+    from dynident.recordings.stated import RecordingMetadata, Revision
+    from dynident.recordings.types import Check, JointLimits, Recording, RecordingError, SampleBlock, Segment
 
 __all__ = [
     "Check",

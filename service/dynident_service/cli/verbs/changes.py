@@ -44,10 +44,9 @@ def changes(
 
     identification = inputs.model_of(model)
     robot = identification.model.robot
-    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("compare the days") as progress,
-        inputs.loaded([*before, *after], robot, options, part(progress, 0.0, 0.3)) as (given, _),
+        inputs.loaded([*before, *after], robot, reading, part(progress, 0.0, 0.3)) as (given, _),
     ):
         recordings = inputs.recordings_of(given)
         found = diagnose(

@@ -43,12 +43,11 @@ def compare(
     from dynident_service.models.common import plain
 
     identification = inputs.model_of(model)
-    options = inputs.file_options(reading)
     if out is not None:
         tables.check_ending(out)
     with (
         terminal.progress_bar("compare") as progress,
-        inputs.loaded([measurement], identification.model.robot, options, part(progress, 0.0, 0.5), learnt) as (
+        inputs.loaded([measurement], identification.model.robot, reading, part(progress, 0.0, 0.5), learnt) as (
             given,
             others,
         ),

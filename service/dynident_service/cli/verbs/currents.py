@@ -33,7 +33,7 @@ def currents(
     from dynident_service.cli import inputs, shown, terminal
     from dynident_service.models.common import plain
 
-    machine = inputs.robot_of(robot, reading.drive_gains)
+    machine = inputs.robot_of(robot, reading)
     unknown = all(drive.gain is None for drive in machine.drives)
     if unknown:
         # Then "torque" is the current itself.
@@ -41,7 +41,7 @@ def currents(
     chosen = inputs.effects_of(effects, machine) or PLAIN_EFFECTS
     with (
         terminal.progress_bar("currents") as progress,
-        inputs.loaded(measurements, machine, inputs.file_options(reading), part(progress, 0.0, 0.5), validation) as (
+        inputs.loaded(measurements, machine, reading, part(progress, 0.0, 0.5), validation) as (
             training,
             held_out,
         ),

@@ -36,10 +36,9 @@ def diagnose(
     identification = inputs.model_of(model)
     robot = identification.model.robot
     names = [name.strip() for name in candidates.split(",") if name.strip()] or None
-    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("diagnose") as progress,
-        inputs.loaded(measurements, robot, options, part(progress, 0.0, 0.3)) as (given, _),
+        inputs.loaded(measurements, robot, reading, part(progress, 0.0, 0.3)) as (given, _),
     ):
         found = diagnose_model(
             identification,

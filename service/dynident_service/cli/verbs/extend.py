@@ -46,10 +46,9 @@ def extend(
         added += inputs.stored_diagnosis(diagnosis).recommended
     if not added:
         raise DynidentError("say what to add: --effects, or --diagnosis with a file", pointer="--effects")
-    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("extend") as progress,
-        inputs.loaded(measurements, robot, options, part(progress, 0.0, 0.5), validation) as (training, held_out),
+        inputs.loaded(measurements, robot, reading, part(progress, 0.0, 0.5), validation) as (training, held_out),
     ):
         found = extend_model(
             identification,

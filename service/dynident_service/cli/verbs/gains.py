@@ -77,15 +77,14 @@ def gains(
 
     if weigh_unloaded and not weigh:
         raise DynidentError("nothing is to be weighed: give --weigh too", pointer="--weigh-unloaded")
-    machine = inputs.robot_of(robot, reading.drive_gains, reading.lock, reading.gravity)
+    machine = inputs.robot_of(robot, reading)
     payload = {
         "mass": load.mass,
         **({"centre": parsing.numbers(load.centre, "--centre")} if load.centre else {}),
     }
-    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("gains") as progress,
-        inputs.loaded(measurements, machine, options, part(progress, 0.0, 0.6), [*loaded, *weigh, *weigh_unloaded]) as (
+        inputs.loaded(measurements, machine, reading, part(progress, 0.0, 0.6), [*loaded, *weigh, *weigh_unloaded]) as (
             without,
             others,
         ),

@@ -62,14 +62,18 @@ def identify(
     from dynident_service.cli import inputs, parsing, shown, shown_verdicts, terminal
     from dynident_service.models.common import plain
 
-    machine = inputs.robot_of(robot, reading.drive_gains, reading.lock, reading.gravity)
-    options = inputs.file_options(reading, dict.fromkeys(beside.friction, "friction"))
+    machine = inputs.robot_of(robot, reading)
     chosen = inputs.effects_of(beside.effects, machine) or DEFAULT_EFFECTS
     unfiltered = asked.request(IdentificationChoices, effects=chosen)
     with (
         terminal.progress_bar("identify") as progress,
         inputs.loaded(
-            [*measurements, *beside.friction], machine, options, part(progress, 0.0, 0.5), beside.validation
+            [*measurements, *beside.friction],
+            machine,
+            reading,
+            part(progress, 0.0, 0.5),
+            beside.validation,
+            beside.friction,
         ) as (
             training,
             held_out,

@@ -54,10 +54,9 @@ def report(
     found = inputs.stored_diagnosis(shown.diagnosis) if shown.diagnosis is not None else None
     joints = identification.model.robot.joint_names
     validations = [reported(stored_validation(path), joints) for path in shown.validated or []]
-    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("report") as progress,
-        inputs.loaded(measurements, identification.model.robot, options, part(progress, 0.0, 0.4), validation) as (
+        inputs.loaded(measurements, identification.model.robot, reading, part(progress, 0.0, 0.4), validation) as (
             training,
             held_out,
         ),

@@ -54,7 +54,7 @@ def simulate(
     from dynident_service.models.common import plain
 
     tables.check_ending(out)
-    machine = inputs.robot_of(robot, beside_it.drive_gains, beside_it.lock, beside_it.gravity)
+    machine = inputs.robot_of(robot, beside_it)
     stated = asked.request(Simulated)
     hidden = true_effects(virtual.acting_effects(effects), machine)
     with terminal.progress_bar("simulate") as progress:

@@ -82,11 +82,10 @@ def validate(
     given = measurements or []
     others = [*beside.validation, *(beside.unloaded or [])]
     validating.check(trial, len(given), len(others))
-    options = inputs.file_options(reading)
     robot = identification.model.robot
     with (
         terminal.progress_bar("validate") as progress,
-        inputs.loaded(given, robot, options, part(progress, 0.0, 0.3), others) as (tried, held_out),
+        inputs.loaded(given, robot, reading, part(progress, 0.0, 0.3), others) as (tried, held_out),
     ):
         recordings, rest = inputs.recordings_of(tried), inputs.recordings_of(held_out)
         found = validating.run(identification, trial, recordings, rest, part(progress, 0.3, 1.0))
