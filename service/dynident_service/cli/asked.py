@@ -40,9 +40,14 @@ class Typed:
         Raises
         ------
         DynidentError
-            With the option that cannot be read.
+            With the option that cannot be read, or that the request refuses.
         """
-        return science(**{**dict(self._given(science, more)), **more})
+        try:
+            return science(**{**dict(self._given(science, more)), **more})
+        except DynidentError as error:
+            options = {f"/{one.name}": _option(one) for one in fields(science)}  # type: ignore[arg-type]
+            error.pointer = options.get(error.pointer, error.pointer)
+            raise
 
     def _given(self, science: type, more: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
         for one in fields(science):

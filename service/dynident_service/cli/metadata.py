@@ -20,7 +20,7 @@ from dynident_service.models.measurements import MeasurementMetadata
 NEEDED_FOR_GAINS = "drives"
 _BESIDE = ("questions", "name", "format")
 """What stands in such a file and is no part of what is said."""
-_ELSEWHERE = ("name", "format", "role", "payload", "accept")
+_ELSEWHERE = ("name", "format", "role", "accept")
 """What is told by the file itself, or has options and commands of its own."""
 
 

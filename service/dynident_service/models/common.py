@@ -39,6 +39,12 @@ class Asked(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
+class Queried(BaseModel):
+    """What the query of an address asks for."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+
 class Shown(BaseModel):
     """An answer, or a part of one; what is no finite number is shown as null."""
 

@@ -13,7 +13,7 @@ from pydantic import Field as wire_field
 from dynident.asking import Said, default_of, said_of
 from dynident.kinds import Kind, Kinds
 from dynident_service.hints import hint_of
-from dynident_service.models.common import Asked
+from dynident_service.models.common import Asked, Queried
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
@@ -57,6 +57,12 @@ def asks(
         return found
 
     return made
+
+
+def query_of(science: type) -> Any:
+    """The parameters of a query that ask for a request of the science; others are ignored."""
+    derived: dict[str, Any] = {one.name: _derived(science, one) for one in fields(science)}
+    return create_model(science.__name__, __base__=Queried, **derived)
 
 
 def body_of(science: type) -> type[BaseModel]:

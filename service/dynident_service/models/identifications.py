@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from dynident.export.stated import ExportChoices
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.elimination import Elimination
 from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
-from dynident_service.models.derived import asks
+from dynident_service.models.derived import asks, query_of
 from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import SeenMeasurement
 
@@ -18,6 +20,12 @@ SHAPE_JUDGEMENTS = Literal[
 ]
 DEFAULT_EFFECTS = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 
+if TYPE_CHECKING:
+    EliminationQuery = Elimination
+    ExportQuery = ExportChoices
+else:
+    EliminationQuery = query_of(Elimination)
+    ExportQuery = query_of(ExportChoices)
 Cutoff = float | Literal["auto"] | None
 
 

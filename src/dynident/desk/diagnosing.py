@@ -21,7 +21,7 @@ from dynident.diagnosis import (
     evidence,
 )
 from dynident.diagnosis import diagnose as diagnose_model
-from dynident.diagnosis.diagnosing import DEFAULT_MOST_EFFECTS
+from dynident.diagnosis.stated import DEFAULT_MOST_EFFECTS
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table

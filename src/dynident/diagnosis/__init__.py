@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         RankedEffect,
         UnknownPattern,
     )
+    from dynident.diagnosis.stated import DiagnosisChoices
 
 __all__ = [
     "Autocorrelation",
@@ -31,6 +32,7 @@ __all__ = [
     "ChangedValue",
     "Comparison",
     "Diagnosis",
+    "DiagnosisChoices",
     "Evidence",
     "FailureSpot",
     "Invisible",

@@ -11,13 +11,15 @@ if TYPE_CHECKING:
     from dynident.export.casadi_function import to_casadi
     from dynident.export.completion import Completion, complete
     from dynident.export.document import PredictingModel, model_document, model_from_json, to_json
-    from dynident.export.export import ExportFormat, export_model
+    from dynident.export.export import export_model
     from dynident.export.exported import ExportedFile
     from dynident.export.mjcf import to_mjcf
+    from dynident.export.stated import ExportChoices, ExportFormat
     from dynident.export.urdf import to_urdf
 
 __all__ = [
     "Completion",
+    "ExportChoices",
     "ExportFormat",
     "ExportedFile",
     "PredictingModel",

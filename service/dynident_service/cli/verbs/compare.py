@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Json, ModelArgument, Out, Reading
+from dynident_service.cli.options import Json, ModelArgument, Out, Reading, several
 
 
 def compare(
@@ -19,12 +19,10 @@ def compare(
     reading: Reading,
     learnt: Annotated[
         list[Path],
-        typer.Option(
+        several(
             "--learnt",
             metavar="FILE",
             help="What the model was identified from; repeat it for more. Tells whether the motion only repeats that.",
-            default_factory=list,
-            show_default=False,
         ),
         TO_READ,
     ],

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dynident.identification.choices import IdentificationChoices
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Effects, Measurements, Result, RobotArgument, RobotReading, Validation
+from dynident_service.cli.options import Effects, Measurements, Result, RobotArgument, RobotReading, Validation, several
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 @dataclass(frozen=True)
@@ -22,12 +25,10 @@ class Beside:
     effects: Effects
     friction: Annotated[
         list[Path],
-        typer.Option(
+        several(
             "--friction",
             metavar="FILE",
             help="Measurement at constant velocities, for the strategy separate_friction; may be repeated.",
-            default_factory=list,
-            show_default=False,
         ),
         TO_READ,
     ]
@@ -59,7 +60,7 @@ def identify(
     from dynident_service.adapters.identifications import describe_identification
     from dynident_service.adapters.measurements import show_checks
     from dynident_service.adapters.verdicts import show_verdict
-    from dynident_service.cli import inputs, parsing, shown, shown_verdicts, terminal
+    from dynident_service.cli import inputs, parsing, shown, shown_verdicts, telling, terminal
     from dynident_service.models.common import plain
 
     machine = inputs.robot_of(robot, reading)
@@ -86,22 +87,20 @@ def identify(
         tried = inputs.recordings_of(held_out)
         found = identify_model(machine, recordings, tried, choices, part(progress, 0.5, 1.0))
         judged = verdict(found, recordings, tried)
-    if result.out is not None:
-        inputs.write_whole(result.out, to_bytes(found))
-    if result.as_json:
-        document = plain(describe_identification(found, None))
-        document["verdict"] = plain(show_verdict(judged))
-        document["measurements"] = [
+    document = {
+        **plain(describe_identification(found, None)),
+        "verdict": plain(show_verdict(judged)),
+        "measurements": [
             {"name": item.recording.name, "checks": [plain(check) for check in show_checks(item.checks)]}
             for item in [*training, *held_out]
-        ]
-        terminal.print_json(document)
-    else:
-        console = terminal.out()
+        ],
+    }
+
+    def show(console: Console) -> None:
         shown.show_measurements(console, training, held_out)
         shown.show_identification(console, found)
         shown_verdicts.show_verdict(console, judged)
-        if result.out is not None:
-            console.print(f"model written to {result.out}", markup=False)
+
+    telling.tell(result, "model", document, show, to_bytes(found))
     if judged.stop is not None:
         raise typer.Exit(shown_verdicts.STOPPED)
