@@ -8,7 +8,7 @@ from pydantic import Field
 
 from dynident.export.stated import ExportChoices
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.elimination import Elimination
+from dynident.identification.essential_choices import EssentialChoices
 from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
 from dynident_service.models.derived import asks, query_of
 from dynident_service.models.labels import Labelled
@@ -21,10 +21,10 @@ SHAPE_JUDGEMENTS = Literal[
 DEFAULT_EFFECTS = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 
 if TYPE_CHECKING:
-    EliminationQuery = Elimination
+    EssentialQuery = EssentialChoices
     ExportQuery = ExportChoices
 else:
-    EliminationQuery = query_of(Elimination)
+    EssentialQuery = query_of(EssentialChoices)
     ExportQuery = query_of(ExportChoices)
 Cutoff = float | Literal["auto"] | None
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request
 
-from dynident_service.models.identifications import CorrelationView, EliminationQuery, EssentialView
+from dynident_service.models.identifications import CorrelationView, EssentialQuery, EssentialView
 from dynident_service.routes.common import succeeded
 from dynident_service.services import Services, ServicesDep
 
@@ -21,7 +21,7 @@ async def get_essential_parameters(
     identification_id: str,
     request: Request,
     services: ServicesDep,
-    asked: Annotated[EliminationQuery, Query()],
+    asked: Annotated[EssentialQuery, Query()],
 ) -> EssentialView:
     """Find the essential parameters by backward elimination, with the errors along the way."""
     sent = {"model": await model_file(services, identification_id), "ratio": asked.ratio}

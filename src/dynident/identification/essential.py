@@ -22,7 +22,7 @@ from dynident.estimation import (
     statistics,
 )
 from dynident.estimation.essential import Stop
-from dynident.identification.elimination import Elimination
+from dynident.identification.essential_choices import EssentialChoices
 from dynident.identification.identifying import least_squares_of_torque
 from dynident.identification.inertia import smallest_inertia_eigenvalue
 from dynident.identification.result import Identification
@@ -82,7 +82,7 @@ class EssentialPath:
 
 
 @single_threaded
-def essential_parameters(identification: Identification, ratio: float = Elimination.ratio) -> EssentialPath:
+def essential_parameters(identification: Identification, ratio: float = EssentialChoices.ratio) -> EssentialPath:
     """Find the essential parameters of an identified model by backward elimination [Pham and Gautier 1991].
 
     All on the reduced data, by least squares weighted as the identification was.

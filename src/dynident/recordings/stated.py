@@ -126,7 +126,7 @@ class Revision:
     permutation: Mapping[Axis, tuple[int, ...]] = anew(RecordingMetadata, "permutation")
     signs: Mapping[str, float] = anew(RecordingMetadata, "signs")
     scale: Mapping[str, float] = anew(RecordingMetadata, "scale")
-    torque_delay: float | None = anew(RecordingMetadata, "torque_delay")
+    torque_delay: float | None = anew(RecordingMetadata, DELAY)
     role: Role | None = anew(RecordingMetadata, "role")
     name: str | None = anew(RecordingMetadata, "name")
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from dynident.identification.elimination import Elimination
+from dynident.identification.essential_choices import EssentialChoices
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.options import ModelArgument, Result
 
 
 def essential(
     model: ModelArgument,
-    asked: Annotated[Typed, Asks(Elimination)],
+    asked: Annotated[Typed, Asks(EssentialChoices)],
     result: Result,
 ) -> None:
     """Find the essential parameters of a model by backward elimination.
@@ -24,7 +24,7 @@ def essential(
     from dynident_service.cli import inputs, shown, telling
     from dynident_service.models.common import plain
 
-    found = essential_parameters(inputs.model_of(model), asked.request(Elimination).ratio)
+    found = essential_parameters(inputs.model_of(model), asked.request(EssentialChoices).ratio)
     document = plain(describe_essential(found))
     content = to_bytes(found.identification)
     telling.tell(result, "model", document, lambda console: shown.show_essential(console, found), content)

@@ -8,7 +8,7 @@ from dynident.asking import said
 
 
 @dataclass(frozen=True)
-class Elimination:
+class EssentialChoices:
     """How far parameters are taken out."""
 
     ratio: float = said(
