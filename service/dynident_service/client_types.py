@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import textwrap
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -12,7 +13,13 @@ _REQUESTS = {
     "IdentificationRequest": ("robot_id", "measurement_ids", "validation_ids", "effects"),
     "DesignRequest": ("robot_id", "kind"),
     "SimulationRequest": ("robot_id", "design_id", "trajectory", "effects"),
-    "ValidationRequest": ("identification_id", "kind", "measurement_ids", "name"),
+    "DiagnosisRequest": ("identification_id", "measurement_ids", "baseline_ids"),
+    "DriveGainsRequest": ("robot_id", "unloaded", "loaded", "weigh", "weigh_unloaded"),
+    "MeasurementMetadata": ("robot_id", "name"),
+    "ReportRequest": ("identification_id", "diagnosis_id", "design_id", "validation_ids", "measurement_ids"),
+    "RevisionRequest-Input": (),
+    "RobotRequest": ("name", "description"),
+    "ValidationRequest": ("identification_id", "kind", "measurement_ids"),
 }
 """Bodies whose fields are keyword arguments, and those of them that the client's methods state themselves."""
 
@@ -39,7 +46,8 @@ def client_types(contract: Mapping[str, Any]) -> str:
                 wanted[other] = schemas[other]
                 to_do.append(other)
     classes = [_class(name, wanted[name]) for name in sorted(wanted)]
-    text = "\n\n".join([_HEAD, *classes])
+    choices = [one for name in sorted(_REQUESTS) for one in _choices(name, wanted[name])]
+    text = "\n\n".join([_HEAD + "\n" + "".join(choices), *classes])
     takes_anything = any(": Any" in one or "Any]" in one for one in classes)
     return text if takes_anything else text.replace("import Any, Literal", "import Literal")
 
@@ -52,7 +60,7 @@ def _named(schema: Mapping[str, Any], but: tuple[str, ...]) -> Iterator[str]:
 
 def _class(name: str, schema: Mapping[str, Any]) -> str:
     but = _REQUESTS.get(name, ())
-    called = name.removesuffix("Request") + "Options" if name in _REQUESTS else name
+    called = f"{_stem(name)}Options" if name in _REQUESTS else name
     lines = [f"class {called}(TypedDict, total=False):"]
     lines += [f'    """{schema.get("description", name).splitlines()[0]}"""', ""]
     for field, about in schema["properties"].items():
@@ -62,15 +70,20 @@ def _class(name: str, schema: Mapping[str, Any]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
+def _stem(name: str) -> str:
+    """What a body asks for."""
+    return re.sub("(Request|Metadata)(-Input)?$", "", name)
+
+
+def _choices(name: str, schema: Mapping[str, Any]) -> Iterator[str]:
+    """The fields that the methods state themselves and that are one of several, as a type each."""
+    for field in _REQUESTS[name]:
+        if "enum" in (about := schema["properties"][field]):
+            yield from (f"{line}\n" for line in _lines(f"{_stem(name)}{field.title()} =", _hint(about)))
+
+
 def _field(name: str, about: Mapping[str, Any]) -> Iterator[str]:
-    hint = _hint(about)
-    if len(hint) + len(name) + 6 > _WIDTH:
-        members = hint.removeprefix("Literal[").removesuffix("]").split(", ")
-        yield f"    {name}: Literal["
-        yield from (f"        {one}," for one in members)
-        yield "    ]"
-    else:
-        yield f"    {name}: {hint}"
+    yield from _lines(f"    {name}:", _hint(about))
     if words := about.get("description"):
         first, *rest = textwrap.wrap(words, _WIDTH - 10)
         yield f'    """{first}' + ("" if rest else '"""')
@@ -78,6 +91,18 @@ def _field(name: str, about: Mapping[str, Any]) -> Iterator[str]:
         if rest:
             yield '    """'
         yield ""
+
+
+def _lines(head: str, hint: str) -> Iterator[str]:
+    """A type behind what it is of, in as many lines as it takes."""
+    if len(head) + len(hint) + 1 <= _WIDTH:
+        yield f"{head} {hint}"
+        return
+    margin = head[: len(head) - len(head.lstrip())]
+    names = hint.removeprefix("Literal[").replace("] | None", ", None").removesuffix("]")
+    yield f"{head} Literal["
+    yield from (f"{margin}    {one}," for one in names.split(", "))
+    yield f"{margin}]"
 
 
 def _hint(about: Mapping[str, Any]) -> str:
