@@ -121,14 +121,21 @@ class Drive(TypedDict, total=False):
     """The drive chain of a joint [12.17]: torque = drive_gain x recorded current."""
 
     amplifier_gain: float | None
+    """Unit of current per unit of what is recorded"""
+
     coupling: Mapping[str, float]
-    """Other joints that this motor turns with, and how far beside its own; its torque acts on them."""
+    """Other joints that this motor turns with, and how far beside its own; its torque acts on them in the same
+    shares
+    """
 
     drive_gain: float | None
     """N m or N per unit of current"""
 
     gear_ratio: float | None
+    """Turns of the motor in one of the joint"""
+
     torque_constant: float | None
+    """N m per unit of current, of the motor"""
 
 
 class DriveGainsOptions(TypedDict, total=False):
@@ -184,6 +191,8 @@ class IdentificationOptions(TypedDict, total=False):
     """a of the filtered model's F(s) = a²/(s + a)²; from the data if left out, in rad/s"""
 
     preprocessing: Preprocessing | Literal["auto"]
+    """Filters; from the data if left out"""
+
     prior: Literal["description", "description_entropic"] | None
     """Inertias that the robot's description gives, weighted by their uncertainty"""
 
@@ -201,11 +210,22 @@ class Limits(TypedDict, total=False):
     """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W."""
 
     acceleration: float | None
+    """rad/s² or m/s²"""
+
     effort: float | None
+    """N m or N"""
+
     jerk: float | None
+    """rad/s³ or m/s³"""
+
     position: tuple[float, float] | None
+    """Lowest and highest, rad or m"""
+
     power: float | None
+    """Of torque times velocity, in W"""
+
     velocity: float | None
+    """rad/s or m/s"""
 
 
 class MeasurementOptions(TypedDict, total=False):
@@ -320,6 +340,8 @@ class RevisionOptions(TypedDict, total=False):
     """Seconds of t to leave out, [from, to]; [] for nothing"""
 
     name: str | None
+    """What it is called"""
+
     permutation: Mapping[str, Sequence[int]] | None
     """Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k's
     column

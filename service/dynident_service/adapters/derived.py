@@ -10,12 +10,9 @@ from pydantic import BaseModel
 
 from dynident.effects import EffectChoice
 from dynident.kinds import Kind
-from dynident.robot import Limits
 from dynident_service.adapters.effects import choice_of, show_choice
 from dynident_service.models import common
 from dynident_service.models.derived import BODIES, SCIENCE
-
-BODIES[Limits], SCIENCE[common.Limits] = common.Limits, Limits
 
 T = TypeVar("T")
 BodyT = TypeVar("BodyT", bound=BaseModel)

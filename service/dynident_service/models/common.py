@@ -88,17 +88,6 @@ class EffectChoice(Asked):
     runs: list[str] = Field(default=[], description="Names of the measurements, or labels of their runs, that it is in")
 
 
-class Limits(Asked):
-    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W."""
-
-    position: tuple[float, float] | None = None
-    velocity: float | None = None
-    acceleration: float | None = None
-    jerk: float | None = None
-    effort: float | None = None
-    power: float | None = None
-
-
 def plain(model: BaseModel) -> dict[str, Any]:
     """Give a model as it is stored: JSON values only, nothing that is not finite."""
     stored: dict[str, Any] = json.loads(model.model_dump_json())

@@ -43,6 +43,10 @@ def asks(
 
     def made(body: type[ModelT]) -> type[ModelT]:
         own = body.model_fields
+        for one in fields(science):
+            if one.name in own and own[one.name].description is None:
+                # Of another type there; what it means is said once.
+                own[one.name].description = said_of(one).sentence or None
         derived = {
             one.name: _derived(science, one, one.name in or_null)
             for one in fields(science)

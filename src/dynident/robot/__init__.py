@@ -12,9 +12,10 @@ if TYPE_CHECKING:
     from dynident.robot.drive_chain import coupling_matrix
     from dynident.robot.kinematics import joint_frames, tool_path
     from dynident.robot.mjcf import robot_from_mjcf
-    from dynident.robot.model import INERTIAL_NAMES, Description, Drive, Joint, Limits, Robot
+    from dynident.robot.model import INERTIAL_NAMES, Description, Joint, Robot
     from dynident.robot.modified_dh import robot_from_modified_dh
     from dynident.robot.pinocchio_model import to_pinocchio
+    from dynident.robot.stated import Drive, Limits
     from dynident.robot.urdf import robot_from_urdf
     from dynident.robot.urdf_writer import urdf_from_robot
     from dynident.robot.well_known import library_names, library_source, library_table, robot_from_library
