@@ -25,9 +25,6 @@ keep(
         DiagnosisView,
         of="identification",
         several="diagnoses",
-        one="diagnosis",
-        listed="List the diagnoses, newest first; those of one identification if asked.",
-        shown="Show a diagnosis, with its result once there is one.",
         deleted="Delete a diagnosis; 409 while others rest on it.",
     ),
 )

@@ -21,16 +21,7 @@ router = APIRouter(prefix="/v1/reports", tags=["reports"])
 JOB = NewJob("report", "dynident_service.work.reports:write_report")
 keep(
     router,
-    Kept(
-        "report",
-        ReportView,
-        of="identification",
-        several="reports",
-        one="report",
-        listed="List the reports, newest first; those of one identification if asked.",
-        shown="Show a report; its result says where the document is.",
-        deleted="Delete a report.",
-    ),
+    Kept("report", ReportView, of="identification", shown="Show a report; its result says where the document is."),
 )
 
 
