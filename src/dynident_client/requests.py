@@ -317,17 +317,26 @@ class Preprocessing(TypedDict, total=False):
     """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
 
     decimation: int | Literal["auto"]
+    """Every how many-th row is kept"""
+
     filter_order: int | Literal["auto"]
+    """Of one pass of the filter of the positions"""
+
     position_cutoff: float | Literal["auto"] | None
+    """Of the filter of the positions, in Hz"""
+
     torque_cutoff: float | Literal["auto"] | None
+    """Of the filter of torque and columns, in Hz"""
 
 
 class ReportOptions(TypedDict, total=False):
     """What is to be reported."""
 
     format: Literal["html", "pdf", "json"]
+    """What it is written as"""
+
     name: str | None
-    """The heading"""
+    """The heading; the robot's name by default"""
 
 
 class RevisionOptions(TypedDict, total=False):

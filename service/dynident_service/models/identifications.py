@@ -9,6 +9,7 @@ from pydantic import Field
 from dynident.export.stated import ExportChoices
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.essential_choices import EssentialChoices
+from dynident.recordings.stated import PreprocessingChoices
 from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
 from dynident_service.models.derived import asks, query_of
 from dynident_service.models.labels import Labelled
@@ -26,16 +27,11 @@ if TYPE_CHECKING:
 else:
     EssentialQuery = query_of(EssentialChoices)
     ExportQuery = query_of(ExportChoices)
-Cutoff = float | Literal["auto"] | None
 
 
+@asks(PreprocessingChoices)
 class Preprocessing(Asked):
     """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
-
-    position_cutoff: Cutoff = "auto"
-    torque_cutoff: Cutoff = "auto"
-    decimation: int | Literal["auto"] = "auto"
-    filter_order: int | Literal["auto"] = "auto"
 
 
 @asks(IdentificationChoices, "tolerance")

@@ -7,6 +7,7 @@ from dataclasses import replace
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
+from dynident.reports.stated import MEDIA_TYPES
 from dynident_service.models.common import plain
 from dynident_service.models.reports import ReportRequest, ReportView
 from dynident_service.problems import unusable
@@ -50,7 +51,7 @@ def create_report(
 @router.get(
     "/{report_id}/content",
     response_class=StreamingResponse,
-    responses={200: {"content": {"text/html": {}, "application/pdf": {}, "application/json": {}}}},
+    responses={200: {"content": {one: {} for one in MEDIA_TYPES.values()}}},
 )
 def get_report_content(report_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the document."""

@@ -112,6 +112,18 @@ _BY_KEY = ("columns", "units", "permutation", "signs", "scale")
 
 
 @dataclass(frozen=True)
+class PreprocessingChoices:
+    """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
+
+    position_cutoff: float | Literal["auto"] | None = said("Of the filter of the positions", default="auto", unit="Hz")
+    torque_cutoff: float | Literal["auto"] | None = said(
+        "Of the filter of torque and columns", default="auto", unit="Hz"
+    )
+    decimation: int | Literal["auto"] = said("Every how many-th row is kept", default="auto")
+    filter_order: int | Literal["auto"] = said("Of one pass of the filter of the positions", default="auto")
+
+
+@dataclass(frozen=True)
 class Revision:
     """What is to be said of a file from now on; None, or an empty mapping: as before.
 

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dynident.asking import said_of
 from dynident.identification.choices import IdentificationChoices
+from dynident.recordings.stated import PreprocessingChoices
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Effects, Measurements, Result, RobotArgument, RobotReading, Validation, several
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+_FILTERS = ", ".join(
+    f"{one.name} ({unit})" if (unit := said_of(one).unit) else one.name for one in fields(PreprocessingChoices)
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,7 @@ class Beside:
         typer.Option(
             "--preprocessing",
             metavar="auto|NAME=VALUE,…",
-            help="auto, or any of position_cutoff, torque_cutoff (Hz, or none), decimation, filter_order.",
+            help=f"auto, or any of {_FILTERS}; none: no filter.",
         ),
     ] = "auto"
 
