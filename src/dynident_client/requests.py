@@ -10,11 +10,11 @@ ValidationKind = Literal[
     "direct",
     "cross",
     "inertia_matrix",
-    "payload",
-    "methods",
     "simulation",
+    "methods",
     "filters",
     "bootstrap",
+    "payload",
 ]
 
 

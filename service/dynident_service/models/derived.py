@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, create_model
 from pydantic import Field as wire_field
 
-from dynident.asking import Said, default_of, said_of
+from dynident.asking import Named, Said, default_of, said_of
 from dynident.kinds import Kind, Kinds
 from dynident_service.hints import hint_of
 from dynident_service.models.common import Asked, Queried
@@ -91,14 +91,18 @@ def _derived(science: type, one: Field[Any], or_null: bool = False) -> tuple[Any
     return hint, _described(about, default, sized=several or hint is str)
 
 
+def choices_shown(kinds: Named) -> dict[str, Any]:
+    """What a schema says of a field that is one of several."""
+    shown = [{"name": one.name, "label": one.label or one.name, "words": one.words} for one in kinds.choices]
+    return {"x-choices": shown}
+
+
 def _described(about: Said, default: Any, sized: bool) -> Any:
     extra: dict[str, Any] = {}
     if about.unit:
         extra["x-unit"] = about.unit
     if about.kinds is not None:
-        extra["x-choices"] = [
-            {"name": one.name, "label": one.label or one.name, "words": one.words} for one in about.kinds.choices
-        ]
+        extra |= choices_shown(about.kinds)
     stated: dict[str, Any] = {"description": about.sentence or None, "json_schema_extra": extra or None}
     stated |= {"min_length": about.fewest, "max_length": about.most} if sized else _range(about)
     return wire_field(default=... if default is MISSING else _default(default), **stated)
