@@ -8,16 +8,10 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal, Unpack
 
 from dynident_client.collection import Collection
+from dynident_client.descriptions import MeasurementOptions, RevisionOptions, RobotOptions
 from dynident_client.labels import Labelled
 from dynident_client.records import Design, Import, Measurement, Record, Robot, Simulation, id_of
-from dynident_client.requests import (
-    DesignKind,
-    DesignOptions,
-    MeasurementOptions,
-    RevisionOptions,
-    RobotOptions,
-    SimulationOptions,
-)
+from dynident_client.requests import DesignKind, DesignOptions, SimulationOptions
 
 
 class Robots(Labelled[Robot]):
