@@ -7,9 +7,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from dynident.diagnosis.stated import DiagnosisChoices
 from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.derived import asks
 
 
+@asks(DiagnosisChoices, or_null=("max_effects",))
 class DiagnosisRequest(Asked):
     """Which model is questioned, on which measurements."""
 
@@ -20,8 +23,6 @@ class DiagnosisRequest(Asked):
     baseline_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Earlier measurements of the same robot: what differs since is told."
     )
-    candidates: list[str] | None = Field(default=None, min_length=1, description="Effect ids; all where not given.")
-    max_effects: int | None = Field(default=None, ge=1, le=100)
     name: Name | None = None
 
 
