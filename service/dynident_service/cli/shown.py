@@ -17,7 +17,7 @@ from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports.candidate_rows import COLUMNS as CANDIDATES
 from dynident.reports.candidate_rows import candidate_rows
-from dynident.reports.change_rows import COLUMNS, change_rows
+from dynident.reports.change_rows import COLUMNS, FRICTION_COLUMNS, change_rows, friction_row
 from dynident.reports.numbers import estimate, number, percent
 from dynident.reports.words import JUDGED, SHAPES_JUDGED, hidden_text, interval_text, place_text, standing_text
 from dynident.robot import Robot
@@ -166,6 +166,9 @@ def show_changes(console: Console, found: Diagnosis, robot: Robot) -> None:
     for one in found.changes or ():
         doubt = f" This data cannot tell it from: {', '.join(one.equivalent)}." if one.equivalent else ""
         console.print(f"  {one.evidence}{doubt}", markup=False)
+    if found.friction:
+        friction = [list(friction_row(one)) for one in found.friction]
+        console.print(table("Friction of each joint", FRICTION_COLUMNS, friction, right_from=1))
     if found.recommended:
         both = "; ".join(choice_text(choice, robot) for choice in found.recommended)
         console.print(f"  Missing in the model before and after: {both}", markup=False)

@@ -74,6 +74,19 @@ class Change(ChangedValue):
     more: list[ChangedValue] = Field(default=[], description="Its other parameters")
 
 
+class FrictionDifference(Shown):
+    """How much more of a joint's torque goes into friction in the later measurements, a finding or not."""
+
+    joint: str
+    speed: float = Field(description="Its mean speed there, rad/s or m/s, at which the others are")
+    value: float = Field(description="The difference")
+    interval: Annotated[tuple[float | None, float | None], At(null=(-inf, inf))] = Field(
+        description="Holds the true difference in 95 of 100 cases"
+    )
+    unit: str
+    before: float = Field(description="What it would have been without the difference")
+
+
 class UnknownPattern(Shown):
     """A dependence of the residual that no effect of the catalogue explains."""
 
@@ -139,6 +152,9 @@ class DiagnosisResult(Shown):
     next_experiment: NextExperiment | None
     changes: list[Change] | None = Field(
         default=None, description="What differs from the baseline; empty: nothing; null: there was none"
+    )
+    friction: list[FrictionDifference] = Field(
+        default=[], description="By how much that of each joint that moves differs from the baseline's, changed or not"
     )
 
 
