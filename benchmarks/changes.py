@@ -12,6 +12,7 @@ first, a base that leans by 0.5 to 2 degrees, an offset, a drive gain that is 3 
 `missed`: nothing is; `small`: nothing is, and the change leaves less than benchmarks/hiding/visibility.py asks of a
 hidden effect, told with Pinocchio's regressor beside a clean twin of the same days; `wrong`: something is named that
 did not change; `alarm`: of pairs where nothing changed. `held`: 95 % intervals that hold the true difference.
+`felt`: those of what the friction of each joint differs by, at the speed that it has.
 
 With more than two days each pair is a series of so many, changed from one of them on: a change is right on that day
 alone, or on one that the data are said not to tell from it.
@@ -54,7 +55,7 @@ from engine.robots import arm_by_name, as_described
 from engine.structure import Tilt
 from hiding.visibility import SHOWS, shown_beside
 
-from dynident.diagnosis import Change, diagnose
+from dynident.diagnosis import Change, FrictionDifference, diagnose
 from dynident.diagnosis.series import measured, series, what_may_change
 from dynident.identification import identify
 from dynident.recordings import FurtherColumns, Recording, recording_from_arrays
@@ -106,6 +107,7 @@ class Outcome:
     right: bool
     wrong: bool
     held: tuple[bool, ...]
+    felt: tuple[bool, ...]
     words: str
 
 
@@ -154,8 +156,10 @@ def judged(pair: Pair) -> Outcome:
     robot = arm_by_name(pair.arm)
     recordings = [recorded(pair, day) for day in range(pair.days)]
     model = identify(as_described(robot, pair.seed), recordings[:1])
+    friction: tuple[FrictionDifference, ...] = ()
     if pair.days == 2:
-        changes = diagnose(model, recordings[1:], baseline=recordings[:1]).changes or ()
+        found_between = diagnose(model, recordings[1:], baseline=recordings[:1])
+        changes, friction = found_between.changes or (), found_between.friction
         right = [one for one in changes if _is_right(pair, one, robot)]
     else:
         measure = what_may_change(model, with_temperature=pair.warm)
@@ -169,6 +173,7 @@ def judged(pair: Pair) -> Outcome:
         bool(right) or (pair.kind == "nothing" and not changes),
         len(right) < len(changes),
         _held(pair, right, robot),
+        _felt(pair, friction, robot),
         "; ".join(f"{one.choice.effect} {','.join(one.choice.joints)} {one.main.value:+.3g}" for one in changes)
         or "nothing",
     )
@@ -206,6 +211,24 @@ def _held(pair: Pair, right: Sequence[Change], robot: Robot) -> tuple[bool, ...]
         turned = -1.0 if pair.kind in _SIGNLESS and truths[value.parameter][0] * value.value < 0 else 1.0
         truth = [turned * one for one in truths[value.parameter]]
         found.append(bool(low <= max(truth) and min(truth) <= high))
+    return tuple(found)
+
+
+def _felt(pair: Pair, friction: Sequence[FrictionDifference], robot: Robot) -> tuple[bool, ...]:
+    """Whether the intervals of what each joint's friction differs by hold the truth: none but where it was changed.
+
+    What another gain of the joint's own drive makes of its friction is no more of it.
+    """
+    drives = usual_drives(robot)
+    later = [1.0 + run.warmth for day in range(pair.since, pair.days) for run in day_of(pair, day).runs]
+    found = []
+    for one in friction:
+        joint = robot.joint_names.index(one.joint)
+        if (pair.kind, pair.joint) == ("gain", joint):
+            continue
+        own = pair.size if (pair.kind, pair.joint) == ("friction", joint) else 0.0
+        truth = [own * (drives.coulomb[joint] + drives.viscous[joint] * one.speed) * factor for factor in later]
+        found.append(bool(one.interval[0] <= max(truth) and min(truth) <= one.interval[1]))
     return tuple(found)
 
 
@@ -336,6 +359,7 @@ def table(outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
     showing = [one for one in changed if one.shows]
     same = [one for one in outcomes if one.pair.kind == "nothing"]
     held = [held for one in outcomes for held in one.held]
+    felt = [felt for one in outcomes for felt in one.felt]
     return [
         *rows,
         ("right", f"{sum(one.right for one in changed)}/{len(changed)}"),
@@ -343,6 +367,7 @@ def table(outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
         ("wrong", f"{sum(one.wrong for one in changed)}/{len(changed)}"),
         ("alarm", f"{sum(one.wrong for one in same)}/{len(same)}"),
         ("held", f"{sum(held)}/{len(held)}"),
+        ("felt", f"{sum(felt)}/{len(felt)}"),
     ]
 
 

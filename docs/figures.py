@@ -26,6 +26,7 @@ from dynident.reports.figures.residuals import residual_figure
 from dynident.reports.figures.torque import torque_figure
 from dynident_service.cli import inputs
 from dynident_service.cli.designing import proposed_design
+from dynident_service.cli.options import Reading
 
 HERE = Path(__file__).resolve().parent
 FIGURES = HERE / "figures"
@@ -57,9 +58,9 @@ def draw(folder: Path) -> dict[str, str]:
     found = inputs.stored_diagnosis(folder / "diagnosis.json")
     robot = first.model.robot
     joint = robot.joint_names.index(JOINT)
-    options = inputs.FileOptions(accept=["joint_motion"])
+    reading = Reading(accept=["joint_motion"])
     files = [folder / name for name in ("run1.csv", "run2.csv")]
-    with inputs.loaded(files, robot, options, silent, [folder / "validation.csv"]) as (given, tried):
+    with inputs.loaded(files, robot, reading, silent, [folder / "validation.csv"]) as (given, tried):
         run1, run2 = inputs.recordings_of(given)
         validation = inputs.recordings_of(tried)[0]
         compared = compare(first, validation)

@@ -1,6 +1,6 @@
 """What the decision rule would recommend of given rows: the one place that knows how candidates are judged.
 
-It does what `dynident.diagnosis.diagnose` does between its pool of candidates and its picks. Where that changes, this
+It does what `dynident.diagnosis.diagnosing` does between its pool of candidates and its picks. Where that changes, this
 has to follow; all else of the placebo stays.
 """
 
@@ -16,13 +16,13 @@ from dynident.diagnosis import compare
 from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.comparing.noise import sensor_noise
-from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
 from dynident.diagnosis.residuals.leads import find_leads
 from dynident.diagnosis.residuals.resolution import resolution
 from dynident.diagnosis.search.refine import improved
 from dynident.diagnosis.search.search import search
 from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
 from dynident.diagnosis.search.transients import find_contacts
+from dynident.diagnosis.stated import DEFAULT_MOST_EFFECTS
 from dynident.identification import Identification
 from dynident.progress import silent
 from dynident.recordings import Recording

@@ -1,20 +1,32 @@
-"""What the client's methods take, written from the contract: `dynident_client/requests.py`."""
+"""What the client's methods take, written from the contract: `requests.py` and `descriptions.py` of the client."""
 
 from __future__ import annotations
 
 import json
+import re
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 FILE = "src/dynident_client/requests.py"
+DESCRIPTIONS_FILE = "src/dynident_client/descriptions.py"
 _REQUESTS = {
     "IdentificationRequest": ("robot_id", "measurement_ids", "validation_ids", "effects"),
     "DesignRequest": ("robot_id", "kind"),
     "SimulationRequest": ("robot_id", "design_id", "trajectory", "effects"),
-    "ValidationRequest": ("identification_id", "kind", "measurement_ids", "name"),
+    "DiagnosisRequest": ("identification_id", "measurement_ids", "baseline_ids"),
+    "DriveGainsRequest": ("robot_id", "unloaded", "loaded", "weigh", "weigh_unloaded"),
+    "ReportRequest": ("identification_id", "diagnosis_id", "design_id", "validation_ids", "measurement_ids"),
+    "ValidationRequest": ("identification_id", "kind", "measurement_ids"),
 }
 """Bodies whose fields are keyword arguments, and those of them that the client's methods state themselves."""
+_DESCRIPTIONS = {
+    "MeasurementMetadata": ("robot_id", "name"),
+    "RevisionRequest-Input": (),
+    "RobotRequest": ("name", "description"),
+}
+"""The same of what is said of robots and recordings."""
+_STATED = _REQUESTS | _DESCRIPTIONS
 
 _HEAD = '''"""What requests take, by the contract: written by `python -m dynident_service.openapi`, not by hand."""
 
@@ -28,18 +40,37 @@ _WIDTH = 120
 
 
 def client_types(contract: Mapping[str, Any]) -> str:
-    """The module's text."""
+    """The text of the module about what is asked for."""
     schemas = contract["components"]["schemas"]
-    wanted = {name: schemas[name] for name in _REQUESTS}
-    to_do = list(_REQUESTS)
+    return _module(_with_parts(schemas, _REQUESTS), ())
+
+
+def description_types(contract: Mapping[str, Any]) -> str:
+    """The text of the module about what is said of robots and recordings."""
+    schemas = contract["components"]["schemas"]
+    wanted, there = _with_parts(schemas, _DESCRIPTIONS), _with_parts(schemas, _REQUESTS)
+    return _module({name: one for name, one in wanted.items() if name not in there}, sorted(there.keys() & wanted))
+
+
+def _with_parts(schemas: Mapping[str, Any], requests: Iterable[str]) -> dict[str, Any]:
+    """The schemas of requests, and of all that they consist of."""
+    wanted = {name: schemas[name] for name in requests}
+    to_do = list(wanted)
     while to_do:
         name = to_do.pop()
-        for other in _named(schemas[name], _REQUESTS.get(name, ())):
+        for other in _named(schemas[name], _STATED.get(name, ())):
             if other not in wanted:
                 wanted[other] = schemas[other]
                 to_do.append(other)
+    return wanted
+
+
+def _module(wanted: Mapping[str, Any], imported: Sequence[str]) -> str:
     classes = [_class(name, wanted[name]) for name in sorted(wanted)]
-    text = "\n\n".join([_HEAD, *classes])
+    choices = [one for name in sorted(_STATED.keys() & wanted) for one in _choices(name, wanted[name])]
+    more = f"\nfrom dynident_client.requests import {', '.join(imported)}\n" if imported else ""
+    head = f"{_HEAD}{more}" + "".join(["\n", *choices] if choices else [])
+    text = "\n\n".join([head, *classes])
     takes_anything = any(": Any" in one or "Any]" in one for one in classes)
     return text if takes_anything else text.replace("import Any, Literal", "import Literal")
 
@@ -51,8 +82,8 @@ def _named(schema: Mapping[str, Any], but: tuple[str, ...]) -> Iterator[str]:
 
 
 def _class(name: str, schema: Mapping[str, Any]) -> str:
-    but = _REQUESTS.get(name, ())
-    called = name.removesuffix("Request") + "Options" if name in _REQUESTS else name
+    but = _STATED.get(name, ())
+    called = f"{_stem(name)}Options" if name in _STATED else name
     lines = [f"class {called}(TypedDict, total=False):"]
     lines += [f'    """{schema.get("description", name).splitlines()[0]}"""', ""]
     for field, about in schema["properties"].items():
@@ -62,22 +93,35 @@ def _class(name: str, schema: Mapping[str, Any]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
+def _stem(name: str) -> str:
+    """What a body asks for."""
+    return re.sub("(Request|Metadata)(-Input)?$", "", name)
+
+
+def _choices(name: str, schema: Mapping[str, Any]) -> Iterator[str]:
+    """The fields that the methods state themselves and that are one of several, as a type each."""
+    for field in _STATED[name]:
+        if "enum" in (about := schema["properties"][field]):
+            yield from (f"{line}\n" for line in _lines(f"{_stem(name)}{field.title()} =", _hint(about)))
+
+
 def _field(name: str, about: Mapping[str, Any]) -> Iterator[str]:
-    hint = _hint(about)
-    if len(hint) + len(name) + 6 > _WIDTH:
-        members = hint.removeprefix("Literal[").removesuffix("]").split(", ")
-        yield f"    {name}: Literal["
-        yield from (f"        {one}," for one in members)
-        yield "    ]"
-    else:
-        yield f"    {name}: {hint}"
+    yield from _lines(f"    {name}:", _hint(about))
     if words := about.get("description"):
-        first, *rest = textwrap.wrap(words, _WIDTH - 10)
-        yield f'    """{first}' + ("" if rest else '"""')
-        yield from (f"    {line}" for line in rest)
-        if rest:
-            yield '    """'
-        yield ""
+        first, *rest = textwrap.wrap(f'"""{words}"""', _WIDTH - 4, break_long_words=False)
+        yield from (f"    {line}" for line in (first, *rest))
+
+
+def _lines(head: str, hint: str) -> Iterator[str]:
+    """A type behind what it is of, in as many lines as it takes."""
+    if len(head) + len(hint) + 1 <= _WIDTH:
+        yield f"{head} {hint}"
+        return
+    margin = head[: len(head) - len(head.lstrip())]
+    names = hint.removeprefix("Literal[").replace("] | None", ", None").removesuffix("]")
+    yield f"{head} Literal["
+    yield from (f"{margin}    {one}," for one in names.split(", "))
+    yield f"{margin}]"
 
 
 def _hint(about: Mapping[str, Any]) -> str:

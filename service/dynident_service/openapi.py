@@ -22,4 +22,6 @@ if __name__ == "__main__":
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
     target.write_text(contract(), encoding="utf-8")
     if target == FILE:
-        Path(client_types.FILE).write_text(client_types.client_types(json.loads(contract())), encoding="utf-8")
+        document = json.loads(contract())
+        Path(client_types.FILE).write_text(client_types.client_types(document), encoding="utf-8")
+        Path(client_types.DESCRIPTIONS_FILE).write_text(client_types.description_types(document), encoding="utf-8")

@@ -19,6 +19,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from dynident.extras import RoomsThatNeedScience, install_hint, missing_science
+from dynident.lazy import homes_of
 from dynident.version import __version__
 
 if TYPE_CHECKING:
@@ -93,31 +94,7 @@ __all__ = [
     "validate",
 ]
 
-_HOMES = {
-    "dynident.desk.changing": ("Changes", "changes"),
-    "dynident.desk.comparing": ("ComparedRecording", "Comparisons", "compare"),
-    "dynident.desk.designing": ("DesignedMotion", "design"),
-    "dynident.desk.diagnosing": ("DiagnosedModel", "diagnose"),
-    "dynident.desk.figure": ("Figure",),
-    "dynident.desk.following": ("FollowedRobot", "series"),
-    "dynident.desk.identifying": ("identify", "load_model"),
-    "dynident.desk.inspecting": ("InspectedFile", "inspect"),
-    "dynident.desk.model": ("Ladder", "Model"),
-    "dynident.desk.parameters": ("ErrorTable", "JointError", "Parameters"),
-    "dynident.desk.reading": ("read_recordings", "revise"),
-    "dynident.desk.recordings": ("CheckedRecording", "Recordings"),
-    "dynident.desk.reporting": ("Report", "report"),
-    "dynident.desk.robots": ("load_robot",),
-    "dynident.desk.validating": ("Validation", "Validations", "validate"),
-    "dynident.effects": ("EffectChoice",),
-    "dynident.errors": ("DynidentError",),
-    "dynident.excitation": ("CriterionChoice", "DesignRequest", "TrajectoryRequest"),
-    "dynident.identification": ("IdentificationChoices",),
-    "dynident.motion": ("Surroundings",),
-    "dynident.recordings": ("RecordingError", "RecordingMetadata", "Revision"),
-    "dynident.robot": ("Drive", "Limits", "Robot"),
-}
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+_HOME_OF = homes_of(__name__)
 
 _missing = missing_science()
 if _missing is not None:

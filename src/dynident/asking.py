@@ -154,6 +154,13 @@ def retold(one: Field[Any], words: str) -> Any:
     return field(**default, metadata={_KEY: replace(said_of(one), words=words)})
 
 
+def anew(request: type, name: str) -> Any:
+    """A field as a request has it that changes what was asked for: None, or nothing by any key, for as before."""
+    about = next(one for one in fields(request) if one.name == name)
+    words = said_of(about).words
+    return retold(about, words) if about.default_factory is dict else said(words, default=None)
+
+
 def default_of(one: Field[Any]) -> Any:
     """A field's default; `MISSING` where it has none."""
     return one.default if one.default_factory is MISSING else one.default_factory()

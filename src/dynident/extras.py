@@ -39,7 +39,7 @@ FEW_NEED = {
 }
 """Import names, and the extra of each, of what is left out where it is not used."""
 # These rooms of the library need none of them.
-_LIGHT = ("errors", "extras", "version")
+_LIGHT = ("errors", "extras", "lazy", "version")
 
 
 def install_hint(package: str) -> str:

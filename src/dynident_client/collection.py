@@ -44,7 +44,7 @@ class Collection(Generic[RecordT]):
         """Delete one; a ProblemError 409 while others rest on it."""
         self._transport.delete(f"{self.path}/{id_of(resource)}")
 
-    def _post(self, body: dict[str, Any], below: str = "") -> RecordT:
+    def _post(self, body: Mapping[str, Any], below: str = "") -> RecordT:
         return self._record(self._transport.post(f"{self.path}{below}", with_identifiers(body)))
 
     def _record(self, data: dict[str, Any]) -> RecordT:

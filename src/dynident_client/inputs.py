@@ -8,9 +8,10 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal, Unpack
 
 from dynident_client.collection import Collection
+from dynident_client.descriptions import MeasurementOptions, RevisionOptions, RobotOptions
 from dynident_client.labels import Labelled
 from dynident_client.records import Design, Import, Measurement, Record, Robot, Simulation, id_of
-from dynident_client.requests import DesignOptions, SimulationOptions
+from dynident_client.requests import DesignKind, DesignOptions, SimulationOptions
 
 
 class Robots(Labelled[Robot]):
@@ -25,12 +26,9 @@ class Robots(Labelled[Robot]):
         urdf: Path | str | None = None,
         mjcf: Path | str | None = None,
         modified_dh: Mapping[str, Any] | str | None = None,
-        **more: Any,
+        **more: Unpack[RobotOptions],
     ) -> Robot:
-        """Store a robot from its URDF or MJCF (a path, or the text) or its modified Denavit-Hartenberg table.
-
-        `more`: limits, drives, locked_joints, gravity, meshes_of, base_parameters_tolerance, as in the contract.
-        """
+        """Store a robot from its URDF or MJCF (a path, or the text) or its modified Denavit-Hartenberg table."""
         described = {"urdf": urdf, "mjcf": mjcf, "modified_dh": modified_dh}
         given = {form: content for form, content in described.items() if content is not None}
         if len(given) != 1:
@@ -87,11 +85,10 @@ class Measurements(Labelled[Measurement]):
 
     kind = Measurement
 
-    def upload(self, robot: Record | str, file: Path | str, *, name: str | None = None, **more: Any) -> Measurement:
-        """Upload a CSV or Parquet file.
-
-        `more`: role, windows, columns, units, format, payload, accept, as in the contract.
-        """
+    def upload(
+        self, robot: Record | str, file: Path | str, *, name: str | None = None, **more: Unpack[MeasurementOptions]
+    ) -> Measurement:
+        """Upload a recording in any format that is read."""
         path = Path(file)
         metadata = {"robot_id": id_of(robot), "name": name or path.stem, **more}
         with path.open("rb") as opened:
@@ -99,11 +96,10 @@ class Measurements(Labelled[Measurement]):
                 self._transport.upload(self.path, path.name, opened, {"metadata": json.dumps(metadata)})
             )
 
-    def revise(self, measurement: Record | str, **changes: Any) -> Measurement:
+    def revise(self, measurement: Record | str, **changes: Unpack[RevisionOptions]) -> Measurement:
         """Say something else of a measurement's file: a new measurement, whose parent is this one; no upload.
 
-        `changes`: windows, columns, units, permutation, signs, scale, exclude, torque_delay, role, name, as in the
-        contract, or what a check has under `apply`.
+        `changes` may be what a check has under `apply`.
         """
         return self._post(changes, f"/{id_of(measurement)}/revisions")
 
@@ -142,11 +138,8 @@ class Designs(Collection[Design]):
 
     kind = Design
 
-    def create(self, robot: Record | str, *, kind: str = "optimized", **more: Unpack[DesignOptions]) -> Design:
-        """Design an experiment.
-
-        `more`: effects, criterion, trajectory, limits, time_budget, seed, …, as in the contract.
-        """
+    def create(self, robot: Record | str, *, kind: DesignKind = "optimized", **more: Unpack[DesignOptions]) -> Design:
+        """Design an experiment."""
         return self._post({"robot_id": id_of(robot), "kind": kind, **more})
 
     def trajectory(self, design: Record | str, format: Literal["csv", "parquet", "json", "ros2"] = "csv") -> bytes:
@@ -172,9 +165,6 @@ class Simulations(Collection[Simulation]):
         effects: Sequence[Mapping[str, Any]] | None = None,
         **more: Unpack[SimulationOptions],
     ) -> Simulation:
-        """Have a virtual robot make the motion of a design, or a trajectory; the result names the measurement.
-
-        `more`: parameters, noise, seed, …, as in the contract.
-        """
+        """Have a virtual robot make the motion of a design, or a trajectory; the result names the measurement."""
         motion: dict[str, Any] = {"design_id": None if design is None else id_of(design), "trajectory": trajectory}
         return self._post({"robot_id": id_of(robot), "effects": effects, **motion, **more})

@@ -20,7 +20,14 @@ from dynident_client.records import (
     Validation,
     id_of,
 )
-from dynident_client.requests import IdentificationOptions, ValidationOptions
+from dynident_client.requests import (
+    DiagnosisOptions,
+    DriveGainsOptions,
+    IdentificationOptions,
+    ReportOptions,
+    ValidationKind,
+    ValidationOptions,
+)
 
 Effects = Sequence[Mapping[str, Any] | str]
 
@@ -41,8 +48,7 @@ class Identifications(Labelled[Identification]):
     ) -> Identification:
         """Identify the base parameters of a robot.
 
-        `effects`: ids, or {"effect", "joints"}. `more`: model, strategy, estimator and all other choices of the
-        contract.
+        `effects`: ids, or {"effect", "joints"}.
         """
         body: dict[str, Any] = {
             "robot_id": id_of(robot),
@@ -180,21 +186,17 @@ class Diagnoses(Collection[Diagnosis]):
         *,
         measurements: Sequence[Record | str] | None = None,
         baseline: Sequence[Record | str] = (),
-        candidates: Sequence[str] | None = None,
-        max_effects: int | None = None,
-        name: str | None = None,
+        **more: Unpack[DiagnosisOptions],
     ) -> Diagnosis:
         """Find what is missing in a model, on the data it was identified from if no other is given.
 
         With earlier measurements of the same robot as the baseline, its result says what has changed since (`changes`).
         """
-        body = {
+        body: dict[str, Any] = {
             "identification_id": id_of(identification),
             "measurement_ids": None if measurements is None else [id_of(one) for one in measurements],
             "baseline_ids": [id_of(one) for one in baseline],
-            "candidates": None if candidates is None else list(candidates),
-            "max_effects": max_effects,
-            "name": name,
+            **more,
         }
         return self._post(body)
 
@@ -246,24 +248,20 @@ class Validations(Collection[Validation]):
     def create(
         self,
         identification: Record | str,
-        kind: str,
+        kind: ValidationKind,
         *,
         measurements: Sequence[Record | str] | None = None,
-        name: str | None = None,
         **more: Unpack[ValidationOptions],
     ) -> Validation:
-        """Try a model.
-
-        `kind`: "direct", "cross", "inertia_matrix", "payload", "methods", "simulation", "filters" or "bootstrap".
-        `more`: limit, methods, cutoffs, longest, mass, draws, seed, as in the contract.
-        """
+        """Try a model."""
         measurement_ids = None if measurements is None else [id_of(one) for one in measurements]
         body: dict[str, Any] = {
             "identification_id": id_of(identification),
             "kind": kind,
             "measurement_ids": measurement_ids,
+            **more,
         }
-        return self._post({**body, "name": name, **more})
+        return self._post(body)
 
 
 class DriveGainSets(Collection[DriveGains]):
@@ -277,27 +275,22 @@ class DriveGainSets(Collection[DriveGains]):
         unloaded: Sequence[Record | str],
         loaded: Sequence[Record | str],
         *,
-        mass: float | None = None,
-        centre: Sequence[float] | None = None,
         weigh: Sequence[Record | str] | None = None,
         weigh_unloaded: Sequence[Record | str] | None = None,
-        name: str | None = None,
+        **more: Unpack[DriveGainsOptions],
     ) -> DriveGains:
         """Identify the drive gains from the same motion without and with a load of known mass.
 
-        `mass` (kg) and `centre` (m, in the last joint's frame) of the load, where the loaded measurements do not state
-        them. `weigh`: measurements of other loads, weighed with the gains against `weigh_unloaded` (`unloaded` where
-        not given).
+        `weigh`: measurements of other loads, weighed with the gains against `weigh_unloaded` (`unloaded` where not
+        given).
         """
         body: dict[str, Any] = {
             "robot_id": id_of(robot),
             "unloaded": [id_of(one) for one in unloaded],
             "loaded": [id_of(one) for one in loaded],
-            "mass": mass,
-            "centre": None if centre is None else list(centre),
             "weigh": None if weigh is None else [id_of(one) for one in weigh],
             "weigh_unloaded": None if weigh_unloaded is None else [id_of(one) for one in weigh_unloaded],
-            "name": name,
+            **more,
         }
         return self._post(body)
 
@@ -343,18 +336,16 @@ class Reports(Collection[Report]):
         design: Record | str | None = None,
         validations: Sequence[Record | str] = (),
         measurements: Sequence[Record | str] | None = None,
-        format: Literal["html", "pdf", "json"] = "html",
-        name: str | None = None,
+        **more: Unpack[ReportOptions],
     ) -> Report:
         """Write a report of a model."""
-        body = {
+        body: dict[str, Any] = {
             "identification_id": id_of(identification),
             "diagnosis_id": None if diagnosis is None else id_of(diagnosis),
             "design_id": None if design is None else id_of(design),
             "validation_ids": [id_of(one) for one in validations],
             "measurement_ids": None if measurements is None else [id_of(one) for one in measurements],
-            "format": format,
-            "name": name,
+            **more,
         }
         return self._post(body)
 

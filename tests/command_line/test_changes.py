@@ -31,6 +31,7 @@ def test_what_differs_is_told_with_its_size_and_written_where_it_is_wanted(desk:
     answer = dynident("changes", desk / "model.npz", "--before", desk / "run1.csv", "--after", worn, "--out", out)
     assert answer.code == 0, answer.err
     assert "Changes since the baseline" in answer.out
+    assert "Friction of each joint" in answer.out
     found = json.loads(out.read_text(encoding="utf-8"))["changes"]
     offset = next(one for one in found if one["effect"] in ("offset", "coulomb_asymmetric"))
     low, high = offset["interval"]
@@ -43,3 +44,4 @@ def test_the_same_arm_on_two_days_has_not_changed(desk: Path) -> None:
     )
     assert answer.code == 0, answer.err
     assert answer.document["changes"] == []
+    assert all(abs(one["value"]) < 0.1 * one["before"] for one in answer.document["friction"])

@@ -82,3 +82,10 @@ def test_effects_that_no_current_shows_are_refused_with_the_reason(
     answer = dynident("currents", "scara", runs[0], "--effects", effects)
     assert answer.code == 2
     assert words in " ".join(answer.err.split())
+
+
+def test_what_the_description_does_not_say_is_heeded(runs: tuple[Path, Path]) -> None:
+    for option, said in (("--gravity", "0,0"), ("--lock", "nobody")):
+        refused = dynident("currents", "scara", runs[0], option, said)
+        assert refused.code == 2
+        assert said in refused.err

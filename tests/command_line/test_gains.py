@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -47,6 +48,19 @@ def test_gains_of_currents_come_out_in_newton_metres_per_ampere(runs):
     assert (low < GAINS).sum() + (high > GAINS).sum() >= 11
     np.testing.assert_allclose(found["gains"], GAINS, rtol=0.1)
     assert all(found["identifiable"])
+
+
+def test_the_load_may_be_said_with_the_measurement(runs, tmp_path):
+    plain, heavy = runs
+    said = tmp_path / "heavy.json"
+    said.write_text(json.dumps({"payload": {"mass": MASS}}))
+    common = ["gains", "ur10", plain, "--loaded", heavy, "--drive-gains", "1,1,1,1,1,1", "--json"]
+    told = dynident(*common, "--metadata", f"heavy={said}")
+    assert told.code == 0, told.err
+    assert told.document["gains"] == dynident(*common, "--mass", MASS).document["gains"]
+    nothing = dynident(*common)
+    assert nothing.code == 2
+    assert "--mass" in nothing.err
 
 
 def test_the_gains_stand_in_a_table_beside_the_stated_ones(runs):

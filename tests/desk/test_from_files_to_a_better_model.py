@@ -135,6 +135,10 @@ def test_the_data_that_a_model_is_given_are_those_that_it_was_identified_from(
 def test_a_changed_joint_is_found_between_two_days(desk: Path, model: dy.Model, runs: dy.Recordings) -> None:
     today = dy.read_recordings(desk / "today.csv", robot=model.robot)
     found = dy.changes(model, before=runs, after=today)
+    # Whatever changed, what the friction of each joint did is told.
+    assert [one.joint for one in found.diagnosis.friction] == list(model.robot.joint_names)
+    assert "friction of" in repr(found)
+    assert "friction of" in found._repr_html_()
     first = found[0]
     assert (first.choice.effect, first.choice.joints) == ("coulomb", ("elbow",))
     assert first.main.interval[0] < 1.5 < first.main.interval[1]

@@ -30,7 +30,7 @@ CONTRACT = {
     "service/dynident_service/adapters/robots.py": {"rigid_body"},
     "service/dynident_service/cli/verbs/demo.py": {"stribeck"},
     # A check of recordings has the name of what it looks for; a URDF's mimic joint has an offset.
-    "src/dynident/recordings/types.py": {"torque_delay"},
+    "src/dynident/recordings/stated.py": {"torque_delay"},
     # What is said of a recording has a field of that name.
     "src/dynident/reports/commands.py": {"torque_delay"},
     "src/dynident/robot/urdf_writer.py": {"offset"},

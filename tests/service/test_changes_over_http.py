@@ -32,15 +32,21 @@ def test_a_mass_that_was_mounted_is_told_with_its_link_and_interval_and_an_uncha
     assert low < change["value"] < high
     assert change["unit"] in ("kg", "kg m")
     assert change["evidence"]
+    # What friction did is told of each joint, which nothing has worn here.
+    assert [one["joint"] for one in found.result["friction"]] == [one["name"] for one in robot.joints]
+    assert all(abs(one["value"]) < 0.1 * one["before"] for one in found.result["friction"])
     drawn = live.diagnoses.evidence(found, rank=1)
     assert drawn["explained"] > 0.5
 
     quiet = live.diagnoses.create(model, measurements=[same], baseline=[first]).wait()
     assert quiet.result["changes"] == []
-    assert live.diagnoses.create(model, measurements=[same]).wait().result["changes"] is None
+    alone = live.diagnoses.create(model, measurements=[same]).wait().result
+    assert (alone["changes"], alone["friction"]) == (None, [])
     # A report of it holds the table.
     report = live.reports.create(model, diagnosis=found).wait()
-    assert "Changes since the baseline" in live.reports.content(report).decode()
+    written = live.reports.content(report).decode()
+    assert "Changes since the baseline" in written
+    assert "Friction of each joint since the baseline" in written
 
 
 def test_a_baseline_that_is_not_there_or_of_another_robot_is_refused_with_its_place(live: Client) -> None:

@@ -7,8 +7,8 @@ import pytest
 from versions import older_than_locked
 
 import dynident_client
+from dynident_service.client_types import DESCRIPTIONS_FILE, client_types, description_types
 from dynident_service.client_types import FILE as TYPES
-from dynident_service.client_types import client_types
 from dynident_service.openapi import contract
 
 # Older ones give the same schemas other names.
@@ -25,3 +25,8 @@ def test_the_types_of_the_client_are_those_of_the_contract() -> None:
     # Beside an installed package there are no sources.
     written = Path(dynident_client.__file__).with_name(Path(TYPES).name).read_text(encoding="utf-8")
     assert written == client_types(json.loads(contract())), "run `python -m dynident_service.openapi`"
+
+
+def test_what_the_client_says_of_robots_and_recordings_is_the_contract_s() -> None:
+    written = Path(dynident_client.__file__).with_name(Path(DESCRIPTIONS_FILE).name).read_text(encoding="utf-8")
+    assert written == description_types(json.loads(contract())), "run `python -m dynident_service.openapi`"

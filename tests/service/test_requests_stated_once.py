@@ -10,21 +10,35 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 from versions import older_than_locked
 
 from dynident.asking import check_ranges, said, said_of
+from dynident.diagnosis import DiagnosisChoices
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
+from dynident.export import ExportChoices
 from dynident.identification import IdentificationChoices
+from dynident.identification.essential_choices import EssentialChoices
+from dynident.identification.loads.known import KnownLoad
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
 from dynident.kinds import document_of
+from dynident.recordings import RecordingMetadata, Revision
+from dynident.recordings.stated import PreprocessingChoices
+from dynident.reports import ReportChoices
+from dynident.robot import Drive, Limits
 from dynident.robot.well_known import library_names, robot_from_library
 from dynident.simulation import ActingEffect, Simulated, Warming, true_effects, typical_drive
 from dynident.simulation.stated import usual_effects
 from dynident.validation.request import TRIALS, trial_of
-from dynident_service.adapters.derived import taken, written
+from dynident_service.adapters.derived import body, taken, written
+from dynident_service.adapters.revisions import metadata_of, revision_of, show_revision
+from dynident_service.cli.app import app
 from dynident_service.models import designs, identifications, simulations
+from dynident_service.models.measurements import MeasurementMetadata
+from dynident_service.openapi import contract
 
+CONTRACT = json.loads(contract())
 PAGE = (Path(__file__).parents[2] / "docs" / "own-methods.md").read_text(encoding="utf-8")
 NEW = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
 
@@ -171,3 +185,48 @@ def test_a_virtual_robot_asked_for_by_its_usual_effects_is_the_typical_one() -> 
     for name in library_names():
         robot = robot_from_library(name)
         assert set(true_effects(usual_effects(), robot)) == set(typical_drive(robot))
+
+
+BODIES = (
+    (DiagnosisChoices, "DiagnosisRequest", "diagnose"),
+    (KnownLoad, "DriveGainsRequest", "gains"),
+    (ReportChoices, "ReportRequest", "report"),
+    (RecordingMetadata, "MeasurementMetadata", ""),
+    (Revision, "RevisionRequest-Input", ""),
+    (PreprocessingChoices, "Preprocessing", ""),
+    (Limits, "Limits", ""),
+    (Drive, "Drive", ""),
+)
+
+
+@pytest.mark.parametrize(("science", "asked", "verb"), BODIES)
+def test_the_words_of_a_field_are_those_of_the_contract_and_of_the_help(science: type, asked: str, verb: str) -> None:
+    if older_than_locked("fastapi"):
+        pytest.skip("older ones give the same schemas other names")
+    told = CONTRACT["components"]["schemas"][asked]["properties"]
+    shown = " ".join(CliRunner().invoke(app, [verb, "--help"], env={"COLUMNS": "200"}).output.split()) if verb else ""
+    for one in fields(science):
+        about = said_of(one)
+        assert about.words, one.name
+        assert told[one.name]["description"] == about.sentence
+        assert told[one.name].get("x-unit", "") == about.unit
+        assert not verb or about.option == "-" or about.sentence in shown
+
+
+@pytest.mark.parametrize(("science", "path"), [(EssentialChoices, "essential"), (ExportChoices, "export")])
+def test_the_parameters_of_a_query_are_the_fields_of_what_it_asks_for(science: type, path: str) -> None:
+    operation = CONTRACT["paths"][f"/v1/identifications/{{identification_id}}/{path}"]["get"]
+    told = {one["name"]: one for one in operation["parameters"] if one["in"] == "query"}
+    assert set(told) == {one.name for one in fields(science)}
+    for one in fields(science):
+        assert told[one.name]["description"] == said_of(one).sentence
+        assert told[one.name]["schema"]["default"] == one.default
+
+
+def test_what_is_said_of_a_file_comes_back_from_the_wire_as_it_was_said() -> None:
+    said = RecordingMetadata(
+        "run", columns={"q1": "a"}, permutation={"tau": (2, 1)}, windows=((0.0, 1.0),), accept=("joint_motion",)
+    )
+    assert metadata_of(body(MeasurementMetadata, said, robot_id="r")) == said
+    change = Revision(exclude=((2.0, 3.0),), permutation={"q": (2, 1)}, signs={"tau2": -1.0})
+    assert revision_of(show_revision(change)) == change

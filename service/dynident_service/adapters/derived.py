@@ -10,14 +10,12 @@ from pydantic import BaseModel
 
 from dynident.effects import EffectChoice
 from dynident.kinds import Kind
-from dynident.robot import Limits
 from dynident_service.adapters.effects import choice_of, show_choice
 from dynident_service.models import common
 from dynident_service.models.derived import BODIES, SCIENCE
 
-BODIES[Limits], SCIENCE[common.Limits] = common.Limits, Limits
-
 T = TypeVar("T")
+BodyT = TypeVar("BodyT", bound=BaseModel)
 
 
 def taken(asked: BaseModel, science: type[T], **more: Any) -> T:
@@ -32,6 +30,11 @@ def taken(asked: BaseModel, science: type[T], **more: Any) -> T:
     # What may be null on the wire and not in the science stands for the default.
     names = [one.name for one in stated if getattr(asked, one.name) is not None or "None" in str(one.type)]
     return science(**{name: _taken(getattr(asked, name)) for name in names}, **more)
+
+
+def body(kind: type[BodyT], value: Any, **own: Any) -> BodyT:
+    """The body that asks for a request of the science; `own` are fields that are no part of it."""
+    return kind.model_validate({**own, **written(value)})
 
 
 def written(value: Any) -> Any:

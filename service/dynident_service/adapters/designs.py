@@ -20,7 +20,7 @@ from dynident.recordings.arrow import to_numbers
 from dynident.robot import Robot
 from dynident.simulation import Reference
 from dynident_service.adapters.answers import shown
-from dynident_service.adapters.derived import taken, written
+from dynident_service.adapters.derived import body, taken
 from dynident_service.adapters.identifications import check_effects
 from dynident_service.models import designs as wire
 
@@ -60,7 +60,7 @@ def _check_rivals(choice: CriterionChoice, robot: Robot) -> None:
 
 def show_request(request: DesignRequest, robot_id: str) -> wire.DesignRequest:
     """Show what is asked of a design, ready to be posted."""
-    return wire.DesignRequest.model_validate({"robot_id": robot_id, **written(request)})
+    return body(wire.DesignRequest, request, robot_id=robot_id)
 
 
 def describe_design(found: Design) -> wire.DesignResult:

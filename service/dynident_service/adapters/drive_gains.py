@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from dynident.identification import DriveGains, PayloadEstimate
 from dynident.robot import Robot
 from dynident_service.adapters.answers import shown
 from dynident_service.models import drive_gains as wire
-
-
-def stated_load(request: wire.DriveGainsRequest, own: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """What is stated of a loaded measurement's payload: by itself, or over that by the request."""
-    said = {"mass": request.mass, "centre": request.centre}
-    given = {name: value for name, value in said.items() if value is not None}
-    return own if not given else {**(own or {}), **given}
 
 
 def describe_gains(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from dynident.identification.imports import Inspection, inspect_file
+from dynident.recordings import RecordingMetadata
 from dynident.robot import Robot
 from dynident_service.adapters.answers import shown
+from dynident_service.adapters.derived import body, taken
 from dynident_service.models import imports as wire
 from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata
@@ -16,19 +19,17 @@ def look_at(source: Path, robot: Robot, said: wire.ImportMetadata, sha256: str) 
     """Look at a user's file, which is known by its `sha256`; what is said of it goes before what is guessed."""
     found = inspect_file(source, robot)
     assert found.proposal is not None
-    proposed = MeasurementMetadata(
-        robot_id=said.robot_id,
-        name=said.name or "recording",
-        columns={**found.proposal.columns, **said.columns},
-        units={**found.proposal.units, **said.units},
-        role=said.role,
-        windows=said.windows,
+    known = taken(said, RecordingMetadata)
+    proposed = replace(
+        known,
+        columns={**found.proposal.columns, **known.columns},
+        units={**found.proposal.units, **known.units},
         effort_kind=found.proposal.effort_kind,
     )
-    answered = {key.rstrip("0123456789") for key in (*said.columns, *said.units)}
+    answered = {key.rstrip("0123456789") for key in (*known.columns, *known.units)}
     view = describe_inspection(found, sha256)
     questions = [one for one in view.questions if one.field.rpartition("/")[2].rstrip("0123456789") not in answered]
-    document = plain(proposed)
+    document = plain(body(MeasurementMetadata, proposed, robot_id=said.robot_id))
     return wire.ImportResult(**{**view.model_dump(), "questions": questions, "proposed": document})
 
 

@@ -3,34 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 
 from dynident.recordings import Check, RecordingMetadata, Revision
 from dynident_service.adapters.answers import known
-from dynident_service.adapters.derived import taken
+from dynident_service.adapters.derived import body, taken
 from dynident_service.models import measurements as wire
 from dynident_service.models.revisions import RevisionRequest
 
 
 def metadata_of(said: wire.MeasurementMetadata) -> RecordingMetadata:
     """Take what is said of a file; `RecordingError` for a window or a delay that cannot be."""
-    return taken(said, RecordingMetadata, payload=said.payload)
+    return taken(said, RecordingMetadata, **said.model_dump(include={"payload"}))
 
 
 def revision_of(asked: RevisionRequest) -> Revision:
     """Take a revision."""
-    return Revision(
-        windows=None if asked.windows is None else tuple(asked.windows),
-        exclude=None if asked.exclude is None else tuple(asked.exclude),
-        columns=asked.columns or {},
-        units=asked.units or {},
-        permutation={kind: tuple(order) for kind, order in (asked.permutation or {}).items()},
-        signs=asked.signs or {},
-        scale=asked.scale or {},
-        torque_delay=asked.torque_delay,
-        role=asked.role,
-        name=asked.name,
-    )
+    return taken(asked, Revision)
 
 
 def show_revision(found: Revision) -> RevisionRequest:
@@ -41,7 +29,7 @@ def show_revision(found: Revision) -> RevisionRequest:
 def revised(said: wire.MeasurementMetadata, asked: RevisionRequest) -> wire.MeasurementMetadata:
     """What is said of a file with a revision."""
     after = revision_of(asked).of(metadata_of(said))
-    return wire.MeasurementMetadata.model_validate({"robot_id": said.robot_id, **asdict(after)})
+    return body(wire.MeasurementMetadata, after, robot_id=said.robot_id)
 
 
 def checks_of(shown: Sequence[wire.CheckView]) -> tuple[Check, ...]:

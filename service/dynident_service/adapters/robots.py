@@ -9,8 +9,8 @@ from typing import Any
 
 from dynident.robot import Description, Drive, Joint, Limits, Robot, robot_from_description
 from dynident.robot.collision import collision_meshes
+from dynident_service.adapters.derived import body, taken
 from dynident_service.models import robots as wire
-from dynident_service.models.common import Limits as WireLimits
 
 
 def robot_of(stored: Mapping[str, Any]) -> Robot:
@@ -35,16 +35,11 @@ def robot_from_request(request: wire.RobotRequest) -> Robot:
     return robot_from_description(
         request.name,
         Description(request.description.format, text),
-        limits={name: limits_of(value) for name, value in request.limits.items()},
-        drives={name: Drive(**value.model_dump()) for name, value in request.drives.items()},
+        limits={name: taken(value, Limits) for name, value in request.limits.items()},
+        drives={name: taken(value, Drive) for name, value in request.drives.items()},
         locked_joints=request.locked_joints,
         gravity=request.gravity,
     )
-
-
-def limits_of(value: WireLimits) -> Limits:
-    """Take limits off the wire."""
-    return Limits(**value.model_dump())
 
 
 def describe_robot(robot: Robot, base: wire.BaseParametersView) -> wire.RobotResult:
@@ -72,18 +67,10 @@ def base_parameters_of(robot: Robot, tolerance: float | None) -> wire.BaseParame
 
 
 def _joint(robot: Robot, index: int, joint: Joint) -> wire.JointView:
-    limits = joint.limits
     return wire.JointView(
         name=joint.name,
         type=joint.kind,
-        limits=WireLimits(
-            position=limits.position,
-            velocity=limits.velocity,
-            acceleration=limits.acceleration,
-            jerk=limits.jerk,
-            effort=limits.effort,
-            power=limits.power,
-        ),
+        limits=body(wire.Limits, joint.limits),
         antecedent=robot.joint_names[joint.parent] if joint.parent >= 0 else None,
         link=joint.link,
         drive_gain=robot.drives[index].gain,

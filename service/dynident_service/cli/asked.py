@@ -40,9 +40,14 @@ class Typed:
         Raises
         ------
         DynidentError
-            With the option that cannot be read.
+            With the option that cannot be read, or that the request refuses.
         """
-        return science(**{**dict(self._given(science, more)), **more})
+        try:
+            return science(**{**dict(self._given(science, more)), **more})
+        except DynidentError as error:
+            options = {f"/{one.name}": _option(one) for one in fields(science)}  # type: ignore[arg-type]
+            error.pointer = options.get(error.pointer, error.pointer)
+            raise
 
     def _given(self, science: type, more: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
         for one in fields(science):
@@ -92,7 +97,9 @@ def _parameters(name: str, parameter: inspect.Parameter, hint: Any) -> list[insp
         return list(_of_request(asks.science, asks.but))
     if is_dataclass(kind):
         inner = get_type_hints(kind, include_extras=True)
-        return [_parameter(one.name, inner[one.name], default_of(one)) for one in fields(kind)]
+        # A list is made anew for every call by its option.
+        defaults = {one.name: MISSING if one.default_factory is list else default_of(one) for one in fields(kind)}
+        return [_parameter(name, inner[name], default) for name, default in defaults.items()]
     missing = parameter.default is inspect.Parameter.empty
     return [_parameter(name, hint, MISSING if missing else parameter.default)]
 

@@ -16,12 +16,11 @@ from dynident.motion import Surroundings
 from dynident.reports.numbers import number, percent
 from dynident.robot import Limits
 from dynident.robot.collision import UNCHECKED
-from dynident_service.adapters import robots
 from dynident_service.adapters.derived import taken
 from dynident_service.cli.inputs import document_of, stored_diagnosis
 from dynident_service.cli.terminal import table
-from dynident_service.models.common import Limits as WireLimits
 from dynident_service.models.derived import body_of
+from dynident_service.models.robots import Limits as WireLimits
 from dynident_service.problems import fields_of
 
 Wanted = TypeVar("Wanted")
@@ -42,7 +41,7 @@ def limits_of(path: Path | None) -> dict[str, Limits]:
     if path is None:
         return {}
     found = _validated(_LIMITS, path, "Unusable limits")
-    return {name: robots.limits_of(value) for name, value in found.items()}
+    return {name: taken(value, Limits) for name, value in found.items()}
 
 
 def surroundings_of(path: Path | None, mesh_folders: Sequence[Path]) -> Surroundings:

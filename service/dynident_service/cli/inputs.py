@@ -6,9 +6,9 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,13 +24,12 @@ from dynident.identification.robot_recordings import import_cured, import_for_ro
 from dynident.progress import Progress, part
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.names import unique_names
-from dynident.recordings.types import RecordingRole
 from dynident.robot import Robot
 from dynident_service.adapters.identifications import check_effects
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
-from dynident_service.cli.metadata import Said, as_proposed, read_metadata
-from dynident_service.cli.options import Reading
+from dynident_service.cli.metadata import as_proposed, read_metadata
+from dynident_service.cli.options import Beside, Reading
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
@@ -48,35 +47,7 @@ _REWORDED = (
 )
 
 
-@dataclass(frozen=True)
-class FileOptions:
-    """What the options say about measurement files; `roles` of those that are not for the identification as usual.
-
-    With `cure` what would be refused is read as its checks propose.
-    """
-
-    columns: Sequence[str] = ()
-    units: Sequence[str] = ()
-    windows: Sequence[str] = ()
-    accept: Sequence[str] = ()
-    roles: Mapping[Path, RecordingRole] = field(default_factory=dict)
-    cure: bool = False
-    metadata: Sequence[str] = ()
-    as_proposed: bool = False
-
-
-def file_options(reading: Reading, roles: Mapping[Path, RecordingRole] | None = None) -> FileOptions:
-    """What the options of reading say, with the roles of files that are not for the identification as usual."""
-    return FileOptions(
-        reading.columns,
-        reading.units,
-        reading.windows,
-        reading.accept,
-        roles or {},
-        reading.cure,
-        reading.metadata,
-        reading.as_proposed,
-    )
+_NOTHING_BESIDE = Beside()
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +60,12 @@ class Loaded:
     said: RecordingMetadata
 
 
-def robot_of(text: str, gains: str = "", lock: str = "", gravity: str = "") -> Robot:
+def robot_of(text: str, beside: Beside = _NOTHING_BESIDE) -> Robot:
     """The robot that an argument means, a file or a well-known arm, with what options say beside it."""
     check_robot(text)
-    upright = parsing.vector(gravity, "--gravity") if gravity else None
-    return with_gains(load_robot(text, locked_joints=parsing.locks(lock), gravity=upright), gains)
+    upright = parsing.vector(beside.gravity, "--gravity") if beside.gravity else None
+    robot = load_robot(text, locked_joints=parsing.locks(beside.lock), gravity=upright)
+    return with_gains(robot, beside.drive_gains)
 
 
 def with_gains(robot: Robot, gains: str) -> Robot:
@@ -103,9 +75,17 @@ def with_gains(robot: Robot, gains: str) -> Robot:
 
 @contextmanager
 def loaded(
-    paths: Sequence[Path], robot: Robot, options: FileOptions, progress: Progress, others: Sequence[Path] = ()
+    paths: Sequence[Path],
+    robot: Robot,
+    reading: Reading,
+    progress: Progress,
+    others: Sequence[Path] = (),
+    friction: Collection[Path] = (),
 ) -> Iterator[tuple[list[Loaded], list[Loaded]]]:
     """Check measurement files (and others beside them); what is kept of them is gone when the work is done.
+
+    With `cure` what would be refused is read as its checks propose. `friction` are those of them that test the friction
+    of single joints.
 
     Yields
     ------
@@ -113,31 +93,26 @@ def loaded(
     """
     everything = [*paths, *others]
     names = unique_names(everything)
-    windows = parsing.windows_of(options.windows, names, _neighbours(everything))
-    columns, units = parsing.pairs(options.columns, "--columns"), parsing.pairs(options.units, "--units")
-    told = read_metadata(options.metadata, names)
+    windows = parsing.windows_of(reading.windows, names, _neighbours(everything))
+    columns, units = parsing.pairs(reading.columns, "--columns"), parsing.pairs(reading.units, "--units")
+    told = read_metadata(reading.metadata, names)
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
         found = []
         for index, (path, name) in enumerate(zip(everything, names, strict=True)):
-            said = told.get(name, Said())
-            if options.as_proposed and name not in told:
-                said = _proposed(path, robot)
-            metadata = RecordingMetadata(
+            said = told.get(name)
+            if said is None:
+                said = _proposed(path, robot) if reading.as_proposed else RecordingMetadata()
+            metadata = replace(
+                said,
                 name=name,
                 columns={**said.columns, **columns},
                 units={**said.units, **units},
-                role=options.roles.get(path),
+                role="friction" if path in friction else None,
                 windows=windows.get(name, said.windows),
-                exclude=said.exclude,
-                permutation=said.permutation,
-                signs=said.signs,
-                scale=said.scale,
-                torque_delay=said.torque_delay,
-                accept=tuple(options.accept),
-                effort_kind=said.effort_kind,
+                accept=tuple(reading.accept),
             )
             share = part(progress, index / len(everything), (index + 1) / len(everything))
-            found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=options.cure))
+            found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure))
         yield found[: len(paths)], found[len(paths) :]
 
 
@@ -147,7 +122,7 @@ def _neighbours(paths: Sequence[Path]) -> set[str]:
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 
 
-def _proposed(path: Path, robot: Robot) -> Said:
+def _proposed(path: Path, robot: Robot) -> RecordingMetadata:
     from dynident.identification.imports import inspect_file
 
     check_readable(path)

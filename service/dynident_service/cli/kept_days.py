@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
 from dynident.diagnosis.series import Day, Measure, free_name, measured, resumed, what_may_change
 from dynident.identification import Identification
 from dynident.progress import Progress, part
-from dynident_service.cli.inputs import FileOptions, loaded
+from dynident.recordings.digest import digest_of
+from dynident_service.cli.inputs import loaded
+from dynident_service.cli.options import Reading
 
 
 def days_of(
     identification: Identification,
     paths: Sequence[Path],
-    options: FileOptions,
+    reading: Reading,
     keep: Path | None,
     progress: Progress,
 ) -> tuple[Measure, tuple[Day, ...]]:
@@ -26,7 +27,7 @@ def days_of(
     robot = identification.model.robot
     days: tuple[Day, ...] = ()
     content = keep.read_bytes() if keep is not None and keep.exists() else None
-    with loaded(paths, robot, options, part(progress, 0.0, 0.6)) as (given, _):
+    with loaded(paths, robot, reading, part(progress, 0.0, 0.6)) as (given, _):
         recordings = [item.recording for item in given]
         if content is None:
             warm = all(recording.has_temperature for recording in recordings)
@@ -34,15 +35,10 @@ def days_of(
         else:
             measure, days = resumed(identification, content)
         found = list(days)
-        sources = [_digest(path) for path in paths]
+        sources = [digest_of(path) for path in paths]
         for number, (recording, source) in enumerate(zip(recordings, sources, strict=True)):
             if any(day.source == source for day in found):
                 continue
             told = part(progress, 0.6 + 0.4 * number / len(paths), 0.6 + 0.4 * (number + 1) / len(paths))
             found.append(measured(measure, free_name(recording.name, found), [recording], told, source))
     return measure, tuple(found)
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -3,38 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from dynident.errors import DynidentError
 from dynident.identification.imports import EffortKind, Inspection
+from dynident.recordings import RecordingMetadata
+from dynident_service.adapters.revisions import metadata_of
 from dynident_service.cli.files import check_readable
+from dynident_service.models.measurements import MeasurementMetadata
 
 NEEDED_FOR_GAINS = "drives"
 _BESIDE = ("questions", "name", "format")
 """What stands in such a file and is no part of what is said."""
-
-
-@dataclass(frozen=True)
-class Said:
-    """What is said of a file; the fields mean what they mean in `RecordingMetadata`."""
-
-    columns: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
-    windows: tuple[tuple[float, float], ...] = ()
-    exclude: tuple[tuple[float, float], ...] = ()
-    permutation: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    signs: Mapping[str, float] = field(default_factory=dict)
-    scale: Mapping[str, float] = field(default_factory=dict)
-    torque_delay: float = 0.0
-    effort_kind: EffortKind | None = None
-
-
-_SAID = TypeAdapter(Said)
+_ELSEWHERE = ("name", "format", "role", "accept")
+"""What is told by the file itself, or has options and commands of its own."""
 
 
 def proposed(found: Inspection) -> dict[str, Any]:
@@ -50,7 +37,7 @@ def proposed(found: Inspection) -> dict[str, Any]:
     }
 
 
-def as_proposed(path: Path, found: Inspection, *, has_gains: bool) -> Said:
+def as_proposed(path: Path, found: Inspection, *, has_gains: bool) -> RecordingMetadata:
     """The proposal as it is.
 
     Raises
@@ -70,10 +57,11 @@ def as_proposed(path: Path, found: Inspection, *, has_gains: bool) -> Said:
             pointer=str(path),
             title="Open questions",
         )
-    return Said(found.proposal.columns, found.proposal.units, effort_kind=found.proposal.effort_kind)
+    taken = found.proposal
+    return RecordingMetadata(columns=taken.columns, units=taken.units, effort_kind=taken.effort_kind)
 
 
-def read_metadata(given: Sequence[str], names: Sequence[str]) -> dict[str, Said]:
+def read_metadata(given: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:
     """Metadata by the name of the measurement: FILE for all of them, NAME=FILE for one.
 
     Raises
@@ -81,7 +69,7 @@ def read_metadata(given: Sequence[str], names: Sequence[str]) -> dict[str, Said]
     DynidentError
         For a file that is none, or holds open questions.
     """
-    found: dict[str, Said] = {}
+    found: dict[str, RecordingMetadata] = {}
     for text in given:
         name, sign, path = text.partition("=")
         if sign and name in names:
@@ -91,13 +79,13 @@ def read_metadata(given: Sequence[str], names: Sequence[str]) -> dict[str, Said]
     return found
 
 
-def _read(path: Path) -> Said:
+def _read(path: Path) -> RecordingMetadata:
     check_readable(path)
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise DynidentError(f"{path.name} is no JSON: {error}", pointer=str(path)) from error
-    known = [one.name for one in fields(Said)]
+    known = [one.name for one in fields(RecordingMetadata) if one.name not in _ELSEWHERE]
     if not isinstance(document, dict) or not set(document) <= {*known, *_BESIDE}:
         allowed = ", ".join((*known, *_BESIDE))
         raise DynidentError(f"{path.name} is no metadata: give an object of {allowed}", pointer=str(path))
@@ -116,7 +104,8 @@ def _read(path: Path) -> Said:
         )
     try:
         # Null says as much as nothing.
-        return _SAID.validate_python({name: document[name] for name in known if document.get(name) is not None})
+        told = {name: document[name] for name in known if document.get(name) is not None}
+        return metadata_of(MeasurementMetadata.model_validate({"robot_id": "-", "name": "-", **told}))
     except ValidationError as error:
         first = error.errors()[0]
         place = "/".join(map(str, first["loc"]))

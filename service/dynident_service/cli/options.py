@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from dynident_service.cli.files import A_ROBOT, TO_READ, known_arms
+
+
+def several(*names: str, metavar: str, help: str) -> Any:
+    """An option that may be given any number of times."""
+    return typer.Option(*names, metavar=metavar, help=help, default_factory=list, show_default=False)
+
 
 RobotArgument = Annotated[
     str,
@@ -38,55 +44,36 @@ Measurements = Annotated[
 ]
 Validation = Annotated[
     list[Path],
-    typer.Option(
-        "--validation",
-        "-v",
-        metavar="FILE",
-        help="Measurement that no parameter sees; may be repeated.",
-        default_factory=list,
-        show_default=False,
-    ),
+    several("--validation", "-v", metavar="FILE", help="Measurement that no parameter sees; may be repeated."),
     TO_READ,
 ]
 Columns = Annotated[
     list[str],
-    typer.Option(
+    several(
         "--columns",
         metavar="OURS=THEIRS,…",
         help="Columns with other names: q1=shoulder,tau1=torque_a; or a JSON object.",
-        default_factory=list,
-        show_default=False,
     ),
 ]
 Units = Annotated[
     list[str],
-    typer.Option(
-        "--units",
-        metavar="KIND=UNIT,…",
-        help="Units other than SI: q=deg,tau=mN m.",
-        default_factory=list,
-        show_default=False,
-    ),
+    several("--units", metavar="KIND=UNIT,…", help="Units other than SI: q=deg,tau=mN m."),
 ]
 Windows = Annotated[
     list[str],
-    typer.Option(
+    several(
         "--windows",
         metavar="[NAME=]FROM:TO,…",
         help="Seconds of t to use, of all files or of the one with that name (its file's, without the ending).",
-        default_factory=list,
-        show_default=False,
     ),
 ]
 Metadata = Annotated[
     list[str],
-    typer.Option(
+    several(
         "--metadata",
         metavar="[NAME=]FILE",
         help="What is said of all files, or of the one with that name, as `dynident inspect --out` or a report writes "
         "it; may be repeated.",
-        default_factory=list,
-        show_default=False,
     ),
 ]
 AsProposed = Annotated[
@@ -95,13 +82,7 @@ AsProposed = Annotated[
 ]
 Accept = Annotated[
     list[str],
-    typer.Option(
-        "--accept",
-        metavar="CHECK",
-        help="Treat the errors of this check as warnings; may be repeated.",
-        default_factory=list,
-        show_default=False,
-    ),
+    several("--accept", metavar="CHECK", help="Treat the errors of this check as warnings; may be repeated."),
 ]
 Cure = Annotated[
     bool,
@@ -148,35 +129,29 @@ class Beside:
 class Reading:
     """How measurement files are read."""
 
-    columns: Columns
-    units: Units
-    windows: Windows
-    accept: Accept
-    metadata: Metadata
+    columns: Columns = field(default_factory=list)
+    units: Units = field(default_factory=list)
+    windows: Windows = field(default_factory=list)
+    accept: Accept = field(default_factory=list)
+    metadata: Metadata = field(default_factory=list)
     as_proposed: AsProposed = False
     cure: Cure = False
 
 
 @dataclass(frozen=True)
-class RobotReading(Reading):
-    """The same, with what the robot's description does not say."""
-
-    drive_gains: DriveGains = ""
-    lock: Lock = ""
-    gravity: Gravity = ""
+class RobotReading(Beside, Reading):
+    """Both."""
 
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where to write the result.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, with the fields of the HTTP contract.")]
 Effects = Annotated[
     list[str],
-    typer.Option(
+    several(
         "--effects",
         metavar="EFFECT,…",
         help="Effects of the catalogue: `default,offset` or `stribeck@joint1+joint2:vs=0.05`; `default` stands for "
         "rigid_body,rotor_inertia,coulomb,viscous.",
-        default_factory=list,
-        show_default=False,
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same result.")]

@@ -15,7 +15,9 @@ from dynident.identification.study.dependence import parameter_dependence
 from dynident.identification.study.essential import EssentialPath
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
-from dynident.reports.change_rows import COLUMNS, change_rows
+from dynident.reports.candidate_rows import COLUMNS as CANDIDATES
+from dynident.reports.candidate_rows import candidate_rows
+from dynident.reports.change_rows import COLUMNS, FRICTION_COLUMNS, change_rows, friction_row
 from dynident.reports.numbers import estimate, number, percent
 from dynident.reports.words import JUDGED, SHAPES_JUDGED, hidden_text, interval_text, place_text, standing_text
 from dynident.robot import Robot
@@ -135,20 +137,7 @@ def show_comparison(console: Console, name: str, found: Comparison, judged: Judg
 def show_diagnosis(console: Console, found: AdvisedDiagnosis, robot: Robot) -> None:
     """The verdict, the ranking, what was not visible."""
     console.print(found.summary, markup=False, style="bold")
-    rows = [
-        [
-            str(item.rank),
-            effect_by_id(item.effect).title,
-            place_text(item.joints, robot),
-            percent(item.error_before),
-            percent(item.error_after),
-            percent(item.error_drop, 2),
-            "yes" if item.significant else "no",
-        ]
-        for item in found.candidates
-    ]
-    columns = ("rank", "effect", "joints", "error before", "after", "drop", "significant")
-    console.print(table("Candidates", columns, rows, right_from=3))
+    console.print(table("Candidates", CANDIDATES, candidate_rows(found.candidates, robot), right_from=3))
     for item in found.candidates:
         if item.significant:
             console.print(f"  {item.rank}. {item.evidence}", markup=False)
@@ -177,6 +166,9 @@ def show_changes(console: Console, found: Diagnosis, robot: Robot) -> None:
     for one in found.changes or ():
         doubt = f" This data cannot tell it from: {', '.join(one.equivalent)}." if one.equivalent else ""
         console.print(f"  {one.evidence}{doubt}", markup=False)
+    if found.friction:
+        friction = [list(friction_row(one)) for one in found.friction]
+        console.print(table("Friction of each joint", FRICTION_COLUMNS, friction, right_from=1))
     if found.recommended:
         both = "; ".join(choice_text(choice, robot) for choice in found.recommended)
         console.print(f"  Missing in the model before and after: {both}", markup=False)

@@ -15,7 +15,8 @@ from dynident.progress import Progress, part
 from dynident.recordings import Recording
 from dynident.reports import html_report
 from dynident.robot import Robot
-from dynident_service.cli.inputs import FileOptions, Loaded, loaded, recordings_of
+from dynident_service.cli.inputs import Loaded, loaded, recordings_of
+from dynident_service.cli.options import Reading
 from dynident_service.cli.reporting import reported_runs
 
 
@@ -55,8 +56,7 @@ def analyse(
     progress: Progress,
 ) -> Analysis:
     """Identify, compare, diagnose, add what is missing one by one, and write the report (with the first design)."""
-    options = FileOptions()
-    with loaded(training, robot, options, part(progress, 0.0, 0.1), held_out) as (given, tried):
+    with loaded(training, robot, Reading(), part(progress, 0.0, 0.1), held_out) as (given, tried):
         recordings, validation = recordings_of(given), recordings_of(tried)
         first = identify(robot, recordings, validation, progress=part(progress, 0.1, 0.2))
         compared = compare(first, validation[0])

@@ -8,8 +8,8 @@ from pathlib import Path
 from rich.console import Console
 
 from dynident.effects import effect_by_id
+from dynident.reports.candidate_rows import COLUMNS, candidate_rows
 from dynident.reports.numbers import number, percent
-from dynident.reports.words import place_text
 from dynident.robot import Robot
 from dynident_service.cli.shown import choice_text
 from dynident_service.cli.terminal import table
@@ -145,19 +145,8 @@ def closing(console: Console, robot: Robot, runs: Sequence[MeasuredRun], folder:
 
 
 def _candidates(console: Console, robot: Robot, found: Analysis) -> None:
-    rows = [
-        [
-            str(item.rank),
-            effect_by_id(item.effect).title,
-            place_text(item.joints, robot),
-            percent(item.error_before),
-            percent(item.error_after),
-            "yes" if item.significant else "no",
-        ]
-        for item in found.diagnosis.candidates[:_SHOWN_CANDIDATES]
-    ]
-    columns = ("rank", "effect", "joints", "error before", "after", "significant")
-    console.print(table("", columns, rows, right_from=3))
+    rows = candidate_rows(found.diagnosis.candidates[:_SHOWN_CANDIDATES], robot)
+    console.print(table("", COLUMNS, rows, right_from=3))
     _say(console, found.diagnosis.summary, style="bold")
     for item in found.diagnosis.candidates:
         if item.significant and item.equivalent:

@@ -39,6 +39,12 @@ class Asked(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
+class Queried(BaseModel):
+    """What the query of an address asks for."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+
 class Shown(BaseModel):
     """An answer, or a part of one; what is no finite number is shown as null."""
 
@@ -80,17 +86,6 @@ class EffectChoice(Asked):
     joints: list[str] = Field(default=[], description="Names; all that the effect may sit on where none is given.")
     shape_parameters: dict[str, float] = Field(default={}, description="Shape constants; searched where not given.")
     runs: list[str] = Field(default=[], description="Names of the measurements, or labels of their runs, that it is in")
-
-
-class Limits(Asked):
-    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W."""
-
-    position: tuple[float, float] | None = None
-    velocity: float | None = None
-    acceleration: float | None = None
-    jerk: float | None = None
-    effort: float | None = None
-    power: float | None = None
 
 
 def plain(model: BaseModel) -> dict[str, Any]:

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, create_model
 from pydantic import Field as wire_field
 
-from dynident.asking import Said, default_of, said_of
+from dynident.asking import Named, Said, default_of, said_of
 from dynident.kinds import Kind, Kinds
 from dynident_service.hints import hint_of
-from dynident_service.models.common import Asked
+from dynident_service.models.common import Asked, Queried
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
@@ -24,7 +24,9 @@ SCIENCE: dict[type[BaseModel], type] = {}
 """What each of these bodies asks for."""
 
 
-def asks(science: type, *but: str, or_null: tuple[str, ...] = ()) -> Callable[[type[ModelT]], type[ModelT]]:
+def asks(
+    science: type, *but: str, only: tuple[str, ...] | None = None, or_null: tuple[str, ...] = ()
+) -> Callable[[type[ModelT]], type[ModelT]]:
     """A body that asks for a request of the science: with its fields beside those that the class states itself.
 
     Parameters
@@ -33,25 +35,38 @@ def asks(science: type, *but: str, or_null: tuple[str, ...] = ()) -> Callable[[t
         A frozen dataclass whose fields say what they are (`dynident.asking.said`).
     but : str
         Fields that are no part of the contract.
+    only : tuple of str, optional
+        Those that are, where they are few.
     or_null : tuple of str
         Those that may be null for their default.
     """
 
     def made(body: type[ModelT]) -> type[ModelT]:
         own = body.model_fields
+        for one in fields(science):
+            if one.name in own and own[one.name].description is None:
+                # Of another type there; what it means is said once.
+                own[one.name].description = said_of(one).sentence or None
         derived = {
             one.name: _derived(science, one, one.name in or_null)
             for one in fields(science)
-            if one.name not in but and one.name not in own and not said_of(one).local
+            if one.name not in (*but, *own) and (only is None or one.name in only) and not said_of(one).local
         }
         found: type[ModelT] = create_model(  # type: ignore[call-overload]
             body.__name__, __base__=body, __module__=body.__module__, __doc__=body.__doc__, **derived
         )
-        BODIES[science] = found
+        if only is None:
+            BODIES[science] = found
         SCIENCE[found] = science
         return found
 
     return made
+
+
+def query_of(science: type) -> Any:
+    """The parameters of a query that ask for a request of the science; others are ignored."""
+    derived: dict[str, Any] = {one.name: _derived(science, one) for one in fields(science)}
+    return create_model(science.__name__, __base__=Queried, **derived)
 
 
 def body_of(science: type) -> type[BaseModel]:
@@ -66,6 +81,7 @@ def _derived(science: type, one: Field[Any], or_null: bool = False) -> tuple[Any
     about = said_of(one)
     if about.kinds is None:
         hint = _on_the_wire(hint_of(science, one), about)
+        hint = hint | None if or_null else hint
     else:
         hint = _one_of(about, optional=or_null or "None" in str(one.type))
     default = None if or_null else default_of(one)
@@ -75,14 +91,18 @@ def _derived(science: type, one: Field[Any], or_null: bool = False) -> tuple[Any
     return hint, _described(about, default, sized=several or hint is str)
 
 
+def choices_shown(kinds: Named) -> dict[str, Any]:
+    """What a schema says of a field that is one of several."""
+    shown = [{"name": one.name, "label": one.label or one.name, "words": one.words} for one in kinds.choices]
+    return {"x-choices": shown}
+
+
 def _described(about: Said, default: Any, sized: bool) -> Any:
     extra: dict[str, Any] = {}
     if about.unit:
         extra["x-unit"] = about.unit
     if about.kinds is not None:
-        extra["x-choices"] = [
-            {"name": one.name, "label": one.label or one.name, "words": one.words} for one in about.kinds.choices
-        ]
+        extra |= choices_shown(about.kinds)
     stated: dict[str, Any] = {"description": about.sentence or None, "json_schema_extra": extra or None}
     stated |= {"min_length": about.fewest, "max_length": about.most} if sized else _range(about)
     return wire_field(default=... if default is MISSING else _default(default), **stated)

@@ -10,7 +10,7 @@ from pydantic import Field
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.request import DesignRequest as Designed
 from dynident.excitation.request import TrajectoryRequest
-from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Limits, Name, Shown
+from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
 from dynident_service.models.derived import asks
 from dynident_service.models.geometry import Point
 
@@ -19,9 +19,7 @@ from dynident_service.models.geometry import Point
 class Criterion(Asked):
     """How exciting a motion is (§12.3.4.1)."""
 
-    effects: list[EffectChoice] = Field(
-        default=[], description="For separation: to be told from the rest of the model and from each other"
-    )
+    effects: list[EffectChoice] = Field(default=[])
 
 
 @asks(TrajectoryRequest)
@@ -35,8 +33,7 @@ class DesignRequest(Asked):
 
     robot_id: Identifier
     name: Name | None = None
-    effects: list[EffectChoice] | None = Field(default=None, description="What is to be identified")
-    limits: dict[str, Limits] = Field(default={}, description="By joint; tighter ones, for this experiment")
+    effects: list[EffectChoice] | None = None
     earlier_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Measurements that the new experiment is to complement"
     )

@@ -7,9 +7,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from dynident.diagnosis.stated import DiagnosisChoices
 from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.derived import asks
 
 
+@asks(DiagnosisChoices, or_null=("max_effects",))
 class DiagnosisRequest(Asked):
     """Which model is questioned, on which measurements."""
 
@@ -20,8 +23,6 @@ class DiagnosisRequest(Asked):
     baseline_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Earlier measurements of the same robot: what differs since is told."
     )
-    candidates: list[str] | None = Field(default=None, min_length=1, description="Effect ids; all where not given.")
-    max_effects: int | None = Field(default=None, ge=1, le=100)
     name: Name | None = None
 
 
@@ -71,6 +72,19 @@ class Change(ChangedValue):
     evidence: str
     equivalent: list[str] = Field(default=[], description="Effects, or joints, that this data cannot tell from it")
     more: list[ChangedValue] = Field(default=[], description="Its other parameters")
+
+
+class FrictionDifference(Shown):
+    """How much more of a joint's torque goes into friction in the later measurements, a finding or not."""
+
+    joint: str
+    speed: float = Field(description="Its mean speed there, rad/s or m/s, at which the others are")
+    value: float = Field(description="The difference")
+    interval: Annotated[tuple[float | None, float | None], At(null=(-inf, inf))] = Field(
+        description="Holds the true difference in 95 of 100 cases"
+    )
+    unit: str
+    before: float = Field(description="What it would have been without the difference")
 
 
 class UnknownPattern(Shown):
@@ -138,6 +152,9 @@ class DiagnosisResult(Shown):
     next_experiment: NextExperiment | None
     changes: list[Change] | None = Field(
         default=None, description="What differs from the baseline; empty: nothing; null: there was none"
+    )
+    friction: list[FrictionDifference] = Field(
+        default=[], description="By how much that of each joint that moves differs from the baseline's, changed or not"
     )
 
 

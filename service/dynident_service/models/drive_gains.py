@@ -6,24 +6,21 @@ from typing import Annotated
 
 from pydantic import Field
 
+from dynident.identification.loads.known import KnownLoad
 from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
+from dynident_service.models.derived import asks
 from dynident_service.models.validations import DriveGainView
 
 Measurements = Annotated[list[Identifier], Field(min_length=1, max_length=100)]
 
 
+@asks(KnownLoad)
 class DriveGainsRequest(Asked):
     """Runs of the same motion without and with a load of known mass, of a robot whose drive gains are in question."""
 
     robot_id: Identifier
     unloaded: Measurements = Field(description="Measurements without the load")
     loaded: Measurements = Field(description="Measurements of the same motion with the load")
-    mass: float | None = Field(
-        default=None, gt=0, description="What the load weighs, kg; of each measurement's own payload where not given"
-    )
-    centre: tuple[float, float, float] | None = Field(
-        default=None, description="Its centre in the last joint's frame, m, where known"
-    )
     weigh: Measurements | None = Field(
         default=None, description="Measurements of other loads, to be weighed with the gains that are found"
     )

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from dynident.export.stated import ExportChoices
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.essential_choices import EssentialChoices
+from dynident.recordings.stated import PreprocessingChoices
 from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
-from dynident_service.models.derived import asks
+from dynident_service.models.derived import asks, query_of
 from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import SeenMeasurement
 
@@ -18,16 +21,17 @@ SHAPE_JUDGEMENTS = Literal[
 ]
 DEFAULT_EFFECTS = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 
-Cutoff = float | Literal["auto"] | None
+if TYPE_CHECKING:
+    EssentialQuery = EssentialChoices
+    ExportQuery = ExportChoices
+else:
+    EssentialQuery = query_of(EssentialChoices)
+    ExportQuery = query_of(ExportChoices)
 
 
+@asks(PreprocessingChoices)
 class Preprocessing(Asked):
     """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
-
-    position_cutoff: Cutoff = "auto"
-    torque_cutoff: Cutoff = "auto"
-    decimation: int | Literal["auto"] = "auto"
-    filter_order: int | Literal["auto"] = "auto"
 
 
 @asks(IdentificationChoices, "tolerance")

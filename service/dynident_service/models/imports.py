@@ -7,19 +7,20 @@ from typing import Any
 
 from pydantic import Field
 
+from dynident.recordings.stated import EffortKind, RecordingMetadata
 from dynident_service.models.common import Asked, Identifier, Name, Shown
-from dynident_service.models.measurements import EffortKind, MeasurementMetadata, Role
+from dynident_service.models.derived import asks
+from dynident_service.models.measurements import MeasurementMetadata
+
+_KNOWN_BEFOREHAND = ("columns", "units", "role", "windows")
 
 
+@asks(RecordingMetadata, only=_KNOWN_BEFOREHAND)
 class ImportMetadata(Asked):
     """What is known of a file beforehand; whatever is said here is not guessed."""
 
     robot_id: Identifier
     name: Name | None = Field(default=None, description="What to call it; else as the file is called")
-    columns: dict[str, str] = Field(default={}, description="Our name to the file's")
-    units: dict[str, str] = Field(default={}, description="By kind of signal or by column")
-    role: Role | None = None
-    windows: list[tuple[float, float]] = Field(default=[], description="Seconds of t to use")
 
 
 class GuessView(Shown):

@@ -3,42 +3,23 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
+from dynident.recordings.stated import EffortKind, RecordingMetadata, Role
 from dynident_service.models.common import Asked, Identifier, Name, Shown
+from dynident_service.models.derived import asks
 from dynident_service.models.labels import Labelled
-from dynident_service.models.revisions import EXCLUDE, ORDER, SCALE, SIGNS, Axis, RevisionRequest
-
-EffortKind = Literal[
-    "motor_current", "motor_torque", "joint_torque", "gravity_compensated", "external", "commanded", "unknown"
-]
-Role = Literal["identification", "validation", "friction", "payload"]
+from dynident_service.models.revisions import RevisionRequest
 
 
+@asks(RecordingMetadata)
 class MeasurementMetadata(Asked):
     """What is said about an uploaded file."""
 
     robot_id: Identifier
     name: Name
-    format: Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"] | None = Field(
-        default=None, description="Told from the file where not given."
-    )
-    columns: dict[str, str] = Field(default={}, description='Our name to the file\'s: {"q1": "shoulder_angle"}')
-    units: dict[str, str] = Field(default={}, description='By kind of signal or by column: {"q": "deg"}; SI elsewhere')
-    role: Role | None = None
-    windows: list[tuple[float, float]] = Field(default=[], description="Seconds of t to use, [from, to]; else all")
-    payload: dict[str, Any] | None = None
-    torque_delay: float = Field(default=0.0, description="Seconds by which the file's torque is late")
-    accept: list[str] = Field(default=[], description="Names of checks whose errors are to count as warnings.")
-    permutation: dict[Axis, list[int]] = Field(default={}, description=ORDER)
-    signs: dict[str, float] = Field(default={}, description=SIGNS)
-    scale: dict[str, float] = Field(default={}, description=SCALE)
-    exclude: list[tuple[float, float]] = Field(default=[], description=EXCLUDE)
-    effort_kind: EffortKind | None = Field(
-        default=None, description="What the torque or current columns hold; those that are no measurement are refused"
-    )
 
 
 class CheckView(Shown):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import Field
 
+from dynident.reports.stated import ReportChoices
 from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
+from dynident_service.models.derived import asks
 
-ReportFormat = Literal["html", "pdf", "json"]
 
-
+@asks(ReportChoices)
 class ReportRequest(Asked):
     """What is to be reported."""
 
@@ -25,8 +24,7 @@ class ReportRequest(Asked):
     measurement_ids: list[Identifier] | None = Field(
         default=None, min_length=1, max_length=100, description="Shown beside the prediction; else all it knows"
     )
-    format: ReportFormat = "html"
-    name: Name | None = Field(default=None, description="The heading")
+    name: Name | None = None
 
 
 class ReportResult(Shown):

@@ -6,17 +6,12 @@ from typing import Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
+from dynident.recordings.stated import Revision
 from dynident_service.models.common import Asked, Name, Shown
-
-Axis = Literal["q", "tau"]
-ORDER = (
-    'Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k\'s column'
-)
-SIGNS = '1 or -1 by which a joint\'s positions or torques are taken: {"tau2": -1}; "tau" means all joints'
-SCALE = 'Positive factors of a joint\'s positions or torques: {"tau2": 0.1}'
-EXCLUDE = "Seconds of t to leave out, [from, to]"
+from dynident_service.models.derived import asks
 
 
+@asks(Revision, or_null=("columns", "units", "permutation", "signs", "scale"))
 class RevisionRequest(Asked):
     """What is to be said of a measurement's file; the file stays as it is. What is not given stays as it was said.
 
@@ -24,15 +19,6 @@ class RevisionRequest(Asked):
     `role` and `name` are also fields of an upload's metadata.
     """
 
-    windows: list[tuple[float, float]] | None = Field(default=None, description="Seconds of t to use; [] for all")
-    columns: dict[str, str] | None = None
-    units: dict[str, str] | None = None
-    permutation: dict[Axis, list[int]] | None = Field(default=None, description=ORDER)
-    signs: dict[str, float] | None = Field(default=None, description=SIGNS)
-    scale: dict[str, float] | None = Field(default=None, description=SCALE)
-    exclude: list[tuple[float, float]] | None = Field(default=None, description=f"{EXCLUDE}; [] for nothing")
-    torque_delay: float | None = Field(default=None, description="Seconds by which the file's torque is late")
-    role: Literal["identification", "validation", "friction", "payload"] | None = None
     name: Name | None = None
 
     @model_serializer(mode="wrap")

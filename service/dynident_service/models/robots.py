@@ -8,7 +8,9 @@ from typing import Any, Literal
 from pydantic import Field
 
 from dynident.descriptions import DescriptionFormat
-from dynident_service.models.common import Asked, Limits, Name, Shown
+from dynident.robot import stated
+from dynident_service.models.common import Asked, Name, Shown
+from dynident_service.models.derived import asks
 from dynident_service.models.labels import Labelled
 
 
@@ -22,17 +24,14 @@ class Description(Asked):
     )
 
 
+@asks(stated.Limits)
+class Limits(Asked):
+    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W."""
+
+
+@asks(stated.Drive)
 class Drive(Asked):
     """The drive chain of a joint [12.17]: torque = drive_gain x recorded current."""
-
-    drive_gain: float | None = Field(default=None, description="N m or N per unit of current")
-    gear_ratio: float | None = None
-    torque_constant: float | None = None
-    amplifier_gain: float | None = None
-    coupling: dict[str, float] = Field(
-        default={},
-        description="Other joints that this motor turns with, and how far beside its own; its torque acts on them.",
-    )
 
 
 class MeshView(Shown):

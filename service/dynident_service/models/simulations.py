@@ -6,12 +6,12 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from dynident.recordings.stated import Role
 from dynident.simulation.stated import ActingEffect, Simulated
 from dynident.simulation.stated import Sensors as Sensing
 from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
 from dynident_service.models.derived import asks
 from dynident_service.models.designs import Trajectory
-from dynident_service.models.measurements import Role
 
 
 @asks(ActingEffect)

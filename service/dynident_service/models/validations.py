@@ -9,7 +9,7 @@ from pydantic import Field
 from dynident.validation.method import Method
 from dynident.validation.request import TRIALS, Stated
 from dynident_service.models.common import Asked, At, Computed, Identifier, Name, Shown
-from dynident_service.models.derived import asks
+from dynident_service.models.derived import asks, choices_shown
 from dynident_service.models.identifications import ErrorsView, UsedPreprocessing
 
 if TYPE_CHECKING:
@@ -29,7 +29,10 @@ class ValidationRequest(Asked):
     """Which model is to be tried, and how."""
 
     identification_id: Identifier
-    kind: ValidationKind = Field(description="; ".join(f"{one.name}: {one.words}" for one in TRIALS.choices))
+    kind: ValidationKind = Field(
+        description=" ".join(f"{one.name}: {one.words}" for one in TRIALS.choices),
+        json_schema_extra=choices_shown(TRIALS),
+    )
     measurement_ids: list[Identifier] | None = Field(
         default=None,
         min_length=1,

@@ -9,14 +9,15 @@ from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Header, Query, Request, Response
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from dynident_service.models.common import Computed, Page, Progress
-from dynident_service.problems import Problem, ProblemError
+from dynident_service.problems import Problem, ProblemError, fields_of, unusable, validation_problem
 from dynident_service.services import Services
 from dynident_service.storage.records import Kind, NewResource, Resource, Retry
 
 ViewT = TypeVar("ViewT", bound=BaseModel)
+BodyT = TypeVar("BodyT", bound=BaseModel)
 ComputedT = TypeVar("ComputedT", bound=Computed[Any, Any])
 
 PATHS: dict[str, str] = {
@@ -157,3 +158,22 @@ def succeeded(resource: Resource) -> Resource:
         detail = f"The {resource.kind} {resource.id} is {job.state}; this is there once its job {job.id} succeeded."
         raise ProblemError(409, detail, title="Not computed")
     return resource
+
+
+def stated(kind: type[BodyT], text: str | bytes, pointer: str = "") -> BodyT:
+    """What a text in JSON asks for that is no body by itself, or is one beside others; `pointer` says where it stands.
+
+    Raises
+    ------
+    ProblemError
+        Where it is no JSON, or does not say what it has to.
+    """
+    try:
+        said = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise unusable(f"the {pointer[1:] or 'body'} is not JSON: {error}", pointer) from error
+    try:
+        return kind.model_validate_json(text)
+    except ValidationError as error:
+        errors = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
+        raise ProblemError.of(validation_problem(fields_of(errors, said, pointer))) from error

@@ -29,19 +29,7 @@ if TYPE_CHECKING:
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 
 JOB = NewJob("comparison", "dynident_service.work.comparisons:compare_model")
-keep(
-    router,
-    Kept(
-        "comparison",
-        ComparisonView,
-        of="identification",
-        several="comparisons",
-        one="comparison",
-        listed="List the comparisons, newest first; those of one identification if asked.",
-        shown="Show a comparison, with its result once there is one.",
-        deleted="Delete a comparison.",
-    ),
-)
+keep(router, Kept("comparison", ComparisonView, of="identification"))
 
 
 @router.post("", status_code=202)

@@ -23,19 +23,7 @@ JOB = NewJob("design", "dynident_service.work.designs:design")
 CLEARANCES = "dynident_service.work.awaited:clearances"
 PARQUET = "application/vnd.apache.parquet"
 YAML = "application/yaml"
-keep(
-    router,
-    Kept(
-        "design",
-        DesignView,
-        of="robot",
-        several="designs",
-        one="design",
-        listed="List the designs, newest first; those of one robot if asked.",
-        shown="Show a design, with its result once there is one.",
-        deleted="Delete a design; 409 while others rest on it.",
-    ),
-)
+keep(router, Kept("design", DesignView, of="robot", deleted="Delete a design; 409 while others rest on it."))
 
 
 @router.post("", status_code=202)

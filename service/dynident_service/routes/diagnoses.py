@@ -25,9 +25,6 @@ keep(
         DiagnosisView,
         of="identification",
         several="diagnoses",
-        one="diagnosis",
-        listed="List the diagnoses, newest first; those of one identification if asked.",
-        shown="Show a diagnosis, with its result once there is one.",
         deleted="Delete a diagnosis; 409 while others rest on it.",
     ),
 )
@@ -38,11 +35,11 @@ def create_diagnosis(
     body: DiagnosisRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> DiagnosisView:
     """Find what is missing in an identified model, by name, and what to add."""
-    from dynident.effects import effect_by_id
+    from dynident.diagnosis import DiagnosisChoices
+    from dynident_service.adapters.derived import taken
 
     model = needed_model(services, body.identification_id)
-    for index, candidate in enumerate(body.candidates or ()):
-        effect_by_id(candidate, f"/candidates/{index}")
+    taken(body, DiagnosisChoices)
     robot = services.resources.get("robot", model.one("robot"))
     later = body.measurement_ids or model.request["measurement_ids"]
     for index, identifier in enumerate(body.baseline_ids):

@@ -24,8 +24,7 @@ keep(
         DriveGainsView,
         of="robot",
         several="drive_gains",
-        one="drive_gains",
-        listed="List the drive gains, newest first; those of one robot if asked.",
+        words="drive gains",
         shown="Show drive gains, with the result once there is one.",
         deleted="Delete drive gains; the robot keeps those that it states.",
     ),
@@ -68,12 +67,14 @@ def _measurements(services: Services, body: DriveGainsRequest, robot: Resource) 
 
 def _check_loads(services: Services, body: DriveGainsRequest) -> None:
     """Somebody must say what the load weighs: the request, or each measurement of itself."""
+    from dynident.identification.loads.known import KnownLoad
     from dynident.identification.loads.payloads import stated_payload
-    from dynident_service.adapters.drive_gains import stated_load
+    from dynident_service.adapters.derived import taken
 
+    load = taken(body, KnownLoad)
     for index, identifier in enumerate(body.loaded):
         measurement = services.resources.get("measurement", identifier)
-        payload = stated_load(body, measurement.request.get("payload"))
+        payload = load.over(measurement.request.get("payload"))
         if "mass" not in (payload or {}):
             detail = f'{identifier!r} does not state "payload": {{"mass": …}}; give mass, in kg'
             raise unusable(detail, "/mass")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
 from dynident_service.models.common import Page, plain
 from dynident_service.models.identifications import (
+    ExportQuery,
     ExtensionRequest,
     IdentificationRequest,
     IdentificationView,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
 
-ExportFormat = Literal["json", "urdf", "mjcf", "c", "casadi"]
 EXPORTED: dict[str, Any] = {
     "description": "A file to be saved",
     "content": {
@@ -156,30 +156,20 @@ async def export_identification(
     identification_id: str,
     request: Request,
     services: ServicesDep,
-    format: Annotated[ExportFormat, Query(description="What the model is to be written as")] = "json",
-    nearest: Annotated[
-        bool,
-        Query(
-            description="urdf, mjcf: where no bodies that can exist have the identified parameters, give the nearest "
-            "that have, which changes the torque"
-        ),
-    ] = False,
-    anyway: Annotated[
-        bool, Query(description="Export a model whose error says that it is not to be used, too")
-    ] = False,
+    asked: Annotated[ExportQuery, Query()],
 ) -> Response:
     """Give the identified model in a format that other programs read."""
     from dynident_service.adapters.exports import file_response
 
     def find() -> dict[str, Any]:
         found = succeeded(services.resources.get("identification", identification_id))
-        if not anyway:
+        if not asked.anyway:
             refuse_stopped(found)
         return {"robot": services.resources.get("robot", found.one("robot")).request, **plain(show(found))}
 
     model = await model_file(services, identification_id)
-    asked = {"model": model, "format": format, "nearest": nearest, "shown": await to_thread.run_sync(find)}
-    return file_response(await services.awaited.call(request, f"{AWAITED}:export", asked))
+    wanted = {"format": asked.format, "nearest": asked.nearest, "shown": await to_thread.run_sync(find)}
+    return file_response(await services.awaited.call(request, f"{AWAITED}:export", {"model": model, **wanted}))
 
 
 def named_in(body: IdentificationRequest) -> tuple[str, ...]:

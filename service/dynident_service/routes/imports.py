@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import tempfile
 from datetime import timedelta
@@ -11,12 +10,11 @@ from typing import Annotated
 
 from anyio import to_thread
 from fastapi import APIRouter, File, Form, Request, Response, UploadFile
-from pydantic import ValidationError
 
 from dynident_service.models.common import Page, plain
 from dynident_service.models.imports import ImportMetadata, ImportView
-from dynident_service.problems import ProblemError, fields_of, unusable, validation_problem
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, again, make, page_of
+from dynident_service.problems import unusable
+from dynident_service.routes.common import ListQueryDep, RetryKeyDep, again, make, page_of, stated
 from dynident_service.routes.measurements import media_type_of, require_room
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.imports import KEPT
@@ -39,7 +37,7 @@ async def import_file(
     metadata: Annotated[str, Form(description="A JSON object: see ImportMetadata")],
 ) -> ImportView:
     """Look at a file: metadata that are proposed for it, why, and what has to be answered before it can be used."""
-    said = _metadata(metadata)
+    said = stated(ImportMetadata, metadata, "/metadata")
     if said.name is None and file.filename:
         said = said.model_copy(update={"name": Path(file.filename).stem[:200] or None})
     folder = services.settings.uploads_dir
@@ -83,18 +81,6 @@ def show(resource: Resource) -> ImportView:
     return ImportView.model_validate(
         {**(resource.result or {}), "id": resource.id, "created_at": resource.created_at, "expires_at": expires_at}
     )
-
-
-def _metadata(text: str) -> ImportMetadata:
-    try:
-        said = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise unusable(f"the metadata is not JSON: {error}", "/metadata") from error
-    try:
-        return ImportMetadata.model_validate_json(text)
-    except ValidationError as error:
-        errors = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
-        raise ProblemError.of(validation_problem(fields_of(errors, said, "/metadata"))) from error
 
 
 def _receive(services: Services, file: UploadFile, source: Path) -> str:

@@ -17,18 +17,18 @@ from dynident_service.storage.records import Kind
 class Kept:
     """A kind of resource, and what its routes are called and say in the contract.
 
-    `of` is the kind that each of them rests on, and its list may be asked for; `several` and `one` are in the names
-    of the operations, `listed`, `shown` and `deleted` their descriptions.
+    `of` is the kind that each of them rests on, and its list may be asked for; `several` and `one` are in the names of
+    the operations, `words`, `shown` and `deleted` in their descriptions: what is not given follows from the kind.
     """
 
     kind: Kind
     view: type[Computed[Any, Any]]
     of: Kind
-    several: str
-    one: str
-    listed: str
-    shown: str
-    deleted: str
+    several: str = ""
+    one: str = ""
+    words: str = ""
+    shown: str = ""
+    deleted: str = ""
 
 
 VIEWS: dict[Kind, type[Computed[Any, Any]]] = {}
@@ -55,6 +55,10 @@ def keep(router: APIRouter, kept: Kept) -> None:
     listed.__annotations__["return"] = Page.__class_getitem__(kept.view)
     shown.__annotations__["return"] = kept.view
     at = f"/{{{kept.kind}_id}}"
-    router.get("", name=f"list_{kept.several}", description=kept.listed)(listed)
-    router.get(at, name=f"get_{kept.one}", description=kept.shown)(shown)
-    router.delete(at, status_code=204, name=f"delete_{kept.one}", description=kept.deleted)(deleted)
+    several, one = kept.several or f"{kept.kind}s", kept.one or kept.kind
+    to_list = f"List the {kept.words or several}, newest first; those of one {kept.of} if asked."
+    to_show = kept.shown or f"Show a {kept.kind}, with its result once there is one."
+    router.get("", name=f"list_{several}", description=to_list)(listed)
+    router.get(at, name=f"get_{one}", description=to_show)(shown)
+    to_delete = kept.deleted or f"Delete a {kept.kind}."
+    router.delete(at, status_code=204, name=f"delete_{one}", description=to_delete)(deleted)

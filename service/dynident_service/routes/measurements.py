@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -13,13 +12,12 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
-from pydantic import ValidationError
 
 from dynident_service.models.common import Page, plain
 from dynident_service.models.imports import MeasurementOfImport
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
-from dynident_service.problems import ProblemError, ProblemField, fields_of, not_found, unusable, validation_problem
-from dynident_service.routes.common import LabelledQueryDep, RetryKey, RetryKeyDep, again, make, page_of
+from dynident_service.problems import ProblemError, ProblemField, not_found, unusable, validation_problem
+from dynident_service.routes.common import LabelledQueryDep, RetryKey, RetryKeyDep, again, make, page_of, stated
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.objects import digest
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
@@ -74,7 +72,8 @@ async def upload_measurement(
     folder = services.settings.uploads_dir
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as name:
-        received = await to_thread.run_sync(_receive, services, _metadata(metadata), file, Path(name), retry)
+        said = stated(MeasurementMetadata, metadata, "/metadata")
+        received = await to_thread.run_sync(_receive, services, said, file, Path(name), retry)
         if received.known is not None:
             return show(again(received.known, response))
         result = await services.awaited.call(request, IMPORT, received.to_import(), LONGEST_IMPORT)
@@ -83,7 +82,7 @@ async def upload_measurement(
 
 async def _of_import(request: Request, services: Services, retry: RetryKey, response: Response) -> MeasurementView:
     """Store a recording of a file that was imported before."""
-    asked = _asked(await request.body())
+    asked = stated(MeasurementOfImport, await request.body())
     folder = services.settings.uploads_dir
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as name:
@@ -92,18 +91,6 @@ async def _of_import(request: Request, services: Services, retry: RetryKey, resp
             return show(again(received.known, response))
         result = await services.awaited.call(request, IMPORT, received.to_import(), LONGEST_IMPORT)
         return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
-
-
-def _asked(body: bytes) -> MeasurementOfImport:
-    try:
-        said = json.loads(body)
-    except (ValueError, RecursionError) as error:
-        raise unusable(f"the body is not JSON: {error}", "") from error
-    try:
-        return MeasurementOfImport.model_validate_json(body)
-    except ValidationError as error:
-        errors = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
-        raise ProblemError.of(validation_problem(fields_of(errors, said))) from error
 
 
 def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key: RetryKey) -> _Received:
@@ -173,29 +160,15 @@ def show(resource: Resource) -> MeasurementView:
             "id": resource.id,
             "name": resource.name,
             "created_at": resource.created_at,
-            "robot_id": said.robot_id,
-            "role": said.role,
-            "windows": said.windows,
+            **said.model_dump(include={"robot_id", "role", "windows"}),
             "parent_id": next(iter(resource.all("parent")), None),
             "revision": len((resource.result or {}).get("edits", [])),
-            "effort_kind": said.effort_kind or "unknown",
+            "effort_kind": said.model_dump(include={"effort_kind"})["effort_kind"] or "unknown",
             "request": said,
             "tags": resource.tags,
             "archived": resource.archived,
         }
     )
-
-
-def _metadata(text: str) -> MeasurementMetadata:
-    try:
-        said = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise unusable(f"the metadata is not JSON: {error}", "/metadata") from error
-    try:
-        return MeasurementMetadata.model_validate_json(text)
-    except ValidationError as error:
-        errors = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
-        raise ProblemError.of(validation_problem(fields_of(errors, said, "/metadata"))) from error
 
 
 @dataclass(frozen=True)

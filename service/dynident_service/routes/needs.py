@@ -68,14 +68,30 @@ def needed_robot(services: Reading, identifier: str) -> Resource:
     return needed(services, "robot", identifier, "/robot_id")
 
 
-def needed_model(services: Reading, identifier: str) -> Resource:
-    """Find the identification that the request names; it must have succeeded."""
-    found = needed(services, "identification", identifier, "/identification_id")
+def needed_result(
+    services: Reading, kind: Kind, identifier: str, pointer: str, title: str = "Unusable input"
+) -> Resource:
+    """Find a resource that the request names, and whose job must have succeeded."""
+    found = needed(services, kind, identifier, pointer)
     state = found.job.state if found.job is not None else "failed"
     if state != "succeeded":
-        detail = f"the identification {identifier!r} is {state}; one that succeeded is needed"
-        raise unusable(detail, "/identification_id", title="Not identified")
+        detail = f"the {kind} {identifier!r} is {state}; one that succeeded is needed"
+        raise unusable(detail, pointer, title=title)
     return found
+
+
+def needed_model(services: Reading, identifier: str) -> Resource:
+    """Find the identification that the request names; it must have succeeded."""
+    return needed_result(services, "identification", identifier, "/identification_id", "Not identified")
+
+
+def needed_design(services: Reading, identifier: str, robot: Resource) -> RestsOn:
+    """The design that the request names must be of this robot, and computed."""
+    design = needed_result(services, "design", identifier, "/design_id")
+    if design.one("robot") != robot.id:
+        detail = f"the design {identifier!r} is for another robot, {design.one('robot')}"
+        raise unusable(detail, "/design_id")
+    return RestsOn(identifier, "design", "design", "/design_id")
 
 
 def needed_measurements(

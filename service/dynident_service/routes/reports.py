@@ -7,12 +7,13 @@ from dataclasses import replace
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
+from dynident.reports.stated import MEDIA_TYPES
 from dynident_service.models.common import plain
 from dynident_service.models.reports import ReportRequest, ReportView
 from dynident_service.problems import unusable
 from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
 from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed, needed_measurements, needed_model
+from dynident_service.routes.needs import needed_design, needed_measurements, needed_model, needed_result
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
 
@@ -21,16 +22,7 @@ router = APIRouter(prefix="/v1/reports", tags=["reports"])
 JOB = NewJob("report", "dynident_service.work.reports:write_report")
 keep(
     router,
-    Kept(
-        "report",
-        ReportView,
-        of="identification",
-        several="reports",
-        one="report",
-        listed="List the reports, newest first; those of one identification if asked.",
-        shown="Show a report; its result says where the document is.",
-        deleted="Delete a report.",
-    ),
+    Kept("report", ReportView, of="identification", shown="Show a report; its result says where the document is."),
 )
 
 
@@ -46,7 +38,7 @@ def create_report(
         *needed_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
     ]
     if body.design_id is not None:
-        needs.append(_design(services, body.design_id, robot))
+        needs.append(needed_design(services, body.design_id, robot))
     needs += [_validation(services, one, index, model) for index, one in enumerate(body.validation_ids)]
     if body.diagnosis_id is not None:
         needs.append(_diagnosis(services, body.diagnosis_id, model))
@@ -59,7 +51,7 @@ def create_report(
 @router.get(
     "/{report_id}/content",
     response_class=StreamingResponse,
-    responses={200: {"content": {"text/html": {}, "application/pdf": {}, "application/json": {}}}},
+    responses={200: {"content": {one: {} for one in MEDIA_TYPES.values()}}},
 )
 def get_report_content(report_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the document."""
@@ -72,35 +64,18 @@ def get_report_content(report_id: str, services: ServicesDep) -> StreamingRespon
     return StreamingResponse(services.objects.stream(document.key), media_type=document.media_type, headers=headers)
 
 
-def _design(services: Services, identifier: str, robot: Resource) -> RestsOn:
-    """The design must be of this robot, and computed."""
-    design = needed(services, "design", identifier, "/design_id")
-    if design.one("robot") != robot.id:
-        raise unusable(f"the design {identifier!r} is for another robot", "/design_id")
-    state = design.job.state if design.job is not None else "failed"
-    if state != "succeeded":
-        raise unusable(f"the design {identifier!r} is {state}; one that succeeded is needed", "/design_id")
-    return RestsOn(identifier, "design", "design", "/design_id")
-
-
 def _validation(services: Services, identifier: str, index: int, model: Resource) -> RestsOn:
     """The validation must be of this model, and have ended."""
     at = f"/validation_ids/{index}"
-    validation = needed(services, "validation", identifier, at)
+    validation = needed_result(services, "validation", identifier, at)
     if validation.one("identification") != model.id:
         raise unusable(f"the validation {identifier!r} is of another model", at)
-    state = validation.job.state if validation.job is not None else "failed"
-    if state != "succeeded":
-        raise unusable(f"the validation {identifier!r} is {state}; one that succeeded is needed", at)
     return RestsOn(identifier, "validation", "validation", at)
 
 
 def _diagnosis(services: Services, identifier: str, model: Resource) -> RestsOn:
     """The diagnosis must be of this model or of one that it was extended from."""
-    diagnosis = needed(services, "diagnosis", identifier, "/diagnosis_id")
-    state = diagnosis.job.state if diagnosis.job is not None else "failed"
-    if state != "succeeded":
-        raise unusable(f"the diagnosis {identifier!r} is {state}; one that succeeded is needed", "/diagnosis_id")
+    diagnosis = needed_result(services, "diagnosis", identifier, "/diagnosis_id")
     diagnosed = diagnosis.one("identification")
     ancestor: Resource | None = model
     while ancestor is not None and ancestor.id != diagnosed:

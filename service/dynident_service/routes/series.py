@@ -24,8 +24,7 @@ keep(
         of="identification",
         several="series_of_days",
         one="series_of_days",
-        listed="List the series, newest first; those of one identification if asked.",
-        shown="Show a series, with its result once there is one.",
+        words="series",
         deleted="Delete a series; 409 while others rest on it.",
     ),
 )

@@ -7,11 +7,10 @@ from fastapi import APIRouter, Response
 from dynident_service.models.common import plain
 from dynident_service.models.designs import Trajectory
 from dynident_service.models.simulations import Samples, SimulationRequest, SimulationView
-from dynident_service.problems import unusable
 from dynident_service.routes.common import RetryKeyDep, computed, make
 from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed, needed_robot
-from dynident_service.services import Services, ServicesDep
+from dynident_service.routes.needs import needed_design, needed_robot
+from dynident_service.services import ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
 
 router = APIRouter(prefix="/v1/simulations", tags=["simulations"])
@@ -23,9 +22,6 @@ keep(
         "simulation",
         SimulationView,
         of="robot",
-        several="simulations",
-        one="simulation",
-        listed="List the simulations, newest first; those of one robot if asked.",
         shown="Show a simulation; its result names the measurement.",
         deleted="Delete a simulation; its measurement stays.",
     ),
@@ -41,7 +37,7 @@ def create_simulation(
     _check(body, robot)
     needs = [RestsOn(robot.id, "robot", "robot", "/robot_id")]
     if body.design_id is not None:
-        needs.append(_design(services, body.design_id, robot))
+        needs.append(needed_design(services, body.design_id, robot))
     new = NewResource("simulation", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
     return computed(SimulationView, make(services, new, response))
 
@@ -60,13 +56,3 @@ def _check(body: SimulationRequest, stored: Resource) -> None:
         reference_of(body.trajectory)
     elif isinstance(body.trajectory, Trajectory):
         random_design(body.trajectory, robot)
-
-
-def _design(services: Services, identifier: str, robot: Resource) -> RestsOn:
-    found = needed(services, "design", identifier, "/design_id")
-    if found.one("robot") != robot.id:
-        raise unusable(f"the design {identifier!r} is for another robot, {found.one('robot')}", "/design_id")
-    state = found.job.state if found.job is not None else "failed"
-    if state != "succeeded":
-        raise unusable(f"the design {identifier!r} is {state}; one that succeeded is needed", "/design_id")
-    return RestsOn(identifier, "design", "design", "/design_id")

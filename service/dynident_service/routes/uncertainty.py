@@ -7,7 +7,7 @@ from typing import Annotated
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request
 
-from dynident_service.models.identifications import CorrelationView, EssentialView
+from dynident_service.models.identifications import CorrelationView, EssentialQuery, EssentialView
 from dynident_service.routes.common import succeeded
 from dynident_service.services import Services, ServicesDep
 
@@ -21,13 +21,11 @@ async def get_essential_parameters(
     identification_id: str,
     request: Request,
     services: ServicesDep,
-    ratio: Annotated[
-        float, Query(gt=1, le=1e6, description="Largest over smallest relative standard deviation to end at (§12.7)")
-    ] = 10.0,
+    asked: Annotated[EssentialQuery, Query()],
 ) -> EssentialView:
     """Find the essential parameters by backward elimination, with the errors along the way."""
-    asked = {"model": await model_file(services, identification_id), "ratio": ratio}
-    return EssentialView.model_validate(await services.awaited.call(request, f"{AWAITED}:essential", asked))
+    sent = {"model": await model_file(services, identification_id), "ratio": asked.ratio}
+    return EssentialView.model_validate(await services.awaited.call(request, f"{AWAITED}:essential", sent))
 
 
 @router.get("/{identification_id}/correlation")

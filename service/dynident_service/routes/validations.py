@@ -17,19 +17,7 @@ from dynident_service.storage.records import NewJob, NewResource, Resource, Rest
 router = APIRouter(prefix="/v1/validations", tags=["validations"])
 
 JOB = NewJob("validation", "dynident_service.work.validations:validate_model")
-keep(
-    router,
-    Kept(
-        "validation",
-        ValidationView,
-        of="identification",
-        several="validations",
-        one="validation",
-        listed="List the validations, newest first; those of one identification if asked.",
-        shown="Show a validation, with its result once there is one.",
-        deleted="Delete a validation.",
-    ),
-)
+keep(router, Kept("validation", ValidationView, of="identification"))
 
 
 @router.post("", status_code=202)

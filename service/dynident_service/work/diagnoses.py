@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dynident.advice import advise
-from dynident.diagnosis import evidence, examine
+from dynident.diagnosis import DiagnosisChoices, evidence, examine
 from dynident.diagnosis.changes import together
-from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
 from dynident.progress import part
+from dynident_service.adapters.derived import taken
 from dynident_service.adapters.diagnoses import describe_diagnosis
 from dynident_service.adapters.evidence import write_evidence
 from dynident_service.jobs.work import Outcome, Task
@@ -19,6 +19,7 @@ def diagnose_model(task: Task) -> Outcome:
     """Find what is missing in an identified model."""
     subject = task.subject
     request = DiagnosisRequest.model_validate(subject.request)
+    choices = taken(request, DiagnosisChoices)
     identification = task.resources.get("identification", request.identification_id)
     measurement_ids = request.measurement_ids or identification.request["measurement_ids"]
     model = model_by_id(task, request.identification_id)
@@ -28,8 +29,8 @@ def diagnose_model(task: Task) -> Outcome:
         model,
         recordings,
         baseline=earlier,
-        candidates=request.candidates,
-        most_effects=request.max_effects or DEFAULT_MOST_EFFECTS,
+        candidates=choices.candidates,
+        most_effects=choices.max_effects,
         progress=part(task.progress, 0.0, 0.9),
     )
     found = advise(examined)

@@ -9,10 +9,12 @@ from dataclasses import replace
 
 from dynident.errors import DynidentError
 from dynident.identification import DriveGains, PayloadEstimate, identify_gains, payload_mass
+from dynident.identification.loads.known import KnownLoad
 from dynident.progress import Progress, part
 from dynident.recordings import Recording
 from dynident.robot import Robot
-from dynident_service.adapters.drive_gains import describe_gains, stated_load
+from dynident_service.adapters.derived import taken
+from dynident_service.adapters.drive_gains import describe_gains
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.drive_gains import DriveGainsRequest
@@ -41,7 +43,8 @@ def find_gains(task: Task) -> Outcome:
 
 def _gains(task: Task, request: DriveGainsRequest, robot: Robot, progress: Progress) -> DriveGains:
     unloaded, heavy = _recordings(task, request.unloaded, request.loaded)
-    loaded = [replace(one, payload=stated_load(request, one.payload)) for one in heavy]
+    load = taken(request, KnownLoad)
+    loaded = [replace(one, payload=load.over(one.payload)) for one in heavy]
     with _told_of("/unloaded", "/loaded", len(unloaded)):
         return identify_gains(robot, unloaded, loaded, progress=progress)
 

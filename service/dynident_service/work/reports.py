@@ -11,7 +11,9 @@ from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.progress import part
 from dynident.reports import ReportedRun, ReportedValidation, html_report, pdf_of
+from dynident.reports.stated import MEDIA_TYPES, ReportChoices
 from dynident_service.adapters.answers import show_errors, show_figures
+from dynident_service.adapters.derived import taken
 from dynident_service.adapters.diagnoses import diagnosis_of
 from dynident_service.adapters.revisions import checks_of, metadata_of, revision_of
 from dynident_service.adapters.stored_designs import design_of
@@ -20,12 +22,10 @@ from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.identifications import StoredIdentification
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementResult
-from dynident_service.models.reports import ReportFormat, ReportRequest, ReportResult
+from dynident_service.models.reports import ReportRequest, ReportResult
 from dynident_service.models.validations import ValidationResult
 from dynident_service.storage.records import Resource
 from dynident_service.work.means import model_by_id, recording_by_id
-
-MEDIA_TYPES: dict[ReportFormat, str] = {"html": "text/html", "pdf": "application/pdf", "json": "application/json"}
 
 
 def write_report(task: Task) -> Outcome:
@@ -36,25 +36,25 @@ def write_report(task: Task) -> Outcome:
     diagnosis = task.resources.get("diagnosis", request.diagnosis_id) if request.diagnosis_id is not None else None
     runs = _runs(task, request, identification)
     task.progress(0.8, "writing")
-    if request.format == "json":
+    choices = taken(request, ReportChoices)
+    if choices.format == "json":
         content = json.dumps(_document(task, request, diagnosis, runs), indent=1).encode()
     else:
         found = None if diagnosis is None or diagnosis.result is None else diagnosis_of(diagnosis.result)
         model = model_by_id(task, identification.id)
         design = _design(task, request.design_id)
         validations = _validations(task, request, model)
-        title = request.name or ""
         page = html_report(
             model,
             runs,
             diagnosis=found,
             design=design,
             validations=validations,
-            title=title,
+            title=choices.name,
             address=str(task.arguments.get("address", "")),
         )
-        content = pdf_of(page) if request.format == "pdf" else page.encode()
-    media_type = MEDIA_TYPES[request.format]
+        content = pdf_of(page) if choices.format == "pdf" else page.encode()
+    media_type = MEDIA_TYPES[choices.format]
     document = task.keep("content", content, media_type)
     href = f"/v1/reports/{subject.id}/content"
     return Outcome(plain(ReportResult(media_type=media_type, size=document.size, href=href)), (document,))

@@ -9,10 +9,11 @@ import numpy as np
 
 from dynident.excitation import design_experiment
 from dynident.progress import part
+from dynident.recordings import RecordingMetadata
 from dynident.robot import Robot
 from dynident.simulation import Reference, Simulated, simulate, simulation_of, write_measurement
 from dynident_service.adapters import designs, simulations
-from dynident_service.adapters.derived import taken
+from dynident_service.adapters.derived import body, taken
 from dynident_service.adapters.measurements import describe_recording, import_file
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
@@ -36,7 +37,8 @@ def measure_virtual_robot(task: Task) -> Outcome:
     request = simulation_of(stated, robot, reference, rate)
     found = simulate(robot, request, part(task.progress, 0.3, 0.9))
     name = asked.name or f"simulation {task.subject.id}"
-    said = MeasurementMetadata(robot_id=asked.robot_id, name=name, role=asked.role, accept=_wanted_findings(reference))
+    told = RecordingMetadata(name, role=asked.role, accept=_wanted_findings(reference))
+    said = body(MeasurementMetadata, told, robot_id=asked.robot_id)
     with tempfile.TemporaryDirectory() as folder:
         source = write_measurement(found, Path(folder) / "measurement.parquet")
         recording, checks = import_file(source, Path(folder) / "recording.parquet", robot, said)
@@ -54,10 +56,10 @@ def measure_virtual_robot(task: Task) -> Outcome:
     return Outcome(plain(result), creates=measurement)
 
 
-def _wanted_findings(reference: Reference) -> list[str]:
+def _wanted_findings(reference: Reference) -> tuple[str, ...]:
     """Checks whose findings the motion itself asks for: a joint that rests in it rests in the measurement."""
     rests = np.ptp(reference.q, axis=0) < _STILL
-    return ["joint_motion"] if rests.any() else []
+    return ("joint_motion",) if rests.any() else ()
 
 
 def _motion(task: Task, asked: SimulationRequest, robot: Robot, seed: int) -> tuple[Reference, float]:

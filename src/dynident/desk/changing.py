@@ -18,7 +18,7 @@ from dynident.errors import DynidentError
 from dynident.html import block, folded, listed, paragraph, table
 from dynident.identification import Identification
 from dynident.progress import Progress, silent
-from dynident.reports.change_rows import COLUMNS, change_rows
+from dynident.reports.change_rows import COLUMNS, FRICTION_COLUMNS, change_rows, friction_row
 from dynident.reports.words import hidden_text
 
 
@@ -74,7 +74,9 @@ class Changes(Sequence[Change]):
     def __repr__(self) -> str:
         head = f"Changes({len(self.items)}): {self.summary}"
         rows = [row for one in self.items for row in change_rows(one, self.model.robot)]
-        return text_table(head, COLUMNS, rows, len(rows), right_from=3) if rows else head
+        told = text_table(head, COLUMNS, rows, len(rows), right_from=3) if rows else head
+        friction = [friction_row(one) for one in self.diagnosis.friction]
+        return text_table(told, FRICTION_COLUMNS, friction, len(friction), right_from=1) if friction else told
 
     def _repr_html_(self) -> str:
         rows = [row for one in self.items for row in change_rows(one, self.model.robot)]
@@ -82,6 +84,7 @@ class Changes(Sequence[Change]):
         return block(
             paragraph(self.summary, strong=True),
             table(COLUMNS, rows, right_from=3) if rows else "",
+            table(FRICTION_COLUMNS, [friction_row(one) for one in self.diagnosis.friction], right_from=1),
             folded("evidence", listed(one.evidence for one in self.items)) if self.items else "",
             paragraph(f"These motions could not have shown: {invisible}.") if invisible else "",
         )

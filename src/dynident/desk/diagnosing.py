@@ -20,15 +20,14 @@ from dynident.diagnosis import (
     evidence,
     examine,
 )
-from dynident.diagnosis.diagnose import DEFAULT_MOST_EFFECTS
+from dynident.diagnosis.stated import DEFAULT_MOST_EFFECTS
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
 from dynident.identification import Identification
 from dynident.progress import Progress, silent
-from dynident.reports.numbers import percent
+from dynident.reports.candidate_rows import COLUMNS, candidate_rows
 from dynident.reports.words import hidden_text, place_text, title_of
-from dynident.robot import Robot
 
 _MOST_BARS, _MOST_PANELS = 12, 8
 
@@ -95,9 +94,9 @@ class DiagnosedModel:
         return figure_of(parts, "what is missing, and the evidence")
 
     def __repr__(self) -> str:
-        rows = [_candidate(one, self.model.robot) for one in self.candidates if one.significant]
+        rows = candidate_rows((one for one in self.candidates if one.significant), self.model.robot)
         head = f"DiagnosedModel({self.verdict}): {self.summary}"
-        return text_table(head, _CANDIDATE_COLUMNS, rows, len(rows), right_from=3) if rows else head
+        return text_table(head, COLUMNS, rows, len(rows), right_from=3) if rows else head
 
     def _repr_html_(self) -> str:
         robot, found = self.model.robot, self.diagnosis
@@ -108,7 +107,7 @@ class DiagnosedModel:
             paragraph("Recommended, in this order:") + listed(recommended) if recommended else "",
             paragraph("Evidence:") if recommended else "",
             listed(one.evidence for one in found.candidates if one.significant),
-            table(_CANDIDATE_COLUMNS, [_candidate(one, robot) for one in found.candidates], right_from=3),
+            table(COLUMNS, candidate_rows(found.candidates, robot), right_from=3),
             paragraph(f"These data could not have shown: {invisible}.") if invisible else "",
             _next(found.next_experiment),
         )
@@ -159,21 +158,6 @@ def check_some(recordings: Recordings, name: str) -> None:
     """Raise `DynidentError` where there is no recording; `name` is the argument."""
     if not recordings:
         raise DynidentError("give at least one recording", pointer=name, title="Recordings needed")
-
-
-_CANDIDATE_COLUMNS = ("rank", "effect", "joints", "error before", "after", "drop", "significant")
-
-
-def _candidate(one: RankedEffect, robot: Robot) -> tuple[str, ...]:
-    return (
-        str(one.rank),
-        title_of(one.effect),
-        place_text(one.joints, robot),
-        percent(one.error_before),
-        percent(one.error_after),
-        percent(one.error_drop, 2),
-        "yes" if one.significant else "no",
-    )
 
 
 def _next(experiment: NextExperiment | None) -> str:

@@ -1,22 +1,31 @@
 """Compare, find where the model fails, rank what is missing, say what is left open."""
 
-from dynident.diagnosis.comparing.autocorrelation import Autocorrelation, autocorrelation
-from dynident.diagnosis.comparing.compare import Comparison, WorstStretch, compare
-from dynident.diagnosis.comparing.judging import Judgement, RepeatedMotion, judge
-from dynident.diagnosis.comparing.noise import LackOfFit, NoiseFloor, floor_of
-from dynident.diagnosis.comparing.spectrum import ResidualSpectrum, angle_spectrum, time_spectrum
-from dynident.diagnosis.diagnose import Examination, diagnose, examine
-from dynident.diagnosis.doubts import Doubt
-from dynident.diagnosis.evidence import Evidence, evidence
-from dynident.diagnosis.result import (
-    Change,
-    ChangedValue,
-    Diagnosis,
-    FailureSpot,
-    Invisible,
-    RankedEffect,
-    UnknownPattern,
-)
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.lazy import lazily
+
+if TYPE_CHECKING:
+    from dynident.diagnosis.comparing.autocorrelation import Autocorrelation, autocorrelation
+    from dynident.diagnosis.comparing.compare import Comparison, WorstStretch, compare
+    from dynident.diagnosis.comparing.judging import Judgement, RepeatedMotion, judge
+    from dynident.diagnosis.comparing.noise import LackOfFit, NoiseFloor, floor_of
+    from dynident.diagnosis.comparing.spectrum import ResidualSpectrum, angle_spectrum, time_spectrum
+    from dynident.diagnosis.diagnosing import Examination, diagnose, examine
+    from dynident.diagnosis.doubts import Doubt
+    from dynident.diagnosis.evidenced import Evidence, evidence
+    from dynident.diagnosis.result import (
+        Change,
+        ChangedValue,
+        Diagnosis,
+        FailureSpot,
+        FrictionDifference,
+        Invisible,
+        RankedEffect,
+        UnknownPattern,
+    )
+    from dynident.diagnosis.stated import DiagnosisChoices
 
 __all__ = [
     "Autocorrelation",
@@ -24,10 +33,12 @@ __all__ = [
     "ChangedValue",
     "Comparison",
     "Diagnosis",
+    "DiagnosisChoices",
     "Doubt",
     "Evidence",
     "Examination",
     "FailureSpot",
+    "FrictionDifference",
     "Invisible",
     "Judgement",
     "LackOfFit",
@@ -47,3 +58,7 @@ __all__ = [
     "judge",
     "time_spectrum",
 ]
+
+if not TYPE_CHECKING:
+    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    __getattr__ = lazily(__name__)

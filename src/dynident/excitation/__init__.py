@@ -47,37 +47,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
-    __getattr__ = lazily(
-        __name__,
-        {
-            "criteria.baseline": ("Baseline",),
-            "criteria.choice": (
-                "CRITERIA",
-                "CriterionChoice",
-            ),
-            "criteria.expected": ("ExpectedParameter",),
-            "criteria.values": ("CriterionValues",),
-            "design": ("design_experiment",),
-            "formats.files": (
-                "FORMATS",
-                "design_document",
-                "design_table",
-                "trajectory_document",
-                "write_design",
-            ),
-            "quick": (
-                "Rehearsal",
-                "quick_motion",
-                "rehearsed_motion",
-            ),
-            "request": (
-                "KINDS",
-                "DesignRequest",
-                "TrajectoryRequest",
-            ),
-            "result": (
-                "Design",
-                "Run",
-            ),
-        },
-    )
+    __getattr__ = lazily(__name__)

@@ -10,10 +10,10 @@ from dynident.asking import Choice, OneOf, said
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.observation.row_names import ROW_MODELS, RowModelName
 from dynident.motion.surroundings.stated import Surroundings
+from dynident.robot.stated import Limits
 
 if TYPE_CHECKING:
     from dynident.effects import EffectChoice
-    from dynident.robot import Limits
 
 Kind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]
 DESIGN_KINDS = OneOf(

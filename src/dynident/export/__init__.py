@@ -1,17 +1,26 @@
 """Identified models for other programs: URDF, MJCF, C code, CasADi functions, JSON."""
 
-from dynident.export.c_code import to_c
-from dynident.export.casadi_function import to_casadi
-from dynident.export.completion import Completion, complete
-from dynident.export.document import PredictingModel, model_document, model_from_json, to_json
-from dynident.export.export import ExportFormat, export_model
-from dynident.export.exported import ExportedFile
-from dynident.export.mjcf import to_mjcf
-from dynident.export.urdf import to_urdf
-from dynident.regressors.further_signals import FurtherSignals
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.lazy import lazily
+
+if TYPE_CHECKING:
+    from dynident.export.c_code import to_c
+    from dynident.export.casadi_function import to_casadi
+    from dynident.export.completion import Completion, complete
+    from dynident.export.document import PredictingModel, model_document, model_from_json, to_json
+    from dynident.export.export import export_model
+    from dynident.export.exported import ExportedFile
+    from dynident.export.mjcf import to_mjcf
+    from dynident.export.stated import ExportChoices, ExportFormat
+    from dynident.export.urdf import to_urdf
+    from dynident.regressors.further_signals import FurtherSignals
 
 __all__ = [
     "Completion",
+    "ExportChoices",
     "ExportFormat",
     "ExportedFile",
     "FurtherSignals",
@@ -26,3 +35,7 @@ __all__ = [
     "to_mjcf",
     "to_urdf",
 ]
+
+if not TYPE_CHECKING:
+    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    __getattr__ = lazily(__name__)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Literal
 
 from dynident.errors import DynidentError
 from dynident.export.c_code import c_name, to_c
@@ -13,10 +12,9 @@ from dynident.export.document import to_json
 from dynident.export.exported import ExportedFile
 from dynident.export.mjcf import to_mjcf
 from dynident.export.names import slug
+from dynident.export.stated import ExportFormat
 from dynident.export.urdf import to_urdf
 from dynident.identification import Identification
-
-ExportFormat = Literal["json", "urdf", "mjcf", "c", "casadi"]
 
 
 def export_model(identification: Identification, format: ExportFormat | str, *, nearest: bool = False) -> ExportedFile:

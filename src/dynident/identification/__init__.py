@@ -46,38 +46,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
-    __getattr__ = lazily(
-        __name__,
-        {
-            "study.again": ("reidentify",),
-            "choices": ("IdentificationChoices",),
-            "study.extending": ("extend",),
-            "study.fitting": ("identify_model",),
-            "study.identifying": ("identify",),
-            "loads.current_units": (
-                "CurrentModel",
-                "identify_currents",
-            ),
-            "loads.drive_gains": (
-                "DriveGains",
-                "PayloadEstimate",
-                "identify_gains",
-                "payload_mass",
-            ),
-            "loads.weighing": (
-                "PayloadVerdict",
-                "payload_from_pair",
-            ),
-            "study.removing": ("remove",),
-            "study.result": (
-                "Identification",
-                "IdentifiedParameter",
-            ),
-            "shapes.shape_constants": ("ShapeConstant",),
-            "parameters.standard": ("StandardParameters",),
-            "study.storage": (
-                "from_bytes",
-                "to_bytes",
-            ),
-        },
-    )
+    __getattr__ = lazily(__name__)

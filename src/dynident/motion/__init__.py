@@ -22,16 +22,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # What a request says of surroundings is declared in this room, too: who reads that does not wait for the rest.
-    __getattr__ = lazily(
-        __name__,
-        {
-            "limits.bounds": ("ImpossibleLimitsError",),
-            "limits.margins": ("Margin",),
-            "surroundings.stated": (
-                "Box",
-                "Surroundings",
-                "ToolRange",
-                "Wall",
-            ),
-        },
-    )
+    __getattr__ = lazily(__name__)

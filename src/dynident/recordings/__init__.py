@@ -1,23 +1,29 @@
 """Measured data: read, check, filter, differentiate, decimate."""
 
-from dynident.recordings.choosing import choose_preprocessing, motion_band, preprocessing_from_request
-from dynident.recordings.filtering import edge_margin, filtered_blocks
-from dynident.recordings.importing import FurtherColumns, import_recording, recording_from_arrays
-from dynident.recordings.parallel import FilteredRows, ParallelFilter, low_pass
-from dynident.recordings.phases import PhaseShares, phase_shares
-from dynident.recordings.preprocessing import Preprocessing
-from dynident.recordings.revisions import Revision
-from dynident.recordings.sources import open_recording
-from dynident.recordings.types import (
-    Check,
-    JointLimits,
-    RecordedJoints,
-    Recording,
-    RecordingError,
-    RecordingMetadata,
-    SampleBlock,
-    Segment,
-)
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.lazy import lazily
+
+if TYPE_CHECKING:
+    from dynident.recordings.choosing import choose_preprocessing, motion_band, preprocessing_from_request
+    from dynident.recordings.filtering import edge_margin, filtered_blocks
+    from dynident.recordings.importing import FurtherColumns, import_recording, recording_from_arrays
+    from dynident.recordings.parallel import FilteredRows, ParallelFilter, low_pass
+    from dynident.recordings.phases import PhaseShares, phase_shares
+    from dynident.recordings.preprocessing import Preprocessing
+    from dynident.recordings.sources import open_recording
+    from dynident.recordings.stated import RecordingMetadata, Revision
+    from dynident.recordings.types import (
+        Check,
+        JointLimits,
+        RecordedJoints,
+        Recording,
+        RecordingError,
+        SampleBlock,
+        Segment,
+    )
 
 __all__ = [
     "Check",
@@ -45,3 +51,7 @@ __all__ = [
     "preprocessing_from_request",
     "recording_from_arrays",
 ]
+
+if not TYPE_CHECKING:
+    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    __getattr__ = lazily(__name__)

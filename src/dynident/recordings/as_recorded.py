@@ -13,7 +13,8 @@ from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.columns import Column, Layout, find_columns
 from dynident.recordings.formats import open_source
 from dynident.recordings.raw import FileSource
-from dynident.recordings.types import RecordedJoints, RecordingError, RecordingMetadata
+from dynident.recordings.stated import RecordingMetadata
+from dynident.recordings.types import RecordedJoints, RecordingError
 
 _UNITS = {
     "q": ("rad", "m"),

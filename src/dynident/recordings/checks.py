@@ -9,7 +9,8 @@ from dynident.recordings.checks_of_torque import torque_checks
 from dynident.recordings.columns import Layout
 from dynident.recordings.revisions import cured
 from dynident.recordings.sampling import RawSample
-from dynident.recordings.types import Check, JointLimits, ModelChecks, Recording, RecordingError, RecordingMetadata
+from dynident.recordings.stated import RecordingMetadata
+from dynident.recordings.types import Check, JointLimits, ModelChecks, Recording, RecordingError
 
 
 def run_checks(

@@ -9,8 +9,8 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.recordings.columns import Column, Layout
 from dynident.recordings.phases import phase_shares
-from dynident.recordings.revisions import Revision
 from dynident.recordings.sampling import RawSample
+from dynident.recordings.stated import Revision
 from dynident.recordings.types import Check, JointLimits, Recording, Status
 
 DEGREE = pi / 180.0

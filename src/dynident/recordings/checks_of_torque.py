@@ -9,16 +9,9 @@ from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings import evidence as against_motion
 from dynident.recordings.columns import Layout
 from dynident.recordings.evidence import Evidence
-from dynident.recordings.revisions import Revision
 from dynident.recordings.sampling import RawSample
-from dynident.recordings.types import (
-    DELAY,
-    Check,
-    JointLimits,
-    ModelChecks,
-    Recording,
-    Status,
-)
+from dynident.recordings.stated import DELAY, Revision
+from dynident.recordings.types import Check, JointLimits, ModelChecks, Recording, Status
 
 SATURATED = 5e-3
 """Torque counts as saturated where it stays within this share of its range at its extreme."""

@@ -9,14 +9,8 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IntArray
 from dynident.recordings.revisions import Rearrangement
-from dynident.recordings.types import (
-    WRENCH_NAMES,
-    Check,
-    JointKind,
-    RecordedJoints,
-    RecordingError,
-    RecordingMetadata,
-)
+from dynident.recordings.stated import RecordingMetadata
+from dynident.recordings.types import WRENCH_NAMES, Check, JointKind, RecordedJoints, RecordingError
 from dynident.recordings.units import JOINT_KINDS, KINDS, conversion, unit_for
 
 

@@ -12,14 +12,9 @@ from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.columns import Layout
 from dynident.recordings.raw import RawRows
 from dynident.recordings.resampling import ShiftedResampler
+from dynident.recordings.stated import Windows
 from dynident.recordings.timebase import TimeBase
-from dynident.recordings.types import (
-    RecordingError,
-    Segment,
-    Windows,
-    are_readings,
-    inside,
-)
+from dynident.recordings.types import RecordingError, Segment, are_readings, inside
 
 SHORTEST = 8
 """A stretch of fewer samples is left out: it is shorter than any filter."""

@@ -21,6 +21,7 @@ from dynident.recordings.revisions import windows_without
 from dynident.recordings.sampling import RawSample, SampleCollector
 from dynident.recordings.sinks import ArraySink, ParquetSink
 from dynident.recordings.sources import ArraySource, ParquetSource
+from dynident.recordings.stated import RecordingMetadata, Windows
 from dynident.recordings.timebase import TimeBase, TimeScan, time_checks
 from dynident.recordings.types import (
     WRENCH_NAMES,
@@ -29,9 +30,7 @@ from dynident.recordings.types import (
     RecordedJoints,
     Recording,
     RecordingError,
-    RecordingMetadata,
     Segment,
-    Windows,
     inside,
 )
 

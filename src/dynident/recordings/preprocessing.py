@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import isfinite
 
+from dynident.recordings.stated import PreprocessingChoices
 from dynident.recordings.types import RecordingError
 
 
@@ -63,7 +64,7 @@ class Preprocessing:
             )
 
 
-FIELDS = ("position_cutoff", "torque_cutoff", "decimation", "filter_order")
+FIELDS = tuple(one.name for one in fields(PreprocessingChoices))
 
 
 def values_from_request(request: object) -> dict[str, float | int | None]:

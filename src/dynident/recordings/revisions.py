@@ -3,59 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
-from dynident.recordings.types import Check, RecordingError, RecordingMetadata, RecordingRole, Windows
-
-_BY_KEY = ("columns", "units", "permutation", "signs", "scale")
-
-
-@dataclass(frozen=True)
-class Revision:
-    """What is to be said of a file from now on; None, or an empty mapping: as before.
-
-    Mappings are merged with what was said, key by key; the rest replaces it. The fields mean what they mean in
-    `RecordingMetadata`. `windows` and `exclude` may be empty: all of it, nothing.
-    """
-
-    windows: Windows | None = None
-    exclude: Windows | None = None
-    columns: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
-    permutation: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    signs: Mapping[str, float] = field(default_factory=dict)
-    scale: Mapping[str, float] = field(default_factory=dict)
-    torque_delay: float | None = None
-    role: RecordingRole | None = None
-    name: str | None = None
-
-    def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
-        """What is then said of the file.
-
-        Raises
-        ------
-        RecordingError
-            For a window or a delay that cannot be.
-        """
-        changed: dict[str, Any] = {}
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if one.name in _BY_KEY:
-                changed[one.name] = {**getattr(metadata, one.name), **value}
-            elif value is not None:
-                changed[one.name] = value
-        return replace(metadata, **changed)
-
-    @property
-    def changes(self) -> tuple[str, ...]:
-        """Names of the fields that change anything."""
-        return tuple(one.name for one in fields(self) if getattr(self, one.name) not in (None, {}))
-
-    def __str__(self) -> str:
-        return ", ".join(f"{name} {_written(getattr(self, name))}" for name in self.changes) or "nothing"
+from dynident.recordings.stated import Axis, RecordingMetadata, Revision, Windows
+from dynident.recordings.types import Check, RecordingError
 
 
 def cured(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Sequence[str]) -> tuple[Check, ...]:
@@ -78,7 +32,7 @@ def after(found: Revision, metadata: RecordingMetadata, joint_names: Sequence[st
     }
     signs: dict[str, float] = {}
     scale: dict[str, float] = {}
-    for kind in ("q", "tau"):
+    for kind in get_args(Axis):
         order = found.permutation.get(kind, tuple(range(1, n + 1)))
         for said, new, changed in ((before.sign, found.signs, signs), (before.scale, found.scale, scale)):
             for joint, column in enumerate(order):
@@ -124,7 +78,8 @@ class Rearrangement:
 
     def read(self, kind: str, joint: int) -> int:
         """The joint, from 0, whose column is read for a signal of a joint."""
-        order = self._metadata.permutation.get(_GROUPS.get(kind, ""))
+        group = _GROUPS.get(kind)
+        order = None if group is None else self._metadata.permutation.get(group)
         return joint if order is None else order[joint] - 1
 
     @property
@@ -177,13 +132,5 @@ class Rearrangement:
                     )
 
 
-_GROUPS = {"q": "q", "q_command": "q", "dq": "q", "ddq": "q", "tau": "tau", "current": "tau"}
+_GROUPS: dict[str, Axis] = {"q": "q", "q_command": "q", "dq": "q", "ddq": "q", "tau": "tau", "current": "tau"}
 """Signals that change place and sign together."""
-
-
-def _written(value: object) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key}: {_written(one)}" for key, one in value.items())
-    if isinstance(value, tuple):
-        return " ".join(f"{one[0]:g}:{one[1]:g}" if isinstance(one, tuple) else str(one) for one in value) or "none"
-    return f"{value:g}" if isinstance(value, float) else str(value)

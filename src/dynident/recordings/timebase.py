@@ -9,7 +9,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.even_clock import EvenClock, EvenClockScan
 from dynident.recordings.raw import RawRows
-from dynident.recordings.revisions import Revision
+from dynident.recordings.stated import Revision
 from dynident.recordings.types import Check, RecordingError
 
 GAP_PERIODS = 5.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
@@ -11,28 +11,16 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
+from dynident.recordings.stated import Windows
 
 if TYPE_CHECKING:
-    from dynident.recordings.revisions import Revision
+    from dynident.recordings.stated import Revision
 
-Windows = tuple[tuple[float, float], ...]
 Status = Literal["ok", "warning", "error"]
 JointKind = Literal["revolute", "prismatic"]
-RecordingRole = Literal["identification", "validation", "friction", "payload"]
 
 # In any unit; fourth powers of it can still be taken.
 _LARGEST_READING = 1e30
-
-
-DELAY = "torque_delay"
-"""Name of the check, and of the field, that is about the torque's delay against the positions."""
-
-NO_MEASUREMENT = {
-    "gravity_compensated": "the load of gravity was taken out of it, and the links' masses with it",
-    "external": "what the robot's own dynamics need was taken out of it",
-    "commanded": "it is what a controller computed, and not what the robot needed",
-}
-"""Kinds of torque that nothing can be identified from, and why."""
 
 
 @dataclass(frozen=True)
@@ -147,80 +135,6 @@ def _rebuild(
     detail: str, pointer: str, title: str, row: int | None, time: float | None, checks: tuple[Check, ...]
 ) -> RecordingError:
     return RecordingError(detail, pointer=pointer, title=title, row=row, time=time, checks=checks)
-
-
-@dataclass(frozen=True)
-class RecordingMetadata:
-    """What the user says about a file.
-
-    Parameters
-    ----------
-    name : str
-    format : one of `dynident.recordings.formats.FORMATS`, or None
-        None: told from the file's first bytes.
-    columns : mapping
-        Our column name to the file's: {"q1": "shoulder_angle"}.
-    units : mapping
-        Unit by kind of signal ("q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force",
-        "base_moment", "t") or by one of our columns ("q3", "q_elbow", "base_fx"); SI where nothing is said,
-        temperature in degC.
-    role : "identification", "validation", "friction" or "payload", or None
-    windows : pairs (from, to)
-        Seconds of t to use; empty: all.
-    payload : mapping or None
-        Kept as it came.
-    torque_delay : float
-        Seconds by which the file's torque is late: it is read so much later than the positions of its row.
-    accept : names of checks
-        Findings of these checks are reported as warnings, whatever they are: the user knows better.
-    permutation : mapping
-        {"tau": (2, 1, 3)}: at place k the number, from 1, of the column that is joint k's; of "q" (with velocities and
-        commands) or "tau" (or currents). Columns and units are told before.
-    signs : mapping
-        {"tau2": -1}: 1 or -1 by which a joint's positions (q2, q_<joint>, q: all) or torques are taken.
-    scale : mapping
-        {"tau2": 0.1}: positive factors of the same.
-    exclude : pairs (from, to)
-        Seconds of t to leave out, of the windows or of all.
-    effort_kind : str or None
-        What the columns of torque or current hold, such as motor_current; those of `NO_MEASUREMENT` are refused.
-    """
-
-    name: str = "recording"
-    format: str | None = None
-    columns: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
-    role: RecordingRole | None = None
-    windows: Windows = ()
-    payload: Mapping[str, Any] | None = None
-    torque_delay: float = 0.0
-    accept: tuple[str, ...] = ()
-    permutation: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    signs: Mapping[str, float] = field(default_factory=dict)
-    scale: Mapping[str, float] = field(default_factory=dict)
-    exclude: Windows = ()
-    effort_kind: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.effort_kind in NO_MEASUREMENT:
-            raise RecordingError(
-                f"The torque is said to be {self.effort_kind.replace('_', '-')}: {NO_MEASUREMENT[self.effort_kind]}. "
-                "Give columns with the torque, or the current, that the motors were measured to make.",
-                pointer="/effort_kind",
-                title="No measured torque",
-            )
-        if not abs(self.torque_delay) <= 1.0:
-            raise RecordingError(
-                f"torque_delay is {self.torque_delay} s; give a number of seconds between -1 and 1.",
-                pointer="/torque_delay",
-            )
-        for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
-            for index, (start, end) in enumerate(pairs):
-                if not (np.isfinite(start) and np.isfinite(end) and start < end):
-                    raise RecordingError(
-                        f"Window {index + 1} runs from {start} s to {end} s; the end has to come after the beginning.",
-                        pointer=f"/{name}/{index}",
-                    )
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from dynident.effects.written import effect_text
 from dynident.identification import Identification, IdentificationChoices
 from dynident.kinds import Kind
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
-from dynident.recordings.types import Windows
+from dynident.recordings.stated import Windows
 
 ROBOT = "ROBOT"
 """Stands for the robot's description in the commands."""

@@ -1,16 +1,24 @@
 """What a machine is: joints on a tree, limits, drive chains; from URDF, MJCF or a modified Denavit-Hartenberg table."""
 
-from dynident.robot.collision import CollisionGeometry, collision_geometry
-from dynident.robot.description import robot_from_description
-from dynident.robot.drive_chain import coupling_matrix
-from dynident.robot.kinematics import joint_frames, tool_path
-from dynident.robot.mjcf import robot_from_mjcf
-from dynident.robot.model import INERTIAL_NAMES, Description, Drive, Joint, Limits, Robot
-from dynident.robot.modified_dh import robot_from_modified_dh
-from dynident.robot.pinocchio_model import to_pinocchio
-from dynident.robot.urdf import robot_from_urdf
-from dynident.robot.urdf_writer import urdf_from_robot
-from dynident.robot.well_known import library_names, library_source, library_table, robot_from_library
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.lazy import lazily
+
+if TYPE_CHECKING:
+    from dynident.robot.collision import CollisionGeometry, collision_geometry
+    from dynident.robot.description import robot_from_description
+    from dynident.robot.drive_chain import coupling_matrix
+    from dynident.robot.kinematics import joint_frames, tool_path
+    from dynident.robot.mjcf import robot_from_mjcf
+    from dynident.robot.model import INERTIAL_NAMES, Description, Joint, Robot
+    from dynident.robot.modified_dh import robot_from_modified_dh
+    from dynident.robot.pinocchio_model import to_pinocchio
+    from dynident.robot.stated import Drive, Limits
+    from dynident.robot.urdf import robot_from_urdf
+    from dynident.robot.urdf_writer import urdf_from_robot
+    from dynident.robot.well_known import library_names, library_source, library_table, robot_from_library
 
 __all__ = [
     "INERTIAL_NAMES",
@@ -35,3 +43,7 @@ __all__ = [
     "tool_path",
     "urdf_from_robot",
 ]
+
+if not TYPE_CHECKING:
+    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    __getattr__ = lazily(__name__)

@@ -9,9 +9,10 @@ from dynident.descriptions import FORMATS, DescriptionFormat
 from dynident.errors import DynidentError
 from dynident.robot.dh_text import robot_from_dh_text
 from dynident.robot.mjcf import robot_from_mjcf
-from dynident.robot.model import Description, Drive, Limits, Robot
+from dynident.robot.model import Description, Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.robot.pointers import listed
+from dynident.robot.stated import Drive, Limits
 from dynident.robot.urdf import robot_from_urdf
 
 _POINTER = "/description/content"

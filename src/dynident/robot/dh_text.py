@@ -29,8 +29,9 @@ from typing import Any, Literal
 
 from dynident.errors import DynidentError
 from dynident.robot.json_fields import expect_number
-from dynident.robot.model import Drive, Limits, Robot
+from dynident.robot.model import Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
+from dynident.robot.stated import Drive, Limits
 
 TITLE = "Unusable Denavit-Hartenberg table"
 

@@ -7,7 +7,8 @@ from dataclasses import asdict
 from typing import Any
 
 from dynident.robot.description import robot_from_description
-from dynident.robot.model import Description, Drive, Limits, Robot
+from dynident.robot.model import Description, Robot
+from dynident.robot.stated import Drive, Limits
 
 
 def robot_document(robot: Robot) -> dict[str, Any]:

@@ -17,10 +17,11 @@ from dynident.robot.linkage import Cuts, followers_locked, linked
 from dynident.robot.loops import CLOSED
 from dynident.robot.mjcf_equality import Held, held_by
 from dynident.robot.mjcf_xml import TITLE, mjcf_error, parse_mjcf
-from dynident.robot.model import Description, Drive, Limits, Robot
+from dynident.robot.model import Description, Robot
 from dynident.robot.pinocchio_model import DescribedJoints, PinocchioModel, from_pinocchio, locked
 from dynident.robot.pointers import listed
 from dynident.robot.settings import settings_from
+from dynident.robot.stated import Drive, Limits
 from dynident.robot.xml_text import Element, write_in_place
 
 _RESERVED = ("universe", "base")

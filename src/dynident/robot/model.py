@@ -11,6 +11,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.descriptions import DescriptionFormat
 from dynident.html import block, paragraph, table
+from dynident.robot.stated import Drive, Limits
 
 if TYPE_CHECKING:
     from dynident.robot.linkage import Linkage
@@ -19,42 +20,6 @@ INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""
 
 JointKind = Literal["revolute", "prismatic"]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W. `None` where none is known."""
-
-    position: tuple[float, float] | None = None
-    velocity: float | None = None
-    acceleration: float | None = None
-    jerk: float | None = None
-    effort: float | None = None
-    power: float | None = None
-
-
-@dataclass(frozen=True)
-class Drive:
-    """The drive chain of one joint, [12.17]: joint torque = drive_gain x recorded current.
-
-    `coupling`: other joints that this joint's motor turns with, and how far beside its own joint: the motor's speed is
-    the gear ratio times (q̇ + Σ coupling q̇ of the other joint), and its torque acts on them in the same shares.
-    """
-
-    drive_gain: float | None = None
-    gear_ratio: float | None = None
-    torque_constant: float | None = None
-    amplifier_gain: float | None = None
-    coupling: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def gain(self) -> float | None:
-        """G_T = N K_a K_T of [12.17b] in N m per unit of current; `None` while a factor is missing."""
-        if self.drive_gain is not None:
-            return self.drive_gain
-        if self.gear_ratio is None or self.torque_constant is None:
-            return None
-        return self.gear_ratio * self.torque_constant * (1.0 if self.amplifier_gain is None else self.amplifier_gain)
 
 
 @dataclass(frozen=True, eq=False)

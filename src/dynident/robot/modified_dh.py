@@ -62,7 +62,7 @@ from dynident.robot.json_fields import (
     parse_json,
 )
 from dynident.robot.linkage import Cuts, Tie, followers_locked, linked
-from dynident.robot.model import INERTIAL_NAMES, Description, Drive, JointKind, Limits, Robot
+from dynident.robot.model import INERTIAL_NAMES, Description, JointKind, Robot
 from dynident.robot.pinocchio_model import (
     DescribedJoints,
     PinocchioModel,
@@ -74,6 +74,7 @@ from dynident.robot.pointers import listed, pointer
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_placement
 from dynident.robot.settings import check_limits, gravity_from, settings_from
 from dynident.robot.shapes import Capsule
+from dynident.robot.stated import Drive, Limits
 
 TITLE = "Unusable modified Denavit-Hartenberg table"
 _RESERVED = ("base", "universe")

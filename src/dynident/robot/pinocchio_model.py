@@ -11,9 +11,10 @@ import pinocchio as pin
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import Description, Drive, Joint, JointKind, Limits, Robot
+from dynident.robot.model import Description, Joint, JointKind, Robot
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_axis, mend_placement
 from dynident.robot.settings import Settings, check_names, merged_limits
+from dynident.robot.stated import Drive, Limits
 
 PinocchioModel = Any
 """`pinocchio.Model`, which has no type stubs."""

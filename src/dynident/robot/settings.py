@@ -10,8 +10,8 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import Drive, Limits
 from dynident.robot.pointers import listed, pointer
+from dynident.robot.stated import Drive, Limits
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity in the base frame where nobody states another (m/s²)."""

@@ -8,10 +8,11 @@ from dataclasses import replace
 import pinocchio as pin
 
 from dynident.robot.linkage import followers_locked, linked
-from dynident.robot.model import Description, Drive, Limits, Robot
+from dynident.robot.model import Description, Robot
 from dynident.robot.pinocchio_model import DescribedJoints, from_pinocchio
 from dynident.robot.rounding import ROUNDING_TOLERANCE
 from dynident.robot.settings import settings_from
+from dynident.robot.stated import Drive, Limits
 from dynident.robot.urdf_xml import TITLE, checked, mimics, parse, urdf_error
 from dynident.robot.xml_text import Element, write
 

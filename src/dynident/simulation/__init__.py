@@ -53,49 +53,6 @@ __all__ = [
     "write_measurement",
 ]
 
-__getattr__ = lazily(
-    __name__,
-    {
-        "control": ("Controller",),
-        "measurement": (
-            "Measurement",
-            "Truth",
-            "joined",
-            "measurement_table",
-            "write_measurement",
-        ),
-        "reference": (
-            "Reference",
-            "warmed",
-        ),
-        "request": (
-            "SimulationRequest",
-            "StandardParameters",
-            "check_runs_named",
-            "simulate",
-            "standard_parameters",
-        ),
-        "resolved": (
-            "beside",
-            "check_acting",
-            "simulation_of",
-            "true_effects",
-        ),
-        "stated": (
-            "ActingEffect",
-            "Sensors",
-            "Session",
-            "Simulated",
-            "Warming",
-        ),
-        "truth": (
-            "TrueEffect",
-            "on_each_joint",
-        ),
-        "typical": (
-            "typical_drive",
-            "typical_effect",
-        ),
-        "virtual_robot": ("VirtualRobot",),
-    },
-)
+if not TYPE_CHECKING:
+    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    __getattr__ = lazily(__name__)

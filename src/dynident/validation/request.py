@@ -47,7 +47,7 @@ class Direct(Trial):
     """Errors on the identification's own data."""
 
     name = "direct"
-    words = "errors on the identification's own data"
+    words = "The torque error on the data that the model was identified from."
     takes_recordings = False
 
     limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
@@ -64,7 +64,7 @@ class Cross(Trial):
     """Errors on data that the model has not seen."""
 
     name = "cross"
-    words = "errors on data that the model has not seen"
+    words = "The torque error on data that no parameter saw."
 
     limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
 
@@ -80,7 +80,8 @@ class InertiaMatrix(Trial):
     """A search for the posture where the inertia matrix is least positive."""
 
     name = "inertia_matrix"
-    words = "a search for the posture where it is least positive"
+    label = "inertia matrix"
+    words = "A search for the posture where the inertia matrix is least positive."
     of_model_alone = True
     takes_recordings = False
 
@@ -98,7 +99,8 @@ class Payload(Trial):
     """A known load found from runs with it."""
 
     name = "payload"
-    words = "a known load found from runs with it"
+    label = "known load"
+    words = "A run with a known load: is the load found?"
 
     mass: float | None = said(
         "The known mass, where the measurements do not state it", default=None, unit="kg", above=0
@@ -120,7 +122,7 @@ class Methods(Trial):
     """All methods on the same data."""
 
     name = "methods"
-    words = "all methods on the same data"
+    words = "All models, strategies and estimators on the same data: do they agree?"
 
     methods: tuple[Method, ...] | None = said(
         "Which; all that are available if left out", default=None, fewest=1, most=100, option="-"
@@ -138,7 +140,7 @@ class Simulation(Trial):
     """A simulated robot against the recorded one."""
 
     name = "simulation"
-    words = "a simulated robot against the recorded one"
+    words = "A robot with these parameters makes the recorded motion: does it need the recorded torque?"
 
     limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
     longest: float | None = said("Simulated at most", default=None, unit="s", above=0, at_most=300)
@@ -161,7 +163,7 @@ class Filters(Trial):
     """Cut-off frequencies chosen by simulating the identification."""
 
     name = "filters"
-    words = "cut-off frequencies chosen by simulating the identification"
+    words = "Recordings like these are simulated and identified with many filters: were the right ones chosen?"
 
     cutoffs: tuple[float, ...] | None = said(
         "Position cut-offs to try", default=None, unit="Hz", above=0, fewest=1, most=20
@@ -189,7 +191,8 @@ class Bootstrap(Trial):
     """Standard deviations held against draws of the reduced data's stretches of time."""
 
     name = "bootstrap"
-    words = "standard deviations held against draws of the reduced data's stretches of time"
+    label = "deviations"
+    words = "Stretches of time are drawn anew: do the standard deviations stand?"
     of_model_alone = True
     takes_recordings = False
 
@@ -208,7 +211,7 @@ class _Trials:
     """All kinds of validation, by their names."""
 
     by_name: Mapping[str, type[Trial]] = {
-        kind.name: kind for kind in (Direct, Cross, InertiaMatrix, Payload, Methods, Simulation, Filters, Bootstrap)
+        kind.name: kind for kind in (Direct, Cross, InertiaMatrix, Simulation, Methods, Filters, Bootstrap, Payload)
     }
 
     @property
@@ -219,7 +222,7 @@ class _Trials:
     @property
     def choices(self) -> tuple[Choice, ...]:
         """The same with their words."""
-        return tuple(Choice(kind.name, kind.name.replace("_", " "), kind.words) for kind in self.by_name.values())
+        return tuple(Choice(one.name, one.label or one.name, one.words) for one in self.by_name.values())
 
     def told(self) -> str:
         """The names, for a line of help."""

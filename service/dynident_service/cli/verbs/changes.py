@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Json, ModelArgument, Out, Reading
+from dynident_service.cli.options import ModelArgument, Reading, Result
 
 _Before = Annotated[
     list[Path],
@@ -27,28 +27,24 @@ def changes(
     before: _Before,
     after: _After,
     reading: Reading,
-    out: Out = None,
-    as_json: Json = False,
+    result: Result,
 ) -> None:
     """Say what has changed in a robot between two sets of measurements.
 
     The motions may differ. --out writes the diagnosis, changes included, as JSON.
     """
-    import json
-
     from dynident.advice import advise
     from dynident.diagnosis import examine
     from dynident.progress import part
     from dynident_service.adapters.diagnoses import describe_diagnosis
-    from dynident_service.cli import inputs, shown, terminal
+    from dynident_service.cli import inputs, shown, telling, terminal
     from dynident_service.models.common import plain
 
     identification = inputs.model_of(model)
     robot = identification.model.robot
-    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("compare the days") as progress,
-        inputs.loaded([*before, *after], robot, options, part(progress, 0.0, 0.3)) as (given, _),
+        inputs.loaded([*before, *after], robot, reading, part(progress, 0.0, 0.3)) as (given, _),
     ):
         recordings = inputs.recordings_of(given)
         examined = examine(
@@ -59,12 +55,4 @@ def changes(
         )
         found = advise(examined)
     document = plain(describe_diagnosis(found, robot.name))
-    if out is not None:
-        inputs.write_whole(out, json.dumps(document, indent=1).encode())
-    if as_json:
-        terminal.print_json(document)
-        return
-    console = terminal.out()
-    shown.show_changes(console, found, robot)
-    if out is not None:
-        console.print(f"diagnosis written to {out}", markup=False)
+    telling.tell(result, "diagnosis", document, lambda console: shown.show_changes(console, found, robot))

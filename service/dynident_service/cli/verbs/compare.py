@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Json, ModelArgument, Out, Reading
+from dynident_service.cli.options import Json, ModelArgument, Out, Reading, several
 
 
 def compare(
@@ -19,12 +19,10 @@ def compare(
     reading: Reading,
     learnt: Annotated[
         list[Path],
-        typer.Option(
+        several(
             "--learnt",
             metavar="FILE",
             help="What the model was identified from; repeat it for more. Tells whether the motion only repeats that.",
-            default_factory=list,
-            show_default=False,
         ),
         TO_READ,
     ],
@@ -43,12 +41,11 @@ def compare(
     from dynident_service.models.common import plain
 
     identification = inputs.model_of(model)
-    options = inputs.file_options(reading)
     if out is not None:
         tables.check_ending(out)
     with (
         terminal.progress_bar("compare") as progress,
-        inputs.loaded([measurement], identification.model.robot, options, part(progress, 0.0, 0.5), learnt) as (
+        inputs.loaded([measurement], identification.model.robot, reading, part(progress, 0.0, 0.5), learnt) as (
             given,
             others,
         ),

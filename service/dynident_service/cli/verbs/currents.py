@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -10,6 +9,8 @@ from typing import TYPE_CHECKING
 from dynident_service.cli.options import Effects, Measurements, Result, RobotArgument, RobotReading, Validation
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dynident.identification import CurrentModel
     from dynident_service.cli.inputs import Loaded
 
@@ -30,10 +31,10 @@ def currents(
     from dynident.identification.loads.payloads import PLAIN_EFFECTS
     from dynident.progress import part
     from dynident_service.adapters.current_models import describe_currents
-    from dynident_service.cli import inputs, shown, terminal
+    from dynident_service.cli import inputs, shown, telling, terminal
     from dynident_service.models.common import plain
 
-    machine = inputs.robot_of(robot, reading.drive_gains)
+    machine = inputs.robot_of(robot, reading)
     unknown = all(drive.gain is None for drive in machine.drives)
     if unknown:
         # Then "torque" is the current itself.
@@ -41,7 +42,7 @@ def currents(
     chosen = inputs.effects_of(effects, machine) or PLAIN_EFFECTS
     with (
         terminal.progress_bar("currents") as progress,
-        inputs.loaded(measurements, machine, inputs.file_options(reading), part(progress, 0.0, 0.5), validation) as (
+        inputs.loaded(measurements, machine, reading, part(progress, 0.0, 0.5), validation) as (
             training,
             held_out,
         ),
@@ -54,16 +55,13 @@ def currents(
             progress=part(progress, 0.5, 1.0),
         )
     document = plain(describe_currents(found))
-    if result.out is not None:
-        inputs.write_whole(result.out, json.dumps(document, indent=2, allow_nan=False).encode())
-    if result.as_json:
-        terminal.print_json(document)
-        return
-    console = terminal.out()
-    shown.show_measurements(console, *((_unscaled(training), _unscaled(held_out)) if unknown else (training, held_out)))
-    _show(found)
-    if result.out is not None:
-        console.print(f"parameters written to {result.out}", markup=False)
+    checked = (_unscaled(training), _unscaled(held_out)) if unknown else (training, held_out)
+
+    def show(console: Console) -> None:
+        shown.show_measurements(console, *checked)
+        _show(console, found)
+
+    telling.tell(result, "parameters", document, show)
 
 
 def _unscaled(measurements: Sequence[Loaded]) -> list[Loaded]:
@@ -74,12 +72,11 @@ def _unscaled(measurements: Sequence[Loaded]) -> list[Loaded]:
     ]
 
 
-def _show(found: Sequence[CurrentModel]) -> None:
+def _show(console: Console, found: Sequence[CurrentModel]) -> None:
     from dynident.reports.numbers import estimate, number, percent
     from dynident.reports.words import JUDGED
     from dynident_service.cli import terminal
 
-    console = terminal.out()
     rows = [
         [
             one.joint,

@@ -86,7 +86,7 @@ def design(
     from dynident_service.models.common import plain
 
     tables.check_ending(out, tables.TRAJECTORY_ENDINGS)
-    machine = inputs.robot_of(robot, reading.drive_gains, reading.lock, reading.gravity)
+    machine = inputs.robot_of(robot, reading)
     wanted = asked.request(DesignRequest, effects=inputs.effects_of(effects, machine) or None)
     request = replace(
         wanted if beside.diagnosis is None else proposed_design(beside.diagnosis),
@@ -94,10 +94,9 @@ def design(
         torque_margin=wanted.torque_margin,
         surroundings=surroundings_of(beside.surroundings, beside.meshes or []),
     )
-    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("design") as progress,
-        inputs.loaded(beside.earlier or [], machine, options, part(progress, 0.0, 0.1)) as (
+        inputs.loaded(beside.earlier or [], machine, reading, part(progress, 0.0, 0.1)) as (
             runs,
             _,
         ),

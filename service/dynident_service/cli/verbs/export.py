@@ -3,35 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 
+from dynident.export.stated import ENDINGS, ExportChoices, ExportFormat
+from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.options import Json, ModelArgument
 
-FORMAT_OF = {".json": "json", ".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf", ".c": "c", ".casadi": "casadi"}
+_FORMATS = ", ".join(get_args(ExportFormat))
 
 
 def export(
     model: ModelArgument,
+    asked: Annotated[Typed, Asks(ExportChoices, but=("format",))],
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Where to write; named after the robot otherwise."),
     ] = None,
-    format: Annotated[
-        str, typer.Option("--format", "-f", help="json, urdf, mjcf, c or casadi; by the ending of --out otherwise.")
-    ] = "",
-    nearest: Annotated[
-        bool,
-        typer.Option(
-            "--nearest",
-            help="urdf, mjcf: where no bodies that can exist have the identified parameters, write the nearest that "
-            "have.",
-        ),
-    ] = False,
-    anyway: Annotated[
-        bool, typer.Option("--anyway", help="Write a model whose error says that it is not to be used, too.")
-    ] = False,
+    format: Annotated[str, typer.Option("--format", "-f", help=f"{_FORMATS}; by the ending of --out otherwise.")] = "",
     as_json: Json = False,
 ) -> None:
     """Write a model for other programs: URDF, MJCF, C, CasADi, JSON."""
@@ -41,19 +31,20 @@ def export(
     from dynident.verdict import is_stopped
     from dynident_service.cli import inputs, terminal
 
-    chosen = format or FORMAT_OF.get(out.suffix.lower() if out is not None else "", "")
+    chosen = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
     if not chosen:
-        detail = f"say the format: --format, or --out with one of the endings {', '.join(FORMAT_OF)}"
+        detail = f"say the format: --format, or --out with one of the endings {', '.join(ENDINGS)}"
         raise DynidentError(detail, pointer="--format", title="No such format")
+    choices = asked.request(ExportChoices)
     identification = inputs.model_of(model)
-    if is_stopped(identification) and not anyway:
+    if is_stopped(identification) and not choices.anyway:
         detail = (
             f"the error of this model is above {STOP:.0%}: something else is wrong than a missing effect, and "
             "`dynident identify` says what it may be. To write it all the same: --anyway"
         )
         raise DynidentError(detail, pointer=str(model), title="Not fit for use")
     try:
-        file = export_model(identification, chosen, nearest=nearest)
+        file = export_model(identification, chosen, nearest=choices.nearest)
     except DynidentError as error:
         detail = error.detail.replace("(nearest)", "(--nearest)")
         raise DynidentError(detail, pointer="--format", title=error.title) from error

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Effects, Json, Measurements, ModelArgument, Out, Reading, Validation
+from dynident_service.cli.options import Effects, Measurements, ModelArgument, Reading, Result, Validation
 
 
 def extend(
@@ -17,6 +17,7 @@ def extend(
     validation: Validation,
     reading: Reading,
     effects: Effects,
+    result: Result,
     diagnosis: Annotated[
         Path | None,
         typer.Option(
@@ -24,8 +25,6 @@ def extend(
         ),
         TO_READ,
     ] = None,
-    out: Out = None,
-    as_json: Json = False,
 ) -> None:
     """Add effects to a model.
 
@@ -33,11 +32,8 @@ def extend(
     """
     from dynident.errors import DynidentError
     from dynident.identification import extend as extend_model
-    from dynident.identification import to_bytes
     from dynident.progress import part
-    from dynident_service.adapters.identifications import describe_identification
-    from dynident_service.cli import inputs, shown, shown_ladders, terminal
-    from dynident_service.models.common import plain
+    from dynident_service.cli import inputs, telling, terminal
 
     identification = inputs.model_of(model)
     robot = identification.model.robot
@@ -46,10 +42,9 @@ def extend(
         added += inputs.stored_diagnosis(diagnosis).recommended
     if not added:
         raise DynidentError("say what to add: --effects, or --diagnosis with a file", pointer="--effects")
-    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("extend") as progress,
-        inputs.loaded(measurements, robot, options, part(progress, 0.0, 0.5), validation) as (training, held_out),
+        inputs.loaded(measurements, robot, reading, part(progress, 0.0, 0.5), validation) as (training, held_out),
     ):
         found = extend_model(
             identification,
@@ -58,13 +53,4 @@ def extend(
             inputs.recordings_of(held_out),
             part(progress, 0.5, 1.0),
         )
-    if out is not None:
-        inputs.write_whole(out, to_bytes(found))
-    if as_json:
-        terminal.print_json(plain(describe_identification(found, model.stem, identification)))
-        return
-    console = terminal.out()
-    shown_ladders.show_ladder(console, found)
-    shown.show_identification(console, found, parameters=False)
-    if out is not None:
-        console.print(f"model written to {out}", markup=False)
+    telling.tell_rung(result, found, model.stem, identification)

@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dynident.errors import DynidentError
+from dynident.identification.loads.known import KnownLoad
+from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Json, Measurements, RobotArgument, RobotReading
+from dynident_service.cli.options import Json, Measurements, RobotArgument, RobotReading, several
 
 if TYPE_CHECKING:
     from dynident.identification import DriveGains as Gains
     from dynident.identification import PayloadEstimate
-
-
-@dataclass(frozen=True)
-class _Load:
-    """The known load."""
-
-    mass: Annotated[float, typer.Option("--mass", help="What the load weighs, kg.", show_default=False)]
-    centre: Annotated[
-        str, typer.Option("--centre", metavar="X,Y,Z", help="Its centre in the last joint's frame, m, where known.")
-    ] = ""
 
 
 def gains(
@@ -44,27 +36,23 @@ def gains(
     reading: RobotReading,
     weigh: Annotated[
         list[Path],
-        typer.Option(
+        several(
             "--weigh",
             metavar="FILE",
             help="Measurement with another load, to be weighed with these gains; may be repeated.",
-            show_default=False,
-            default_factory=list,
         ),
         TO_READ,
     ],
     weigh_unloaded: Annotated[
         list[Path],
-        typer.Option(
+        several(
             "--weigh-unloaded",
             metavar="FILE",
             help="Of the motion of --weigh, without its load; else MEASUREMENT.",
-            show_default=False,
-            default_factory=list,
         ),
         TO_READ,
     ],
-    load: _Load,
+    asked: Annotated[Typed, Asks(KnownLoad)],
     as_json: Json = False,
 ) -> None:
     """Identify the drive gains from runs without and with a load of known mass.
@@ -73,25 +61,23 @@ def gains(
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import part
-    from dynident_service.cli import inputs, parsing, terminal
+    from dynident_service.cli import inputs, terminal
 
     if weigh_unloaded and not weigh:
         raise DynidentError("nothing is to be weighed: give --weigh too", pointer="--weigh-unloaded")
-    machine = inputs.robot_of(robot, reading.drive_gains, reading.lock, reading.gravity)
-    payload = {
-        "mass": load.mass,
-        **({"centre": parsing.numbers(load.centre, "--centre")} if load.centre else {}),
-    }
-    options = inputs.file_options(reading)
+    load = asked.request(KnownLoad)
+    if load.mass is None and not reading.metadata:
+        raise DynidentError("say what the load weighs, in kg", pointer="--mass", title="Missing option")
+    machine = inputs.robot_of(robot, reading)
     with (
         terminal.progress_bar("gains") as progress,
-        inputs.loaded(measurements, machine, options, part(progress, 0.0, 0.6), [*loaded, *weigh, *weigh_unloaded]) as (
+        inputs.loaded(measurements, machine, reading, part(progress, 0.0, 0.6), [*loaded, *weigh, *weigh_unloaded]) as (
             without,
             others,
         ),
     ):
         unloaded, rest = inputs.recordings_of(without), inputs.recordings_of(others)
-        heavy = [replace(recording, payload=payload) for recording in rest[: len(loaded)]]
+        heavy = [replace(recording, payload=load.over(recording.payload)) for recording in rest[: len(loaded)]]
         found = identify_gains(machine, unloaded, heavy, progress=part(progress, 0.6, 0.9))
         other, bare = rest[len(loaded) :][: len(weigh)], rest[len(loaded) + len(weigh) :]
         loads = [(one.name, payload_mass(machine, bare or unloaded, one, gains=found)) for one in other]

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dynident.asking import said_of
 from dynident.identification.choices import IdentificationChoices
+from dynident.recordings.stated import PreprocessingChoices
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Effects, Measurements, Result, RobotArgument, RobotReading, Validation
+from dynident_service.cli.options import Effects, Measurements, Result, RobotArgument, RobotReading, Validation, several
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_FILTERS = ", ".join(
+    f"{one.name} ({unit})" if (unit := said_of(one).unit) else one.name for one in fields(PreprocessingChoices)
+)
 
 
 @dataclass(frozen=True)
@@ -22,12 +31,10 @@ class Beside:
     effects: Effects
     friction: Annotated[
         list[Path],
-        typer.Option(
+        several(
             "--friction",
             metavar="FILE",
             help="Measurement at constant velocities, for the strategy separate_friction; may be repeated.",
-            default_factory=list,
-            show_default=False,
         ),
         TO_READ,
     ]
@@ -36,7 +43,7 @@ class Beside:
         typer.Option(
             "--preprocessing",
             metavar="auto|NAME=VALUE,…",
-            help="auto, or any of position_cutoff, torque_cutoff (Hz, or none), decimation, filter_order.",
+            help=f"auto, or any of {_FILTERS}; none: no filter.",
         ),
     ] = "auto"
 
@@ -59,17 +66,21 @@ def identify(
     from dynident_service.adapters.identifications import describe_identification
     from dynident_service.adapters.measurements import show_checks
     from dynident_service.adapters.verdicts import show_verdict
-    from dynident_service.cli import inputs, parsing, shown, shown_verdicts, terminal
+    from dynident_service.cli import inputs, parsing, shown, shown_verdicts, telling, terminal
     from dynident_service.models.common import plain
 
-    machine = inputs.robot_of(robot, reading.drive_gains, reading.lock, reading.gravity)
-    options = inputs.file_options(reading, dict.fromkeys(beside.friction, "friction"))
+    machine = inputs.robot_of(robot, reading)
     chosen = inputs.effects_of(beside.effects, machine) or DEFAULT_EFFECTS
     unfiltered = asked.request(IdentificationChoices, effects=chosen)
     with (
         terminal.progress_bar("identify") as progress,
         inputs.loaded(
-            [*measurements, *beside.friction], machine, options, part(progress, 0.0, 0.5), beside.validation
+            [*measurements, *beside.friction],
+            machine,
+            reading,
+            part(progress, 0.0, 0.5),
+            beside.validation,
+            beside.friction,
         ) as (
             training,
             held_out,
@@ -82,22 +93,20 @@ def identify(
         tried = inputs.recordings_of(held_out)
         found = identify_model(machine, recordings, tried, choices, part(progress, 0.5, 1.0))
         judged = verdict(found, recordings, tried)
-    if result.out is not None:
-        inputs.write_whole(result.out, to_bytes(found))
-    if result.as_json:
-        document = plain(describe_identification(found, None))
-        document["verdict"] = plain(show_verdict(judged))
-        document["measurements"] = [
+    document = {
+        **plain(describe_identification(found, None)),
+        "verdict": plain(show_verdict(judged)),
+        "measurements": [
             {"name": item.recording.name, "checks": [plain(check) for check in show_checks(item.checks)]}
             for item in [*training, *held_out]
-        ]
-        terminal.print_json(document)
-    else:
-        console = terminal.out()
+        ],
+    }
+
+    def show(console: Console) -> None:
         shown.show_measurements(console, training, held_out)
         shown.show_identification(console, found)
         shown_verdicts.show_verdict(console, judged)
-        if result.out is not None:
-            console.print(f"model written to {result.out}", markup=False)
+
+    telling.tell(result, "model", document, show, to_bytes(found))
     if judged.stop is not None:
         raise typer.Exit(shown_verdicts.STOPPED)

@@ -42,9 +42,7 @@ def inspect(
     from dynident.identification.imports import inspect_file
     from dynident_service.cli import inputs, metadata, terminal
 
-    machine = (
-        None if robot is None else inputs.robot_of(robot, beside_it.drive_gains, beside_it.lock, beside_it.gravity)
-    )
+    machine = None if robot is None else inputs.robot_of(robot, beside_it)
     found = inspect_file(file, machine)
     if found.proposal is not None:
         if as_proposed:

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from dynident.reports.stated import MEDIA_TYPES, ReportChoices
+from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Json, Measurements, ModelArgument, Reading, Validation
 
@@ -34,7 +36,7 @@ def report(
     validation: Validation,
     reading: Reading,
     shown: _Shown,
-    title: Annotated[str, typer.Option("--title", help="The heading; the robot's name by default.")] = "",
+    asked: Annotated[Typed, Asks(ReportChoices)],
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file, or with this ending the PDF: .pdf.")
     ] = Path("report.html"),
@@ -49,25 +51,24 @@ def report(
     from dynident_service.cli.validating import stored_validation
 
     prints = out.suffix.lower() == ".pdf"
-    media_type = "application/pdf" if prints else "text/html"
+    choices = asked.request(ReportChoices, format="pdf" if prints else "html")
     identification = inputs.model_of(model)
     found = inputs.stored_diagnosis(shown.diagnosis) if shown.diagnosis is not None else None
     joints = identification.model.robot.joint_names
     validations = [reported(stored_validation(path), joints) for path in shown.validated or []]
-    options = inputs.file_options(reading)
     with (
         terminal.progress_bar("report") as progress,
-        inputs.loaded(measurements, identification.model.robot, options, part(progress, 0.0, 0.4), validation) as (
+        inputs.loaded(measurements, identification.model.robot, reading, part(progress, 0.0, 0.4), validation) as (
             training,
             held_out,
         ),
     ):
         runs = reported_runs(identification, training, held_out, part(progress, 0.4, 0.7))
         progress(0.7, "drawing")
-        page = html_report(identification, runs, diagnosis=found, validations=validations, title=title)
+        page = html_report(identification, runs, diagnosis=found, validations=validations, title=choices.name)
         content = pdf_of(page) if prints else page.encode()
     inputs.write_whole(out, content)
     if as_json:
-        terminal.print_json({"path": str(out), "size": len(content), "media_type": media_type})
+        terminal.print_json({"path": str(out), "size": len(content), "media_type": MEDIA_TYPES[choices.format]})
         return
     terminal.out().print(f"report written to {out} ({len(content) / 1e6:.2f} MB)", markup=False)

@@ -56,9 +56,8 @@ def series(
     identification = inputs.model_of(model)
     if out is not None:
         tables.check_ending(out)
-    options = inputs.file_options(reading)
     with terminal.progress_bar("compare the days") as progress:
-        measure, measured = days_of(identification, days, options, keep, part(progress, 0.0, 0.5))
+        measure, measured = days_of(identification, days, reading, keep, part(progress, 0.0, 0.5))
         found = series_of(measure, measured, part(progress, 0.5, 1.0))
     if keep is not None:
         inputs.write_whole(keep, days_to_bytes(measure, measured))

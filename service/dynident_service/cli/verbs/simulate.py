@@ -11,7 +11,7 @@ import typer
 from dynident.simulation.stated import Simulated
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Beside, Json, RobotArgument
+from dynident_service.cli.options import Beside, Json, RobotArgument, several
 
 
 def simulate(
@@ -19,13 +19,11 @@ def simulate(
     beside_it: Beside,
     effects: Annotated[
         list[str],
-        typer.Option(
+        several(
             "--effects",
             metavar="EFFECT,…",
             help="What acts besides rotor inertia, Coulomb and viscous friction: stribeck@joint2, or with values "
             "stribeck@joint2:Fst=3,vs=0.05. Of a usual size where no values are given. payload:run=2: in run 2 alone.",
-            default_factory=list,
-            show_default=False,
         ),
     ],
     asked: Annotated[Typed, Asks(Simulated, but=("effects", "sampling_rate"))],
@@ -54,7 +52,7 @@ def simulate(
     from dynident_service.models.common import plain
 
     tables.check_ending(out)
-    machine = inputs.robot_of(robot, beside_it.drive_gains, beside_it.lock, beside_it.gravity)
+    machine = inputs.robot_of(robot, beside_it)
     stated = asked.request(Simulated)
     hidden = true_effects(virtual.acting_effects(effects), machine)
     with terminal.progress_bar("simulate") as progress:

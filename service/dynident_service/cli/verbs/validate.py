@@ -64,11 +64,9 @@ def validate(
 
     Ends with pass, fail or not evaluated and the reason; exit code 1 after fail. --out writes the result as JSON.
     """
-    import json
-
     from dynident.errors import DynidentError
     from dynident.progress import part
-    from dynident_service.cli import inputs, shown_validations, terminal, validating
+    from dynident_service.cli import inputs, shown_validations, telling, terminal, validating
     from dynident_service.cli import methods as by_name
     from dynident_service.models.common import plain
 
@@ -82,22 +80,15 @@ def validate(
     given = measurements or []
     others = [*beside.validation, *(beside.unloaded or [])]
     validating.check(trial, len(given), len(others))
-    options = inputs.file_options(reading)
     robot = identification.model.robot
     with (
         terminal.progress_bar("validate") as progress,
-        inputs.loaded(given, robot, options, part(progress, 0.0, 0.3), others) as (tried, held_out),
+        inputs.loaded(given, robot, reading, part(progress, 0.0, 0.3), others) as (tried, held_out),
     ):
         recordings, rest = inputs.recordings_of(tried), inputs.recordings_of(held_out)
         found = validating.run(identification, trial, recordings, rest, part(progress, 0.3, 1.0))
-    if result.out is not None:
-        inputs.write_whole(result.out, json.dumps(plain(found), indent=1).encode())
-    if result.as_json:
-        terminal.print_json(plain(found))
-    else:
-        console = terminal.out()
-        shown_validations.show_validation(console, found, robot)
-        if result.out is not None:
-            console.print(f"result written to {result.out}", markup=False)
+    telling.tell(
+        result, "result", plain(found), lambda console: shown_validations.show_validation(console, found, robot)
+    )
     if found.verdict == "fail":
         raise typer.Exit(1)

@@ -10,11 +10,11 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports.commanded import is_commanded
 from dynident.identification.imports.fits import Fits
-from dynident.identification.imports.proposal import EffortKind
 from dynident.identification.mistakes.gravity import compensated, mounting_of
 from dynident.identification.mistakes.scales import usual_scale
 from dynident.identification.mistakes.search import CLEARLY_AGREES, better_by_other_gains, left_of
 from dynident.identification.mistakes.swaps import Motion
+from dynident.recordings.stated import EffortKind
 from dynident.robot import Robot
 from dynident.robot.pinocchio_model import described_torque
 

@@ -23,9 +23,10 @@ from dynident.identification.imports.facts import (
 )
 from dynident.identification.imports.fits import Fits
 from dynident.identification.imports.groups import Group, by_elimination, groups_of, hold_the_same, of_more_joints
-from dynident.identification.imports.proposal import EffortKind, Guess, Proposal, Question
+from dynident.identification.imports.proposal import Guess, Proposal, Question
 from dynident.identification.imports.unnamed import Kinds, as_counted, is_in_order, kinds_of, own_torques, whole_signals
 from dynident.identification.imports.words import read_names
+from dynident.recordings.stated import EffortKind
 from dynident.robot import Robot
 
 _SOUND = 0.5

@@ -4,18 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
-EffortKind = Literal[
-    "motor_current",
-    "motor_torque",
-    "joint_torque",
-    "gravity_compensated",
-    "external",
-    "commanded",
-    "unknown",
-]
-"""What "effort" is: a motor's current or torque, a joint's torque, or one of those that are no measurement of it."""
+from dynident.recordings.stated import EffortKind
 
 
 @dataclass(frozen=True)

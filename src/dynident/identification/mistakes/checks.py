@@ -17,8 +17,8 @@ from dynident.identification.mistakes.search import (
     whole_motion_of,
 )
 from dynident.identification.mistakes.swaps import Kind, Mistake, Motion
-from dynident.recordings.revisions import Revision
-from dynident.recordings.types import DELAY, NO_MEASUREMENT, Check, ModelChecks, Recording
+from dynident.recordings.stated import DELAY, NO_MEASUREMENT, Axis, Revision
+from dynident.recordings.types import Check, ModelChecks, Recording
 from dynident.robot.model import Robot
 
 _CHECK: dict[Kind, str] = {
@@ -176,7 +176,8 @@ def _scales(
 
 def revision_of(one: Mistake, n: int) -> Revision:
     """What has to be said of a file in which a mistake was made."""
-    kinds = [kind for kind, told in (("q", one.is_of_positions), ("tau", one.is_of_torques)) if told]
+    sides: tuple[tuple[Axis, bool], ...] = (("q", one.is_of_positions), ("tau", one.is_of_torques))
+    kinds = [kind for kind, told in sides if told]
     if one.kind == "torque scaled":
         return Revision(scale={f"tau{one.joints[0] + 1}": one.factor})
     if len(one.joints) == 1:

@@ -21,7 +21,8 @@ from dynident.estimation import (
     solve,
     statistics,
 )
-from dynident.estimation.essential import RATIO, Stop
+from dynident.estimation.essential import Stop
+from dynident.identification.essential_choices import EssentialChoices
 from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
 from dynident.identification.shapes.shape_constants import looked_at_shapes
 from dynident.identification.study.result import Identification
@@ -80,7 +81,7 @@ class EssentialPath:
 
 
 @single_threaded
-def essential_parameters(identification: Identification, ratio: float = RATIO) -> EssentialPath:
+def essential_parameters(identification: Identification, ratio: float = EssentialChoices.ratio) -> EssentialPath:
     """Find the essential parameters of an identified model by backward elimination [Pham and Gautier 1991].
 
     All on the reduced data, by least squares weighted as the identification was.

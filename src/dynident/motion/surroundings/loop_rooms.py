@@ -13,7 +13,8 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.robot.linkage import Linkage
 from dynident.robot.loops import FAR_FROM_SINGULAR
-from dynident.robot.model import Limits, Robot
+from dynident.robot.model import Robot
+from dynident.robot.stated import Limits
 
 _SPARE = 0.005
 """Share of a range, at either end, that is kept free while optimising: the motion goes on between the samples."""

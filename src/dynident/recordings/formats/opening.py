@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
 from dynident.recordings.formats.tables import CsvFileSource, ParquetFileSource
 from dynident.recordings.formats.telegrams import START, telegram_source
 from dynident.recordings.raw import FileSource
 from dynident.recordings.stamps import with_stamps
+from dynident.recordings.stated import Format
 from dynident.recordings.types import RecordingError
 
-Format = Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"]
 FORMATS: tuple[str, ...] = get_args(Format)
 
 _STARTS: tuple[tuple[bytes, Format], ...] = (

@@ -12,7 +12,7 @@ from dynident.diagnosis import Change, Diagnosis, FailureSpot, RankedEffect, Unk
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.identification import Identification
 from dynident.recordings import Recording
-from dynident.reports.change_rows import ChangeCells, change_rows
+from dynident.reports.change_rows import FRICTION_COLUMNS, ChangeCells, FrictionCells, change_rows, friction_row
 from dynident.reports.figures.candidates import candidates_figure
 from dynident.reports.figures.evidence import evidence_figure
 from dynident.reports.numbers import number, p_value, percent, span
@@ -95,6 +95,8 @@ class DiagnosisContent:
     evidence: Markup | None
     candidates: tuple[CandidateRow, ...]
     changes: tuple[ChangeRow, ...] | None
+    friction_columns: tuple[str, ...]
+    friction: tuple[FrictionCells, ...]
     recommended: tuple[ChoiceText, ...]
     recommended_added: bool
     unknown: tuple[tuple[UnknownPattern, str], ...]
@@ -121,6 +123,8 @@ def diagnosis_section(
         _evidence(identification, diagnosis, recordings),
         tuple(_candidate(item, robot) for item in diagnosis.candidates),
         None if diagnosis.changes is None else tuple(_changed(diagnosis.changes, robot)),
+        FRICTION_COLUMNS,
+        tuple(friction_row(one) for one in diagnosis.friction),
         tuple(_choice(choice, robot) for choice in diagnosis.recommended),
         recommended_is_added(identification, diagnosis),
         tuple((pattern, percent(pattern.share, 2)) for pattern in diagnosis.unknown),

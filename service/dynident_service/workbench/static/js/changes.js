@@ -3,7 +3,7 @@
 import { get, post } from "./api.js";
 import { placeOf, titleOf } from "./catalogue.js";
 import { h, numeric, put, row, table } from "./dom.js";
-import { interval, number, pValue } from "./format.js";
+import { interval, number, pValue, percent } from "./format.js";
 import { problemBox, showInForm } from "./problem.js";
 
 const SETS = [["", "leave out"], ["before", "before"], ["after", "after"]];
@@ -54,13 +54,31 @@ export function changesForm(model, ask, signal) {
     h("summary", {}, "What has changed since an earlier day?"), form);
 }
 
-/** The changes that a diagnosis found, each with its interval; nothing where it had no baseline. */
+/** The changes that a diagnosis found, and what friction did, each with its interval; nothing where it had no baseline. */
 export function changesTable(model, result) {
   if (!result.changes) return null;
+  return h("div", {}, changedTable(model, result), frictionTable(result));
+}
+
+function changedTable(model, result) {
   if (!result.changes.length) return h("p", { class: "box good", id: "changes" }, "Nothing that these recordings can show has changed since the baseline.");
   const rows = result.changes.flatMap((one) => changeRows(model, one));
   const head = ["changed", "where", "parameter", right("before"), right("difference"), right("95 % interval"), right("p"), "evidence"];
   return h("div", { id: "changes" }, table("Changes since the baseline", head, rows));
+}
+
+function frictionTable(result) {
+  if (!result.friction?.length) return null;
+  const rows = result.friction.map((one) => row([
+    h("code", {}, one.joint),
+    { class: "n", text: `${number(one.speed)} ${one.unit === "N" ? "m/s" : "rad/s"}` },
+    numeric(number(one.before), one.before),
+    numeric(number(one.value), one.value),
+    { class: "n", text: interval(...one.interval, one.unit) },
+    numeric(one.before > 0 ? percent(one.value / one.before) : "–", one.value / one.before),
+  ]));
+  const head = ["joint", right("at a speed of"), right("before"), right("difference"), right("95 % interval"), right("of what it was")];
+  return h("div", { id: "friction-since" }, table("Friction of each joint since the baseline, a finding or not", head, rows));
 }
 
 /** A row for each value of a change; `first` are cells before the others, of its first row. */

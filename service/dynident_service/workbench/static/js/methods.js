@@ -4,13 +4,13 @@ import { fieldsOf } from "./schema.js";
 
 const NO_PRIOR = ["", "none", "The data alone count."];
 
-/** Of each choice of an identification its [value, name, what it is for]. */
+/** Of each choice of an identification its [value, name, what it is for]; and the validations that there are. */
 export async function methods() {
-  const fields = await fieldsOf("IdentificationRequest");
+  const [fields, { kind }] = await Promise.all([fieldsOf("IdentificationRequest"), fieldsOf("ValidationRequest")]);
   const of = (name) => fields[name]["x-choices"].map((one) => [one.name, one.label, one.words]);
   const defaultOf = (name) => fields[name].default ?? "";
   const lists = { model: of("model"), strategy: of("strategy"), steps: of("steps"), estimator: of("estimator"), prior: [NO_PRIOR, ...of("prior")] };
-  return { lists, chosen: Object.fromEntries(Object.keys(lists).map((name) => [name, defaultOf(name)])) };
+  return { lists, chosen: Object.fromEntries(Object.keys(lists).map((name) => [name, defaultOf(name)])), validations: kind["x-choices"] };
 }
 
 /** A request's method in words. */

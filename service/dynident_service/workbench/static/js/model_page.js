@@ -33,7 +33,7 @@ export async function modelPage(target, wanted, signal) {
   const [model, ways] = await Promise.all([Model.of(identification, wanted, signal), methods()]);
   signal.throwIfAborted();
   document.title = `${nameOf(model)}: dynident`;
-  put(target, header(model, ways), tabs("Parts of the model", parts(model, signal), tabOf, signal));
+  put(target, header(model, ways), tabs("Parts of the model", parts(model, ways, signal), tabOf, signal));
   if (takeNote()?.arrived) {
     dispatchEvent(new Event("models-changed"));
     const ladder = document.getElementById("ladder-title");
@@ -52,13 +52,13 @@ function idle() {
 }
 
 /** What is made of the model when its tab is opened. */
-function parts(model, signal) {
+function parts(model, ways, signal) {
   return [
     { id: "verdict", title: "Verdict", sections: () => [verdictSection(model, signal), figures(model), warnings(model.result), errorsSection(model)] },
     { id: "compare", title: "Compare", sections: () => [torqueSection(model, signal), failureSection(model, signal), spectraSection(model, signal)] },
     { id: "missing", title: "Missing", sections: () => [ladderSection(model, signal), missingSection(model, signal)] },
     { id: "parameters", title: "Parameters", sections: () => [parametersSection(model, signal)] },
-    { id: "trust", title: "Trust", sections: () => [validationsSection(model, signal), daysSection(model, signal)] },
+    { id: "trust", title: "Trust", sections: () => [validationsSection(model, ways.validations, signal), daysSection(model, signal)] },
     { id: "data", title: "Data", sections: () => [dataSection(model)] },
   ];
 }
@@ -101,7 +101,7 @@ function header(model, ways) {
       `${methodInWords(ways, found.request)}; ${filters(result.preprocessing)}`),
     h("p", { class: "chips" }, h("span", {}, "In the model:"), result.effects.map((one) => h("span", { class: "chip", title: choiceInWords(model.effects, one, model.joints) }, titleOf(model.effects, one.effect),
       one.joints.length && one.joints.length < model.joints.length ? h("small", {}, ` ${placeOf(model.effects, one)}`) : null))),
-    actions(model),
+    actions(model, ways),
   );
 }
 
@@ -129,17 +129,17 @@ function warnings(result) {
   return h("div", { class: "box warning", id: "warnings" }, h("p", {}, h("strong", {}, "Before you rely on it")), h("ul", {}, all.map((one) => h("li", {}, one))));
 }
 
-function actions(model) {
+function actions(model, ways) {
   const said = h("div");
-  const reports = [["html", "Report"], ["pdf", "Report as PDF"]].map(([format, words]) => h("button", { type: "button", onclick: (event) => makeReport(model, format, event.target, said) }, words));
+  const reports = [["html", "Report"], ["pdf", "Report as PDF"]].map(([format, words]) => h("button", { type: "button", onclick: (event) => makeReport(model, format, ways, event.target, said) }, words));
   return [h("p", { class: "actions" }, reports, h("span", { class: "note" }, "Take the model along:"), exportLinks(model, said)), said];
 }
 
-async function makeReport(model, format, button, said) {
+async function makeReport(model, format, ways, button, said) {
   button.disabled = true;
   try {
     const diagnosis = model.diagnosis?.status === "succeeded" ? model.diagnosis.id : null;
-    const validations = await newestValidations(model);
+    const validations = await newestValidations(model, ways.validations);
     const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, validation_ids: validations, format, name: nameOf(model) });
     const bar = progressBar(made.job_id, "Writing the report");
     put(said, bar.element);

@@ -7,21 +7,11 @@ import { computed, progressBar } from "./jobs.js";
 import { methodsTable } from "./methods_table.js";
 import { problemBox } from "./problem.js";
 
-const KINDS = [
-  ["direct", "Direct", "The torque error on the data that the model was identified from."],
-  ["cross", "Cross", "The torque error on data that no parameter saw."],
-  ["inertia_matrix", "Inertia matrix", "A search for the posture where the inertia matrix is least positive."],
-  ["simulation", "Simulation", "A robot with these parameters makes the recorded motion: does it need the recorded torque?"],
-  ["methods", "Methods", "All models, strategies and estimators on the same data: do they agree?"],
-  ["filters", "Filters", "Recordings like these are simulated and identified with many filters: were the right ones chosen?"],
-  ["bootstrap", "Deviations", "Stretches of time are drawn anew: do the standard deviations stand?"],
-  ["payload", "Known load", "A run with a known load: is the load found?"],
-];
 const WORDS = { pass: "✓ pass", fail: "✕ fail", not_evaluated: "– not evaluated" };
 
 /** A line for each kind of validation, with what the newest of its kind found; each can be made anew. */
-export function validationsSection(model, signal) {
-  const lines = new Map(KINDS.map((kind) => [kind[0], lineOf(model, kind, signal)]));
+export function validationsSection(model, kinds, signal) {
+  const lines = new Map(kinds.map((kind) => [kind.name, lineOf(model, kind, signal)]));
   const run = h("button", { type: "button", class: "main", id: "validate-all", onclick: () => all() }, "Validate");
   const all = async () => {
     run.disabled = true;
@@ -39,10 +29,10 @@ export function validationsSection(model, signal) {
 }
 
 /** Ids of the newest validation of every kind that has ended. */
-export async function newestValidations(model) {
+export async function newestValidations(model, kinds) {
   const { items } = await get("/validations", { identification_id: model.id, limit: 100 });
   const newest = new Map(items.filter((one) => one.status === "succeeded").reverse().map((one) => [one.request.kind, one.id]));
-  return KINDS.map(([kind]) => newest.get(kind)).filter(Boolean);
+  return kinds.map(({ name }) => newest.get(name)).filter(Boolean);
 }
 
 function usable(model, kind) {
@@ -56,7 +46,8 @@ async function loads(model, signal) {
   return items.filter((one) => one.role === "payload").map((one) => one.id);
 }
 
-function lineOf(model, [kind, name, about], signal) {
+function lineOf(model, { name: kind, label, words: about }, signal) {
+  const name = label[0].toUpperCase() + label.slice(1);
   const chip = h("span", { class: "chip verdict none" }, "not made yet");
   const button = h("button", { type: "button", class: "small", "aria-label": `Validate: ${name}`, onclick: () => validate() }, "Run");
   const said = h("div", { class: "reason" }, h("span", { class: "note" }, about));

@@ -28,6 +28,7 @@ from dynident.diagnosis.search.state import Finding, State, judge_all, noise_lef
 from dynident.diagnosis.search.sticking import held_at_rest
 from dynident.diagnosis.search.transients import find_contacts
 from dynident.diagnosis.search.unseen import nothing_left, too_uncertain
+from dynident.diagnosis.stated import DEFAULT_MOST_EFFECTS, check_candidates
 from dynident.diagnosis.words import UNDETERMINED, over_noise, rank_all, summary, verdict_of
 from dynident.diagnosis.wrong_names import found_beside, helps_only_at_first, misnamed
 from dynident.effects import EffectChoice, effect_by_id
@@ -39,9 +40,6 @@ from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.threads import single_threaded
-
-DEFAULT_MOST_EFFECTS = 12
-"""Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds how long it takes."""
 
 _AT_FIRST = (
     "what it explains beside the model as it is, it does not explain in one that is identified with it: the motion "
@@ -110,8 +108,7 @@ def examine(
     progress: Progress = silent,
 ) -> Examination:
     """Find what is missing as `diagnose` does, and keep what advice on the next experiment is made from."""
-    for index, name in enumerate(candidates or ()):
-        effect_by_id(name, f"/candidates/{index}")
+    check_candidates(candidates or ())
     recordings, _ = motions_and_friction(recordings)
     since: tuple[str, ...] = ()
     n_later = len(recordings)

@@ -1,0 +1,44 @@
+"""What comes out of a command: into a file where one is named, as JSON for scripts, or in words."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rich.console import Console
+
+from dynident.identification import Identification, to_bytes
+from dynident_service.adapters.identifications import describe_identification
+from dynident_service.cli import terminal
+from dynident_service.cli.inputs import write_whole
+from dynident_service.cli.options import Result
+from dynident_service.cli.shown import show_identification
+from dynident_service.cli.shown_ladders import show_ladder
+from dynident_service.models.common import plain
+
+
+def tell(
+    result: Result, what: str, document: Mapping[str, Any], show: Callable[[Console], None], content: bytes = b""
+) -> None:
+    """Write what came out where it was asked for, its document where there is no `content`, and tell of it."""
+    if result.out is not None:
+        write_whole(result.out, content or json.dumps(document, indent=1, allow_nan=False).encode())
+    if result.as_json:
+        terminal.print_json(document)
+        return
+    console = terminal.out()
+    show(console)
+    if result.out is not None:
+        console.print(f"{what} written to {result.out}", markup=False)
+
+
+def tell_rung(result: Result, found: Identification, parent_id: str, parent: Identification) -> None:
+    """The same of a model that was made from another one."""
+
+    def show(console: Console) -> None:
+        show_ladder(console, found)
+        show_identification(console, found, parameters=False)
+
+    document = plain(describe_identification(found, parent_id, parent))
+    tell(result, "model", document, show, to_bytes(found))

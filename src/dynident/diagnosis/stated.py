@@ -1,0 +1,35 @@
+"""What is asked of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dynident.asking import check_ranges, said
+
+DEFAULT_MOST_EFFECTS = 12
+"""Two for each joint of a usual arm: a search ends where nothing more passes, this only bounds how long it takes."""
+
+
+@dataclass(frozen=True)
+class DiagnosisChoices:
+    """What may be missing in a model, and how much of it is looked for."""
+
+    candidates: tuple[str, ...] | None = said(
+        "Ids of effects, only these; the whole catalogue where not given", default=None, fewest=1
+    )
+    max_effects: int = said("At most so many are recommended", default=DEFAULT_MOST_EFFECTS, at_least=1, at_most=100)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        check_candidates(self.candidates or ())
+
+
+def check_candidates(names: Sequence[str]) -> None:
+    """Raise `DynidentError`, which names the place in the list, for what is no effect of the catalogue."""
+    if names:
+        # The catalogue takes a second to load.
+        from dynident.effects import effect_by_id
+
+        for index, name in enumerate(names):
+            effect_by_id(name, f"/candidates/{index}")

@@ -1,0 +1,32 @@
+"""What is asked of an export."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from dynident.asking import said
+
+ExportFormat = Literal["json", "urdf", "mjcf", "c", "casadi"]
+ENDINGS: dict[str, ExportFormat] = {
+    ".json": "json",
+    ".urdf": "urdf",
+    ".xml": "mjcf",
+    ".mjcf": "mjcf",
+    ".c": "c",
+    ".casadi": "casadi",
+}
+"""What a file of such a name is to hold."""
+
+
+@dataclass(frozen=True)
+class ExportChoices:
+    """What a model is written as."""
+
+    format: ExportFormat = said("What the model is to be written as", default="json")
+    nearest: bool = said(
+        "urdf, mjcf: where no bodies that can exist have the identified parameters, give the nearest that have, which "
+        "changes the torque",
+        default=False,
+    )
+    anyway: bool = said("Export a model whose error says that it is not to be used, too", default=False)

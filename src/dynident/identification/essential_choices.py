@@ -1,0 +1,16 @@
+"""What is asked of the search for the essential parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynident.asking import said
+
+
+@dataclass(frozen=True)
+class EssentialChoices:
+    """How far parameters are taken out."""
+
+    ratio: float = said(
+        "Largest over smallest relative standard deviation to end at (§12.7)", default=10.0, above=1, at_most=1e6
+    )

@@ -1,0 +1,27 @@
+"""The known load of a request."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dynident.asking import said
+
+
+@dataclass(frozen=True)
+class KnownLoad:
+    """The load that drive gains are told by."""
+
+    mass: float | None = said(
+        "Mass of the known load, where the measurements do not state it", default=None, unit="kg", above=0
+    )
+    centre: tuple[float, float, float] | None = said(
+        "Centre of the known load in the last joint's frame, where known", default=None, unit="m"
+    )
+
+    def over(self, own: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+        """What is stated of a recording's payload: `own` by itself, or this over it."""
+        stated = {"mass": self.mass, "centre": self.centre}
+        given = {name: value for name, value in stated.items() if value is not None}
+        return {**(own or {}), **given} if given else own

@@ -1,0 +1,176 @@
+"""What is said of the file of a recording, and what is said of it anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from math import isfinite
+from typing import Any, Literal
+
+from dynident.asking import anew, said
+from dynident.errors import DynidentError
+
+Windows = tuple[tuple[float, float], ...]
+Format = Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"]
+Role = Literal["identification", "validation", "friction", "payload"]
+Axis = Literal["q", "tau"]
+EffortKind = Literal[
+    "motor_current",
+    "motor_torque",
+    "joint_torque",
+    "gravity_compensated",
+    "external",
+    "commanded",
+    "unknown",
+]
+"""What "effort" is: a motor's current or torque, a joint's torque, or one of those that are no measurement of it."""
+
+DELAY = "torque_delay"
+"""Name of the check, and of the field, that is about the torque's delay against the positions."""
+
+NO_MEASUREMENT = {
+    "gravity_compensated": "the load of gravity was taken out of it, and the links' masses with it",
+    "external": "what the robot's own dynamics need was taken out of it",
+    "commanded": "it is what a controller computed, and not what the robot needed",
+}
+"""Kinds of torque that nothing can be identified from, and why."""
+
+
+@dataclass(frozen=True)
+class RecordingMetadata:
+    """What the user says about a file.
+
+    Kinds of signals are "q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force", "base_moment"
+    and "t"; columns are ours ("q3", "q_elbow", "base_fx"). Units are SI where nothing is said, of temperatures degC.
+    Columns and units are told before `permutation` ({"tau": (2, 1, 3)}), `signs` and `scale`, in which "q2" or
+    "q_<joint>" means one joint and "q" all of them. `windows` and `exclude` are pairs (from, to) in s; `torque_delay`:
+    the torque is read so much later than the positions of its row. `payload` is kept as it came. What checks in
+    `accept` find is told as warnings, whatever it is: the user knows better.
+
+    Raises
+    ------
+    RecordingError
+        For a window or a delay that cannot be, or a torque that is said to be no measurement (`NO_MEASUREMENT`).
+    """
+
+    name: str = said("What it is called", default="recording")
+    format: Format | None = said("Told from the file where not given", default=None)
+    columns: Mapping[str, str] = said('Our name to the file\'s: {"q1": "shoulder_angle"}', made_by=dict)
+    units: Mapping[str, str] = said('By kind of signal or by column: {"q": "deg"}; SI elsewhere', made_by=dict)
+    role: Role | None = said(
+        "What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load", default=None
+    )
+    windows: Windows = said("Seconds of t to use, [from, to]; [] for all", default=())
+    payload: Mapping[str, Any] | None = said('The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None)
+    torque_delay: float = said("Seconds by which the file's torque is late", default=0.0)
+    accept: tuple[str, ...] = said("Names of checks whose errors are to count as warnings", default=())
+    permutation: Mapping[Axis, tuple[int, ...]] = said(
+        'Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k\'s '
+        "column",
+        made_by=dict,
+    )
+    signs: Mapping[str, float] = said(
+        '1 or -1 by which a joint\'s positions or torques are taken: {"tau2": -1}; "tau" means all joints', made_by=dict
+    )
+    scale: Mapping[str, float] = said(
+        'Positive factors of a joint\'s positions or torques: {"tau2": 0.1}', made_by=dict
+    )
+    exclude: Windows = said("Seconds of t to leave out, [from, to]; [] for nothing", default=())
+    effort_kind: EffortKind | None = said(
+        "What the torque or current columns hold; those that are no measurement are refused", default=None
+    )
+
+    def __post_init__(self) -> None:
+        if self.effort_kind in NO_MEASUREMENT:
+            raise _unusable(
+                f"The torque is said to be {self.effort_kind.replace('_', '-')}: {NO_MEASUREMENT[self.effort_kind]}. "
+                "Give columns with the torque, or the current, that the motors were measured to make.",
+                "/effort_kind",
+                "No measured torque",
+            )
+        if not abs(self.torque_delay) <= 1.0:
+            raise _unusable(
+                f"torque_delay is {self.torque_delay} s; give a number of seconds between -1 and 1.", "/torque_delay"
+            )
+        for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
+            for index, (start, end) in enumerate(pairs):
+                if not (isfinite(start) and isfinite(end) and start < end):
+                    raise _unusable(
+                        f"Window {index + 1} runs from {start} s to {end} s; the end has to come after the beginning.",
+                        f"/{name}/{index}",
+                    )
+
+
+def _unusable(detail: str, pointer: str, title: str = "Unusable recording") -> DynidentError:
+    # Loaded where something is wrong alone: the service and the command line read the fields when they start.
+    from dynident.recordings.types import RecordingError
+
+    return RecordingError(detail, pointer=pointer, title=title)
+
+
+_BY_KEY = ("columns", "units", "permutation", "signs", "scale")
+
+
+@dataclass(frozen=True)
+class PreprocessingChoices:
+    """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
+
+    position_cutoff: float | Literal["auto"] | None = said("Of the filter of the positions", default="auto", unit="Hz")
+    torque_cutoff: float | Literal["auto"] | None = said(
+        "Of the filter of torque and columns", default="auto", unit="Hz"
+    )
+    decimation: int | Literal["auto"] = said("Every how many-th row is kept", default="auto")
+    filter_order: int | Literal["auto"] = said("Of one pass of the filter of the positions", default="auto")
+
+
+@dataclass(frozen=True)
+class Revision:
+    """What is to be said of a file from now on; None, or an empty mapping: as before.
+
+    Mappings are merged with what was said, key by key; the rest replaces it. The fields mean what they mean in
+    `RecordingMetadata`. `windows` and `exclude` may be empty: all of it, nothing.
+    """
+
+    windows: Windows | None = anew(RecordingMetadata, "windows")
+    exclude: Windows | None = anew(RecordingMetadata, "exclude")
+    columns: Mapping[str, str] = anew(RecordingMetadata, "columns")
+    units: Mapping[str, str] = anew(RecordingMetadata, "units")
+    permutation: Mapping[Axis, tuple[int, ...]] = anew(RecordingMetadata, "permutation")
+    signs: Mapping[str, float] = anew(RecordingMetadata, "signs")
+    scale: Mapping[str, float] = anew(RecordingMetadata, "scale")
+    torque_delay: float | None = anew(RecordingMetadata, DELAY)
+    role: Role | None = anew(RecordingMetadata, "role")
+    name: str | None = anew(RecordingMetadata, "name")
+
+    def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
+        """What is then said of the file.
+
+        Raises
+        ------
+        RecordingError
+            For a window or a delay that cannot be.
+        """
+        changed: dict[str, Any] = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if one.name in _BY_KEY:
+                changed[one.name] = {**getattr(metadata, one.name), **value}
+            elif value is not None:
+                changed[one.name] = value
+        return replace(metadata, **changed)
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Names of the fields that change anything."""
+        return tuple(one.name for one in fields(self) if getattr(self, one.name) not in (None, {}))
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} {_written(getattr(self, name))}" for name in self.changes) or "nothing"
+
+
+def _written(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key}: {_written(one)}" for key, one in value.items())
+    if isinstance(value, tuple):
+        return " ".join(f"{one[0]:g}:{one[1]:g}" if isinstance(one, tuple) else str(one) for one in value) or "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,19 @@
+"""What is asked of a report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from dynident.asking import said
+
+ReportFormat = Literal["html", "pdf", "json"]
+MEDIA_TYPES: dict[ReportFormat, str] = {"html": "text/html", "pdf": "application/pdf", "json": "application/json"}
+
+
+@dataclass(frozen=True)
+class ReportChoices:
+    """What a report is written as, and its heading."""
+
+    format: ReportFormat = said("What it is written as", default="html", option="-")
+    name: str = said("The heading; the robot's name by default", default="", option="--title")

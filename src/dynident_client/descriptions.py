@@ -1,0 +1,108 @@
+"""What requests take, by the contract: written by `python -m dynident_service.openapi`, not by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, TypedDict
+
+from dynident_client.requests import Limits
+
+
+class Drive(TypedDict, total=False):
+    """The drive chain of a joint [12.17]: torque = drive_gain x recorded current."""
+
+    amplifier_gain: float | None
+    """Unit of current per unit of what is recorded"""
+    coupling: Mapping[str, float]
+    """Other joints that this motor turns with, and how far beside its own; its torque acts on them in the same
+    shares"""
+    drive_gain: float | None
+    """N m or N per unit of current"""
+    gear_ratio: float | None
+    """Turns of the motor in one of the joint"""
+    torque_constant: float | None
+    """N m per unit of current, of the motor"""
+
+
+class MeasurementOptions(TypedDict, total=False):
+    """What is said about an uploaded file."""
+
+    accept: Sequence[str]
+    """Names of checks whose errors are to count as warnings"""
+    columns: Mapping[str, str]
+    """Our name to the file's: {"q1": "shoulder_angle"}"""
+    effort_kind: Literal[
+        "motor_current",
+        "motor_torque",
+        "joint_torque",
+        "gravity_compensated",
+        "external",
+        "commanded",
+        "unknown",
+        None,
+    ]
+    """What the torque or current columns hold; those that are no measurement are refused"""
+    exclude: Sequence[tuple[float, float]]
+    """Seconds of t to leave out, [from, to]; [] for nothing"""
+    format: Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"] | None
+    """Told from the file where not given"""
+    payload: Mapping[str, Any] | None
+    """The known load: {"mass": kg, "centre": [x, y, z] in m}"""
+    permutation: Mapping[str, Sequence[int]]
+    """Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k's
+    column"""
+    role: Literal["identification", "validation", "friction", "payload"] | None
+    """What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load"""
+    scale: Mapping[str, float]
+    """Positive factors of a joint's positions or torques: {"tau2": 0.1}"""
+    signs: Mapping[str, float]
+    """1 or -1 by which a joint's positions or torques are taken: {"tau2": -1}; "tau" means all joints"""
+    torque_delay: float
+    """Seconds by which the file's torque is late"""
+    units: Mapping[str, str]
+    """By kind of signal or by column: {"q": "deg"}; SI elsewhere"""
+    windows: Sequence[tuple[float, float]]
+    """Seconds of t to use, [from, to]; [] for all"""
+
+
+class RevisionOptions(TypedDict, total=False):
+    """What is to be said of a measurement's file; the file stays as it is. What is not given stays as it was said."""
+
+    columns: Mapping[str, str] | None
+    """Our name to the file's: {"q1": "shoulder_angle"}"""
+    exclude: Sequence[tuple[float, float]] | None
+    """Seconds of t to leave out, [from, to]; [] for nothing"""
+    name: str | None
+    """What it is called"""
+    permutation: Mapping[str, Sequence[int]] | None
+    """Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k's
+    column"""
+    role: Literal["identification", "validation", "friction", "payload"] | None
+    """What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load"""
+    scale: Mapping[str, float] | None
+    """Positive factors of a joint's positions or torques: {"tau2": 0.1}"""
+    signs: Mapping[str, float] | None
+    """1 or -1 by which a joint's positions or torques are taken: {"tau2": -1}; "tau" means all joints"""
+    torque_delay: float | None
+    """Seconds by which the file's torque is late"""
+    units: Mapping[str, str] | None
+    """By kind of signal or by column: {"q": "deg"}; SI elsewhere"""
+    windows: Sequence[tuple[float, float]] | None
+    """Seconds of t to use, [from, to]; [] for all"""
+
+
+class RobotOptions(TypedDict, total=False):
+    """A robot to be stored."""
+
+    base_parameters_tolerance: float | None
+    """Share of a column that others may leave unexplained."""
+    drives: Mapping[str, Drive]
+    """By joint"""
+    gravity: tuple[float, float, float] | None
+    """m/s² in the base frame"""
+    limits: Mapping[str, Limits]
+    """By joint; these win over the description's."""
+    locked_joints: Mapping[str, float]
+    """Joint to position, rad or m"""
+    meshes_of: str | None
+    """A robot whose uploaded meshes this one has, too, where their names are the same."""

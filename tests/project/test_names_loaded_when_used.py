@@ -1,0 +1,40 @@
+"""Rooms that declare what can be asked do not load what answers it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import dynident
+from dynident.lazy import homes_of
+
+SOURCES = Path(dynident.__file__).parent
+ROOMS = sorted(
+    path.parent.name for path in SOURCES.glob("*/__init__.py") if "lazily(" in path.read_text(encoding="utf-8")
+)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_every_name_of_a_room_comes_from_where_its_imports_say(room: str) -> None:
+    package = import_module(f"dynident.{room}")
+    assert set(package.__all__) - {"LARGEST_ERROR"} == set(homes_of(package.__name__))
+    for name in package.__all__:
+        assert getattr(package, name) is not None
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_module_hides_a_name_of_its_room(room: str) -> None:
+    modules = {path.stem for path in (SOURCES / room).iterdir()}
+    assert modules.isdisjoint(import_module(f"dynident.{room}").__all__)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_alone_loads_no_science(room: str) -> None:
+    heavy = ("numpy", "scipy", "casadi", "pinocchio", "pyarrow")
+    program = f"import sys, dynident.{room}; print([one for one in {heavy} if one in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert told.strip() == "[]"
