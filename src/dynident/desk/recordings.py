@@ -17,7 +17,7 @@ from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 from dynident.recordings.digest import digest_of
-from dynident.recordings.stored import Samples, stored_samples
+from dynident.recordings.stored import StoredSamples, stored_samples
 from dynident.robot import Robot
 
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
@@ -95,7 +95,7 @@ class CheckedRecording:
         slides = () if self.robot is None else tuple(joint.kind == "prismatic" for joint in self.robot.joints)
         return figure_of([recording_figure(self.recording, slides)], f"recording {self.name}")
 
-    def _samples(self) -> Samples:
+    def _samples(self) -> StoredSamples:
         return stored_samples(self.recording, () if self.robot is None else [one.kind for one in self.robot.joints])
 
     def __repr__(self) -> str:

@@ -18,14 +18,14 @@ _TURNS: JointKind = "revolute"
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class StoredSamples:
     """Samples by column, each (m,), and the unit of each that has one."""
 
     columns: Mapping[str, FloatArray | IntArray]
     units: Mapping[str, str]
 
 
-def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> Samples:
+def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> StoredSamples:
     """The stored samples of a recording, unfiltered and evenly sampled, all of them in memory.
 
     Columns, (m,) each: t in s, segment (the label of the run), q_<joint> in rad or m, tau_<joint> in N m or N, and
@@ -44,7 +44,7 @@ def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> Sam
         columns = {name: to_numbers(table.column(name)) for name in table.column_names}
     else:
         columns = _from_rows(recording)
-    return Samples(columns, signal_units(columns, recording.joint_names, kinds))
+    return StoredSamples(columns, signal_units(columns, recording.joint_names, kinds))
 
 
 def signal_units(
